@@ -18,7 +18,6 @@ from bench import (
     ctl,
     fleet,
     gate,
-    hour,
     learn,
     loop,
     observe,
@@ -29,6 +28,7 @@ from bench import (
     stream,
     twin,
     view,
+    virtual_hour,
 )
 from bench.harness import (
     RESULTS,
@@ -47,7 +47,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *can_bus.MEASUREMENTS,
     *can_loop.MEASUREMENTS,
     *loop.MEASUREMENTS,
-    *hour.MEASUREMENTS,
+    *virtual_hour.MEASUREMENTS,
     *twin.MEASUREMENTS,
     *gate.MEASUREMENTS,
     *control.MEASUREMENTS,

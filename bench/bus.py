@@ -29,8 +29,8 @@ from bench.harness import (
 )
 from bench.peers import ControlCycle
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.budget import budget
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 COUNT, MODEL = 24, 1020

@@ -27,8 +27,8 @@ from bench.harness import (
     medians,
     spread,
 )
+from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.frame import frames
-from twind_drivers.can.ports import open_channel
 from twind_drivers.clock import MonotonicClock
 
 COUNT = 24

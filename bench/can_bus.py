@@ -17,10 +17,10 @@ from can.interfaces.slcan import slcanBus
 from bench.can import COUNT, PATIENCE, RATE, FrameExchange, adapter, average
 from bench.can_responder import OFFSET
 from bench.harness import ROUNDS, FigureSpec, MeasuredFigure, Measurement, interleaved, medians, spread
-from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
-from twind_drivers.can.ports import open_channel
-from twind_drivers.can.units import COUNT as RADIAN
-from twind_drivers.can.units import EFFORT
+from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_ports import open_channel
+from twind_drivers.can.can_units import COUNT as RADIAN
+from twind_drivers.can.can_units import EFFORT
 from twind_drivers.clock import MonotonicClock
 
 MODEL = "DM4340"

@@ -16,10 +16,10 @@ from pathlib import Path
 
 from bench.harness import MeasurementUnavailable
 from twind.client import Client
-from twind.config.actuator import CAN
+from twind.config.actuator_types import CAN
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_child import VirtualRobotProcess
-from twind_drivers.can.ports import is_can
+from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind_drivers.can.can_ports import is_can
 
 READY, CONNECTED = 30.0, 15.0  # s that they may take
 CYCLICTEST = "cyclictest"  # of the Debian package rt-tests

@@ -28,7 +28,7 @@ from bench.harness import (
     spread,
 )
 from bench.motion import kept_moving
-from twind.bridge.zenoh.keys import ROOT, robot_key
+from twind.bridge.zenoh.zenoh_keys import ROOT, robot_key
 
 COUNT, CROWDS = 1000, 2  # robots, and the processes that they are in
 SPAN, SETTLE = 2.0, 0.5  # s of a window, and until what is on its way has come

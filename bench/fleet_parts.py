@@ -15,8 +15,8 @@ from typing import Any
 
 import zenoh
 
-from twind.bridge.zenoh.keys import ROOT, robot_key
-from twind.bridge.zenoh.session import NetworkConfig, open_now
+from twind.bridge.zenoh.zenoh_keys import ROOT, robot_key
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 
 Asked = Mapping[str, Any]
 STAMP = struct.Struct("<d")  # s: when the message was handed to Zenoh

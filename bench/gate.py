@@ -21,16 +21,16 @@ from bench.harness import (
     spread,
 )
 from twind.config.robot_file import load_robot
-from twind.robot.limits import JointLimits
+from twind.robot.actuator_ratings import ActuatorRatings
+from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import gate
 from twind.safety.headroom import JointCondition
 from twind.twin.binding import bind
-from twind.twin.collision import CollisionModel
-from twind.twin.sweep import CurveSweep, SweepResult
+from twind.twin.collision_model import CollisionModel
+from twind.twin.curve_sweep import CurveSweep, SweepResult
 
 POINTS, SPAN = 1000, 20.0  # s
 WAYPOINTS = 100

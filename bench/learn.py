@@ -29,8 +29,8 @@ HOUR = 3600e-6  # steps a second as millions an hour
 def ppo_steps_per_hour() -> Mapping[str, MeasuredFigure]:
     """Control steps of a training without its evaluations, wall time, as `twindctl train stand` has it."""
     try:
-        from twind.learn.training.learner import THREADS, PpoLearner
-        from twind.learn.training.settings import DEFAULTS
+        from twind.learn.training.ppo_learner import THREADS, PpoLearner
+        from twind.learn.training.training_settings import DEFAULTS
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     settings = DEFAULTS["Stand"]

@@ -76,7 +76,7 @@ def _steps(env: Any) -> Callable[[], float]:
 def over_rollout() -> Mapping[str, MeasuredFigure]:
     """Physics steps a second of the whole environment, and of `mujoco.rollout` on the same targets."""
     try:
-        from twind.learn.batch.core import BatchCore
+        from twind.learn.batch.batch_core import BatchCore
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     ratios, notes = {}, []

@@ -35,9 +35,9 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         from threadpoolctl import threadpool_limits
 
         from twind.config.robot_file import load_robot
-        from twind.learn.model import plant_of
-        from twind.learn.policy.file import NetworkLayer, PolicyCard, load, save
-        from twind.learn.shaping import ActionShaping
+        from twind.learn.action_shaping import ActionShaping
+        from twind.learn.plant_model import plant_of
+        from twind.learn.policy.policy_file import NetworkLayer, PolicyCard, load, save
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     plant = plant_of(load_robot("h24-standing"), period=0.02)
@@ -119,11 +119,11 @@ def _p99(act: Callable[[Any], Any]) -> Callable[[], float]:
 
 def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
-    from twind.learn.judge import RewardFunction
-    from twind.learn.live.estimate import BaseEstimator
-    from twind.learn.live.heard import heard
-    from twind.learn.policy.pilot import PolicyController
-    from twind.learn.tasks import task_of
+    from twind.learn.learning_tasks import task_of
+    from twind.learn.live.base_estimator import BaseEstimator
+    from twind.learn.live.state_message import heard
+    from twind.learn.policy.policy_controller import PolicyController
+    from twind.learn.reward import RewardFunction
 
     task, names = task_of("Stand"), plant.layout.joints
     pilot = PolicyController(

@@ -19,8 +19,8 @@ from bench.harness import (
     quantile,
     spread,
 )
+from bench.lateness_log import LatenessLog
 from bench.motion import kept_moving
-from bench.recorded import LatenessLog
 from twind.config.robot_file import load_robot
 
 LATE_ROUNDS, LATE_SPAN = 10, 4.0  # s of each window
@@ -33,7 +33,7 @@ def take_late() -> Mapping[str, MeasuredFigure]:
     """p99 of the lateness of ticks, idle and busy, each beside `cyclictest` in the same seconds."""
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
             return _late(daemon, LatenessLog(record))
 
 

@@ -21,7 +21,7 @@ from bench.harness import (
     quantile,
     spread,
 )
-from bench.recorded import LatenessLog
+from bench.lateness_log import LatenessLog
 
 ROUNDS, SPAN = 10, 4.0  # s of each window
 RATE = 100.0  # Hz of every topic
@@ -84,7 +84,7 @@ def take() -> Mapping[str, MeasuredFigure]:
     """All windows of one daemon in mode live, its robot not armed."""
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
             lateness, windows = (
                 LatenessLog(record),
                 dict[int, list[ObserverCost]]({count: [] for count in CROWD}),

@@ -20,7 +20,7 @@ from bench.harness import (
     medians,
     spread,
 )
-from twind.observe.writing.file import RecordFile
+from twind.observe.writing.record_file import RecordFile
 from twind.ros import JOINT_STATE, JointStateBuffer, definition_text, stamp
 
 MESSAGES, RATE = 6000, 100.0  # a minute of one topic

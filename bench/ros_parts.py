@@ -13,9 +13,9 @@ from typing import Any
 from bench.ros_zenoh_parts import JOINTS, NAMES, SETTLE, publish
 from tests.ros_dds_peer import types
 from twind.bridge.ros.dds import DdsTransport
-from twind.bridge.ros.dds.config import configuration
+from twind.bridge.ros.dds.dds_config import configuration
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, TOPICS
+from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, TOPICS
 from twind.ros import JointStateBuffer
 
 

@@ -28,7 +28,7 @@ def wanted(endpoint: str) -> dict[str, Any]:
 def ours(endpoint: str) -> Callable[[int], None]:
     """One message by our back end."""
     from twind.bridge.ros.discovery import DiscoverySettings
-    from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, TOPICS
+    from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, TOPICS
     from twind.bridge.ros.zenoh import ZenohTransport
     from twind.ros import JointStateBuffer
 

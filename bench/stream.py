@@ -24,7 +24,7 @@ from bench.harness import (
     quantile,
     spread,
 )
-from bench.recorded import LatenessLog
+from bench.lateness_log import LatenessLog
 
 ROUNDS, SPAN = 10, 5.0  # s of each window
 START = 3.0  # s from exec until a streamer does what it will go on doing
@@ -93,7 +93,7 @@ def streaming(daemon: BenchDaemon, spool: Path, url: str, options: tuple[str, ..
         str(spool),
         *options,
     ]
-    process = subprocess.Popen([sys.executable, "-m", "twind.ctl.main", *words], stdout=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-m", "twind.ctl.ctl_main", *words], stdout=subprocess.PIPE)
     try:
         yield process.pid
     finally:
@@ -111,7 +111,7 @@ def take() -> Mapping[str, MeasuredFigure]:
     sink = HttpSink()
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
             lateness = LatenessLog(record)
 
             def window(way: str) -> float:

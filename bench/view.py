@@ -24,13 +24,13 @@ from bench.harness import (
     spread,
 )
 from twind.client import ClientError
-from twind.ctl.motions import load_motion
+from twind.ctl.trajectory_files import load_motion
 
 ROUNDS, SPAN, SETTLED = 5, 4.0, 3.0  # windows, s of each, s until a page shows what it will go on showing
 COUNTS = (1, 4, 8)  # robots on the page
 PROGRAM = """import sys
 from twind.observe.viewing.fleet import watch
-from twind.observe.viewing.ways import local
+from twind.observe.viewing.robot_connections import local
 robots = {(f"robot{n}", "here"): local(sys.argv[1]) for n in range(int(sys.argv[2]))}
 sys.exit(watch(lambda: robots))"""
 # A page draws thrice a second: without a graphics card it would take the processor that is measured.

@@ -8,19 +8,19 @@ import numpy as np
 from twind.config.device_check import check_devices
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.adoption.calibrated import CalibrationEntryStatus
-from twind_calibration.adoption.carry import AdoptionPlan, prepare
-from twind_calibration.adoption.hand import WritableProber
-from twind_calibration.adoption.places import choose, look
-from twind_calibration.calibrating.draft import CalibrationDraft
+from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_calibration.adoption.servo_configurator import WritableProber
+from twind_calibration.adoption.servo_locations import choose, look
+from twind_calibration.calibrating.calibration_draft import CalibrationDraft
 from twind_drivers.clock import FakeClock
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.packet import Framer, Instruction
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.perform import perform
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import BAUDS, ServoSpec
+from twind_drivers.run_script import perform
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec
 
 BAUD = 1_000_000
 TEXT = """\

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from twind.observe.viewing.stops import StopOutcome
+from twind.observe.viewing.stop_threads import StopOutcome
 
 Answers = Callable[[str], Any]
 Daemons = Callable[[str, Answers], "Daemon"]  # the name of a socket, and what it answers

@@ -11,10 +11,10 @@ from rig import Rig
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import buses
 from twind.virtual.truth import Truth
-from twind_calibration.wiggling.motion import path
-from twind_calibration.wiggling.trace import HoldMeans, StateTrace
+from twind.virtual.virtual_robot_spec import buses
+from twind_calibration.wiggling.joint_move import path
+from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
 
 H24 = load_robot("h24")
 WAY = 0.035  # rad, two degrees

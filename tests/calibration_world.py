@@ -9,18 +9,18 @@ from twind.config.calibration_file import Calibration, dump_calibration, read_ca
 from twind.config.counts import slot_angles
 from twind.config.device_record import recorded
 from twind.config.robot_file import load_robot
-from twind.loop.described import BoundRobot
+from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.truth import Truth
-from twind_calibration.calibrating.captures import JointCapture, capture
-from twind_calibration.calibrating.ground import CalibrationContext
-from twind_calibration.calibrating.placing import travel_of
-from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.travels import SweepEvent, SweepTracker
-from twind_calibration.calibrating.unwrap import EncoderSample
-from twind_calibration.calibrating.writing import merged
-from twind_calibration.calibrating.zeroing import RecordedTravel, place_slot
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext
+from twind_calibration.calibrating.encoder_unwrap import EncoderSample
+from twind_calibration.calibrating.entry_writer import merged
+from twind_calibration.calibrating.joint_capture import JointCapture, capture
+from twind_calibration.calibrating.sweep_tracker import SweepEvent, SweepTracker
+from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot
+from twind_calibration.calibrating.zero_placement import travel_of
 
 QUICK = 5.0  # rad/s of a hand
 WELL = 3  # ticks of 4096 that a zero may be off

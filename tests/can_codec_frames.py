@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from twind_drivers.bus import Floats
-from twind_drivers.can.family import ActuatorFamily, FieldRanges
+from twind_drivers.can.actuator_family import ActuatorFamily, FieldRanges
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, payload
 
 GAINS = (500.0, 5.0)

@@ -6,16 +6,16 @@ import numpy as np
 from driver_rig import DriverRig
 
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_models import model
+from twind_drivers.can.can_units import COUNT, TURN
 from twind_drivers.can.frame import Frames
-from twind_drivers.can.models import model
-from twind_drivers.can.units import COUNT, TURN
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_controller import CanAdapter
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 BITRATE = 1_000_000
 EDGE = TURN // 2 - 200  # counts: goals that may be sent, either way

@@ -6,11 +6,11 @@ import numpy as np
 
 from twind_drivers.can.frame import ERROR
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import CanMessage, as_frames, messages
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_controller import CanAdapter
+from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 LIMP = bytes.fromhex("7FFF7FF0000007FF")  # an MIT command of zeros (facts 2, golden)
 

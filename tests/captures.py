@@ -23,10 +23,10 @@ from twind.briefing import Briefing
 from twind.client.errors import as_error
 from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load, save
 from twind.link import Overview, Tick, decode_news
-from twind.observe.recording.flight_news import news
-from twind.observe.replaying.calls import INTERFACE, ReplayConnection, wait
-from twind.observe.replaying.outcome import ReplayOutcome, outcome_of
-from twind.observe.replaying.score import score
+from twind.observe.recording.flight_messages import news
+from twind.observe.replaying.replay_calls import INTERFACE, ReplayConnection, wait
+from twind.observe.replaying.replay_outcome import ReplayOutcome, outcome_of
+from twind.observe.replaying.replay_script import score
 
 HERE = Path(__file__).parent / "data" / "captures"
 LARGEST = 150_000  # bytes of a capture

@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twind_calibration.doctor import add_arguments, runner, table
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor import add_arguments, check_table, runner
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.context_builder import examine
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.runner import DoctorReport, FixResult
 from twind_drivers.clock import MonotonicClock
 
@@ -41,7 +41,7 @@ def look(
     """What the doctor finds here, of all codes or of some."""
     examined = examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
     try:
-        return runner.run(examined, runner.chosen(table.checks(), only), table.complaints())
+        return runner.run(examined, runner.chosen(check_table.checks(), only), check_table.complaints())
     finally:
         examined.close()
 
@@ -65,12 +65,12 @@ def mended(
 
     outcome = look(*words, socket=socket, on=on, only=[code])
     outcome.found = [each for each in outcome.found if each.code == code]
-    return runner.mend(outcome, again, table.checks(), table.complaints())
+    return runner.mend(outcome, again, check_table.checks(), check_table.complaints())
 
 
 def wrong(outcome: DoctorReport) -> set[str]:
     """Codes that count, notes left out."""
-    rows = table.complaints()
+    rows = check_table.complaints()
     return {each.code for each in outcome.found if rows[each.code].severity.value != "note"}
 
 

@@ -21,7 +21,7 @@ from twind_drivers.bus import (
     Script,
 )
 from twind_drivers.clock import FakeClock
-from twind_drivers.perform import perform
+from twind_drivers.run_script import perform
 
 RATE = 100.0  # Hz
 

@@ -8,10 +8,10 @@ from dxl_responder import Servos, Wire
 
 from twind_drivers.bus import Script
 from twind_drivers.clock import FakeClock
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.packet import Framer, Instruction, Packet
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.writer import DynamixelWriter
-from twind_drivers.perform import perform
+from twind_drivers.run_script import perform
 
 IDS = (1, 2, 3)
 SYNC, FAST = Instruction.SYNC_WRITE, Instruction.FAST_SYNC_READ

@@ -15,8 +15,8 @@ import zenoh
 from zenoh_router import free_port
 
 from twind.bridge.fleet.remote import PrivateSession, client
-from twind.bridge.zenoh.keys import robot_key
-from twind.bridge.zenoh.session import NetworkConfig, open_now
+from twind.bridge.zenoh.zenoh_keys import robot_key
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Client
 
 Answer = Callable[[dict[str, Any]], dict[str, Any] | None]

@@ -17,9 +17,9 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
 from twind.robot.trajectory import Trajectory
 from twind_drivers.dynamixel.packet import Framer, Instruction
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import RPM, FirstOrderPhysics
-from twind_drivers.virtual.servos import REFRESH
+from twind_drivers.virtual.servo_physics import RPM, FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import REFRESH
 
 EPS = 1e-6  # s
 TICK = 0.01  # s: a register as reported was true at its stamp, or one tick before

@@ -12,11 +12,11 @@ from math import comb, inf
 import numpy as np
 from hypothesis import strategies as st
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import GateResult, GateSnapshot, GateThresholds, TrajectoryRequest, check
 from twind.safety.headroom import JointCondition

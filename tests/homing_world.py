@@ -10,7 +10,7 @@ from rig import Rig
 from twind import link
 from twind.config.counts import ticks_of
 from twind.virtual.truth import JointTruth, Truth
-from twind_drivers.dynamixel.tables import table
+from twind_drivers.dynamixel.control_tables import table
 
 JOINT = "head_yaw"
 OTHER = 9  # a client that holds nothing

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from twind.robot.linkage import LinkageTable
+from twind.robot.linkage_table import LinkageTable
 from twind.robot.transmission import MOST_CONDITION, Differential, Transmission
 
 SIZES = st.floats(-3.0, 3.0).map(lambda x: round(x, 3))

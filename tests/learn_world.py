@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 import twind.robots
-from twind.learn.randomise.physics import ModelAddresses
+from twind.learn.randomise.physics_randomiser import ModelAddresses
 
 MJCF = Path(twind.robots.__file__).with_name("h24.xml")
 ROOM = 8  # samples of history

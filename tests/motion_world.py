@@ -5,7 +5,7 @@ from math import nan
 import numpy as np
 from gate_world import limits, path
 
-from twind.motion.executor import TrajectoryExecutor
+from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference, Trajectory
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twind.ctl.picture.view import MonitorCollector, PictureState
+from twind.ctl.picture.picture_state import MonitorCollector, PictureState
 
 SIDED = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
 NAMES = (

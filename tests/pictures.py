@@ -21,9 +21,9 @@ from PIL import Image
 from processes import Daemon, arm, daemon, go, robot, until
 
 from twind.client import Client, ClientError, Refused
-from twind.ctl.motions import load_motion
-from twind.ctl.picture.live import MonitorFeed
-from twind.ctl.picture.paint import svg
+from twind.ctl.picture.live_picture import MonitorFeed
+from twind.ctl.picture.picture_renderer import svg
+from twind.ctl.trajectory_files import load_motion
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 MOST = 300_000  # bytes of one picture
@@ -49,7 +49,7 @@ def main() -> int:
         plot = [
             sys.executable,
             "-m",
-            "twind.ctl.main",
+            "twind.ctl.ctl_main",
             "plot",
             str(recording),
             "--out",
@@ -72,7 +72,7 @@ def punctual(pid: int) -> None:
 
 
 def ctl(running: Daemon, *words: str) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets), *words]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 

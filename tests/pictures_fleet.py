@@ -14,7 +14,7 @@ from pictures import FOLDER, MOST, smaller
 from processes import Daemon, Moving, simulated, twindctl, until
 from zenoh_router import Router
 
-from twind.ctl.motions import load_motion
+from twind.ctl.trajectory_files import load_motion
 
 WAVES, STOPPED, HOLDS, LOST = ROBOTS = ("anna", "bruno", "clara", "dora")
 PATIENCE = 60_000  # ms that a busy machine may take until the page says what is so

@@ -17,7 +17,7 @@ from pictures import FOLDER, MOST, smaller
 from PIL import Image
 from trained import settings, train
 
-from twind.learn.policy.file import load
+from twind.learn.policy.policy_file import load
 
 EVERY = 4096  # steps from one point of the curve to the next
 MOMENTS = (0, 50, 100, 150)  # control steps, of 20 ms

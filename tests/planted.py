@@ -10,8 +10,8 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.virtual.specimen import calibration, specimen
 from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.virtual_robot_spec import calibration, specimen
 
 KNEE = "l_knee"
 TURN = 4096

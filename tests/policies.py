@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from processes import Daemon, favour
 
-from twind.learn.policy.card import PolicyCard
-from twind.learn.policy.file import NetworkLayer, save
-from twind.learn.policy.graph import Rows
-from twind.learn.shaping import ActionShaping
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.policy.onnx_writer import Rows
+from twind.learn.policy.policy_card import PolicyCard
+from twind.learn.policy.policy_file import NetworkLayer, save
 
 TWO = PolicyCard(
     task="Stand",
@@ -70,7 +70,7 @@ class Run:
     """A `twindctl policy run` that goes on."""
 
     def __init__(self, daemon: Daemon, file: Path, *options: str) -> None:
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(daemon.sockets), "--json"]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(daemon.sockets), "--json"]
         self.process = subprocess.Popen(
             [*command, "policy", "run", str(file), *options],
             stdout=subprocess.PIPE,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from twind.client import Client, ClientError, Refused
-from twind.config.ports import virtual_port
+from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 
 T = TypeVar("T")
@@ -253,7 +253,7 @@ def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
 def twindctl(*words: str, **environment: str) -> Iterator["subprocess.Popen[str]"]:
     """A verb that goes on until it is told to end; killed at the end if nobody told it."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "twind.ctl.main", *words],
+        [sys.executable, "-m", "twind.ctl.ctl_main", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import JointCalibration
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected import ExpectedLoads
-from twind_calibration.proving.expected import swept as at_places
-from twind_calibration.proving.judge import LoadVerdict, judge, slack
-from twind_calibration.proving.mirror import mirror
-from twind_calibration.proving.sweep import MeasuredLoads
-from twind_calibration.wiggling.body import PosedModel
-from twind_calibration.wiggling.trace import HoldMean, HoldMeans
+from twind_calibration.proving.expected_loads import ExpectedLoads
+from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.proof_sweep import MeasuredLoads
+from twind_calibration.proving.sign_error_zero import mirror
+from twind_calibration.proving.sign_proof import LoadVerdict, judge, slack
+from twind_calibration.wiggling.posed_model import PosedModel
+from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans
 
 H24 = load_robot("h24")
 LSB, FRICTION = 0.0048, 0.1  # N·m

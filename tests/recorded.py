@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twind.client.clocks import ClockPair
-from twind.observe.writing.file import BufferedFile, RecordFile
-from twind.observe.writing.head import clock_words
-from twind.observe.writing.lines import RecordEncoder
-from twind.observe.writing.writer import RecordSession, RecordWriter
+from twind.client.clock_pair import ClockPair
+from twind.observe.writing.record_encoder import RecordEncoder
+from twind.observe.writing.record_file import BufferedFile, RecordFile
+from twind.observe.writing.record_header import clock_words
+from twind.observe.writing.record_writer import RecordSession, RecordWriter
 
 JOINTS = ("hip", "knee")
 CLOCKS = ClockPair(100.0, 1_795_000_000_000_000_000)

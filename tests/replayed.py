@@ -16,27 +16,27 @@ from rig import HandFront, Rig
 from twind import link, memfd
 from twind.briefing import Briefing
 from twind.config.calibration_file import save_calibration
-from twind.config.edited import fingerprints
-from twind.config.files import ConfigSources, describe
+from twind.config.config_files import ConfigSources, describe
+from twind.config.file_changes import fingerprints
 from twind.flight import FlightFile, FlightRing, read
-from twind.front.naming import JointNames
+from twind.front.joint_naming import JointNames
 from twind.loop import assembly
-from twind.loop.described import BoundRobot
-from twind.loop.link import FrontLink
-from twind.loop.notify import Notifier
-from twind.loop.open_bus import BusOpener
-from twind.observe.replaying.bus import ReplayBus
-from twind.observe.replaying.outcome import ReplayOutcome
-from twind.observe.replaying.score import SIM, STAY, RecordedCommand, ReplayScript, outcome, score
-from twind.observe.replaying.servos import ReplayPosition
-from twind.observe.replaying.stage import lay_out
-from twind.observe.replaying.story import story
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_opener import BusOpener
+from twind.loop.front_link import FrontLink
+from twind.loop.service_notify import Notifier
+from twind.observe.replaying.device_timeline import story
+from twind.observe.replaying.replay_bus import ReplayBus
+from twind.observe.replaying.replay_files import lay_out
+from twind.observe.replaying.replay_outcome import ReplayOutcome
+from twind.observe.replaying.replay_script import SIM, STAY, RecordedCommand, ReplayScript, outcome, score
+from twind.observe.replaying.replay_servos import ReplayPosition
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.virtual.serial_loopback import Loopback
 
 LEAD = 2.0  # s until the recording begins: identified and armed
 LATE = 0.02  # share by which a value may differ: what is found a tick later has grown

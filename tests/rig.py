@@ -12,33 +12,33 @@ from typing import Any
 import numpy as np
 
 from twind import link, memfd
-from twind.config.actuator import CAN
+from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import joint_angles, slot_angles, ticks_of
 from twind.config.robot_file import load_robot
 from twind.flight import FlightRing
 from twind.loop import assembly
-from twind.loop.described import BoundRobot
-from twind.loop.link import FrontLink
-from twind.loop.notify import Notifier
-from twind.loop.open_bus import BusOpener
-from twind.loop.tape import FlightRecorder
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_opener import BusOpener
+from twind.loop.bus_tap import FlightRecorder
+from twind.loop.front_link import FrontLink
+from twind.loop.service_notify import Notifier
 from twind.robot.arrays import Floats
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
-from twind.virtual.bench import BusTiming, can_bus
-from twind.virtual.inertial import sensor_of
-from twind.virtual.nodes import unloaded
-from twind.virtual.specimen import calibration, fence, specimen
+from twind.virtual.bench_servos import BusTiming, can_bus
+from twind.virtual.can_node_setup import unloaded
 from twind.virtual.truth import Truth
+from twind.virtual.virtual_imu import sensor_of
+from twind.virtual.virtual_robot_spec import calibration, fence, specimen
 from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrderPhysics
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 CLIENT = 7
 

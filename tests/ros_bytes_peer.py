@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import TOPICS, RosTopic
+from twind.bridge.ros.ros_endpoints import TOPICS, RosTopic
 from twind.bridge.ros.zenoh import ZenohTransport
 from twind.ros import decode, encode
 

@@ -52,7 +52,7 @@ class Graph:
 
     def bridge(self, sockets: Path, *words: str) -> "Bridge":
         """`twindctl ros --backend rclpy`, begun; it ends with the graph."""
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(sockets)]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(sockets)]
         bridge = Bridge(self, [*command, "ros", "--backend", "rclpy", *words])
         self._stack.callback(bridge.kill)
         return bridge

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from processes import PATIENCE
 
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     SERVICES,
     SET_LIVE,
     TOPICS,

@@ -12,7 +12,7 @@ import numpy as np
 from free_h24 import free_h24
 
 from twind.config.robot_file import load_robot
-from twind.ctl.offline import pose, verdict
+from twind.ctl.offline_check import pose, verdict
 from twind.robot.finding import ReasonCode
 from twind.twin.binding import Binding, bind
 

@@ -10,7 +10,7 @@ from twind import link
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.guard import FINE
-from twind_drivers.virtual.muscles import FirstOrderPhysics
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 
 
 @leads_to(ReasonCode.LOOP_LATE)

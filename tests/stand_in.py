@@ -20,10 +20,10 @@ import numpy as np
 from twind import link, memfd
 from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import load_robot
+from twind.listening_sockets import BACKLOG
 from twind.robot.finding import Finding, ReasonCode
-from twind.sockets import BACKLOG
 from twind.twin.binding import bind
-from twind.twin.handover import packed
+from twind.twin.binding_transfer import packed
 from twind.version import __version__
 
 NAMES = [f"joint_{place}" for place in range(24)]

@@ -13,19 +13,19 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.learn.judge import RewardFunction
-from twind.learn.live.estimate import BaseEstimator
-from twind.learn.live.heard import ImuReading, StateMessage
-from twind.learn.model import plant_of
+from twind.learn.learning_tasks import task_of
+from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.live.state_message import ImuReading, StateMessage
 from twind.learn.observation import BodyReading
-from twind.learn.policy.pilot import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
-from twind.learn.tasks import task_of
+from twind.learn.plant_model import plant_of
+from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
+from twind.learn.reward import RewardFunction
 from twind.link import Tick
 from twind.robot.modes import Mode
-from twind.twin.muscles import MujocoPhysics
-from twind.virtual.specimen import body_for, buses
+from twind.twin.mujoco_physics import MujocoPhysics
+from twind.virtual.virtual_robot_spec import body_for, buses
 
-VALID = 0.06  # s, as `live/reins.py`
+VALID = 0.06  # s, as `live/setpoint_session.py`
 
 
 class StandingRig(Rig):

@@ -19,11 +19,11 @@ from typing import Any
 import pytest
 from adoption_bench import robot_of
 
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import Rejected
-from twind_calibration.adoption.verb import status_at
-from twind_calibration.described import read
+from twind_calibration.adoption.adopt_command import status_at
 from twind_calibration.instances import sockets_of, stop
+from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.prober import Prober
 from twind_drivers.dynamixel.serial_port import SerialTransport
@@ -158,7 +158,7 @@ def mute(path: Path) -> Iterator[None]:
 def test_a_daemon_that_does_not_answer_may_have_the_port(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("twind_calibration.adoption.verb.PATIENCE", 0.3)
+    monkeypatch.setattr("twind_calibration.adoption.adopt_command.PATIENCE", 0.3)
     words[1] = str(tmp_path)
     with mute(tmp_path / "control.sock"):
         assert main([*words, "wrist", "--port", str(tmp_path / "ttyUSB0"), "--yes"]) == 1
@@ -200,7 +200,7 @@ def test_an_instance_is_found_by_its_settings_and_by_its_name(
 ) -> None:
     settings = tmp_path / "arm.yaml"
     settings.write_text(f"robot: {tmp_path / 'bench.yaml'}\nports: {{main: /dev/ttyARM}}\n")
-    monkeypatch.setattr("twind_calibration.described.SERVICE", tmp_path / "twind.yaml")
+    monkeypatch.setattr("twind_calibration.robot_description.SERVICE", tmp_path / "twind.yaml")
     options = argparse.Namespace(config=str(settings), socket=None, robot=None, calibration=None, port=[])
     assert str(read(options).sockets) == "/run/twind/arm"
     options.config, options.socket = None, "/run/twind/arm"
@@ -269,7 +269,7 @@ def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_killed_while_it_writes_the_same_command_ends_the_job(words: list[str], tmp_path: Path) -> None:
     """SIGKILL at other moments of the writing, seen by its own output; each on a servo as delivered."""
-    command = [sys.executable, "-m", "twind.ctl.main", *words, "wrist", "--yes", "--port"]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", *words, "wrist", "--yes", "--port"]
     killed = 0
     for round in range(4):
         folder = tmp_path / str(round)

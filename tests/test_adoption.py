@@ -11,10 +11,10 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind.robot.finding import Verdict
-from twind_calibration.adoption.places import RATES, ServoLocation, delivered, joint_of, ways
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.perform import perform
-from twind_drivers.virtual.servos import BAUDS
+from twind_calibration.adoption.servo_locations import RATES, ServoLocation, delivered, joint_of, ways
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.run_script import perform
+from twind_drivers.virtual.virtual_servos import BAUDS
 
 
 @pytest.fixture

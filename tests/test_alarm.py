@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.alarm import LatencyAlarm, LatencyAlert
+from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
 
 CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/reason-codes.md says
 BOUND = 0.05

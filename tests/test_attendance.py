@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from twind_drivers.attendance import FIRST, MISSES, PROBE, DevicePresence
+from twind_drivers.device_presence import FIRST, MISSES, PROBE, DevicePresence
 
 ALL = np.ones(3, np.bool_)
 

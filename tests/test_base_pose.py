@@ -5,7 +5,7 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.twin.base_pose import BASES, UPRIGHT, gravity
-from twind.twin.muscles import MujocoPhysics, body_of
+from twind.twin.mujoco_physics import MujocoPhysics, body_of
 
 H24 = load_robot("h24")
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.safety.bounds import elevate, evaluate, exceeds, halves, square, summit
+from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, halves, square, summit
 
 NUMBERS = st.floats(-10.0, 10.0, allow_subnormal=False)
 CURVES = st.integers(0, 8).flatmap(lambda d: st.lists(NUMBERS, min_size=d + 1, max_size=d + 1)).map(np.array)

@@ -6,7 +6,16 @@ from typing import Any
 import pytest
 from told_line import ToldDaemon, ended, ended_in_words, moving
 
-from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, UNREADABLE, MotionEnd, MotionSession
+from twind.bridge.motion_session import (
+    BROKEN,
+    LATE,
+    LINGER,
+    LOST,
+    RENEW,
+    UNREADABLE,
+    MotionEnd,
+    MotionSession,
+)
 from twind.client import CallError, Disconnected, NoDaemon, Refused
 from twind.safety.lease import TRAJECTORY
 

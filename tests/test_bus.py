@@ -16,7 +16,7 @@ from twind_drivers.bus import (
     WireClamp,
     WriteRequest,
 )
-from twind_drivers.perform import perform
+from twind_drivers.run_script import perform
 
 ERRORS = [
     (PortError("/dev/ttyUSB0", "no such port"), "/dev/ttyUSB0: no such port"),

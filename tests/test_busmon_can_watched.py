@@ -11,7 +11,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.modes import Mode, RobotState
-from twind.virtual.specimen import save
+from twind.virtual.virtual_robot_spec import save
 
 LEGS = ("l_leg", "r_leg")
 

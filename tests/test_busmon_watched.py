@@ -14,8 +14,8 @@ from twind import link
 from twind.loop import damping
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import save
 from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.virtual_robot_spec import save
 
 
 class Day:

@@ -8,7 +8,7 @@ import pytest
 from processes import Virtual
 
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 

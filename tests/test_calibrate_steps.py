@@ -15,18 +15,25 @@ from twind.config.calibration_file import Calibration, load_calibration, save_ca
 from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_file import load_robot
 from twind.ctl.verb import DONE, REFUSED, Rejected
-from twind.virtual.specimen import calibration, specimen
-from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating import fencing, limits, past, sweeping, zero, zeroing
-from twind_calibration.calibrating.captures import JointCapture
-from twind_calibration.calibrating.ground import CalibrationContext
-from twind_calibration.calibrating.limp import limp
-from twind_calibration.calibrating.placing import by_ends, travel_of
-from twind_calibration.calibrating.raw import RawReading
-from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.sweeping import SweepSession
-from twind_calibration.calibrating.unwrap import EncoderSample
-from twind_calibration.calibrating.zeroing import RecordedTravel, place_slot, travels_of
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_calibration.calibrating import calibration_draft as drafts
+from twind_calibration.calibrating import (
+    history_command,
+    limits,
+    limits_command,
+    sweep_command,
+    zero,
+    zero_command,
+)
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext
+from twind_calibration.calibrating.encoder_unwrap import EncoderSample
+from twind_calibration.calibrating.joint_capture import JointCapture
+from twind_calibration.calibrating.raw_readings import RawReading
+from twind_calibration.calibrating.sweep_command import SweepSession
+from twind_calibration.calibrating.torque_free import limp
+from twind_calibration.calibrating.zero_command import RecordedTravel, place_slot, travels_of
+from twind_calibration.calibrating.zero_placement import by_ends, travel_of
 from twind_drivers.clock import FakeClock
 
 ROBOT = load_robot("h24")
@@ -51,7 +58,7 @@ def file(tmp_path: Path) -> Path:
 @pytest.fixture
 def daemon(file: Path, monkeypatch: pytest.MonkeyPatch) -> FakeDaemon:
     made = FakeDaemon(ROBOT, file, FITTING)
-    stand_in(monkeypatch, made, sweeping, zeroing, fencing)
+    stand_in(monkeypatch, made, sweep_command, zero_command, limits_command)
     return made
 
 
@@ -156,7 +163,7 @@ def test_nobody_arms_however_long_the_readings_take(
     daemon.mode = mode
     standing(daemon)
     clock = FakeClock(0.0)
-    monkeypatch.setattr(zeroing, "MonotonicClock", lambda: clock)
+    monkeypatch.setattr(zero_command, "MonotonicClock", lambda: clock)
 
     real = daemon._readings
 
@@ -166,7 +173,7 @@ def test_nobody_arms_however_long_the_readings_take(
             yield each
 
     monkeypatch.setattr(daemon, "_readings", readings)
-    assert zeroing.zero(options_of(zero, "l_knee", "--samples", "400", "--yes")) == DONE
+    assert zero_command.zero(options_of(zero, "l_knee", "--samples", "400", "--yes")) == DONE
     assert daemon.now > 104.0 and set(daemon.states) == {"calibrating"}
     assert daemon.state == "connected"
 
@@ -196,12 +203,12 @@ def test_who_has_a_zero_gets_another_only_when_it_is_asked_for(
     standing(daemon)
     before = daemon.file.read_text()
     with pytest.raises(Rejected, match="name those that are to get another, or --all for all"):
-        zeroing.zero(options_of(zero, *how, "--yes"))
+        zero_command.zero(options_of(zero, *how, "--yes"))
     assert daemon.file.read_text() == before
-    assert zeroing.zero(options_of(zero, *how, "--yes", "l_knee")) == DONE
+    assert zero_command.zero(options_of(zero, *how, "--yes", "l_knee")) == DONE
     changed = [name for name in ROBOT.names if method(daemon, name) != "import"]
     assert changed == ["l_knee"]
-    assert zeroing.zero(options_of(zero, *how, "--yes", "--all")) == DONE
+    assert zero_command.zero(options_of(zero, *how, "--yes", "--all")) == DONE
     assert {method(daemon, name) for name in ROBOT.names} == {"sweep" if how else "jig"}
 
 
@@ -219,9 +226,9 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
     assert "spread unknown" in one.line(6)
     two = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.described.values()).sigma
-    said = zeroing._coarse([one, two])
+    said = zero_command._coarse([one, two])
     assert "+-" in said and "nobody knows how coarse where one end alone is known: l_knee" in said
-    assert "+-" not in zeroing._coarse([one])
+    assert "+-" not in zero_command._coarse([one])
 
 
 def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path: Path) -> None:
@@ -229,7 +236,7 @@ def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path:
     place = CalibrationContext(robot, tmp_path / "linked.yaml", named=True)
     options = options_of(zero, "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
     with pytest.raises(Rejected, match="`--at waist_roll=RAD --at waist_yaw=RAD` gives waist_roll and"):
-        zeroing._angles(options, place, slots(robot))
+        zero_command._angles(options, place, slots(robot))
 
 
 # --------------------------------------------------------------------------------- tags
@@ -245,10 +252,10 @@ def test_a_tag_is_compared_and_kept_whatever_is_calibrated(
     save_calibration(known, daemon.file.parent, "h24")
     standing(daemon)
     with pytest.raises(Rejected, match=r"moving_threshold \(24\) is 10, was 613"):
-        fencing.limits(options_of(limits, "l_knee", "--yes"))
+        limits_command.limits(options_of(limits, "l_knee", "--yes"))
     daemon.servos[knee.id]["moving_threshold"] = 613
-    assert fencing.limits(options_of(limits, "l_knee", "head_yaw", "--yes")) == DONE
-    assert zeroing.zero(options_of(zero, "l_knee", "head_yaw", "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, "l_knee", "head_yaw", "--yes")) == DONE
+    assert zero_command.zero(options_of(zero, "l_knee", "head_yaw", "--yes")) == DONE
     after = load_calibration(daemon.file, ROBOT).by_name
     assert after["l_knee"].device.tag == 613 and after["head_yaw"].device.tag is None
     assert after["l_knee"].method == "jig"
@@ -268,7 +275,7 @@ def test_limits_are_written_in_an_order_that_a_servo_takes(
     others = [one for one in FITTING.joints if one.name != "l_knee"]
     save_calibration(replace(FITTING, joints=(*others, knee)), daemon.file.parent, "h24")
     daemon.servos[knee.id] |= {"min_position_limit": first[0], "max_position_limit": first[1]}
-    assert fencing.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
     assert held(daemon, "l_knee") == recorded(daemon, "l_knee") == fence_of("l_knee")
     assert "WriteRegister" not in daemon.asked[daemon.asked.index("ReleaseLease") :]
 
@@ -309,7 +316,7 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
         scans = iter([known])
         daemon._scan = lambda: iter(next(scans, []))  # type: ignore[method-assign]
     with pytest.raises((Rejected, type(error))) as raised:
-        fencing.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of(limits, *PAIR, "--yes"))
     said = capsys.readouterr().err + str(raised.value)
     assert "`twindctl calibrate limits head_pitch l_knee` brings servos and file to agreement" in said
     in_hand = PAIR[(writes - 1) // 2]
@@ -317,20 +324,20 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
         if not silent or name != in_hand:
             assert held(daemon, name) == recorded(daemon, name), name
     daemon.break_off, daemon._scan = lambda method, how: None, scan  # type: ignore[method-assign]
-    assert fencing.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
     for name in PAIR:
         assert held(daemon, name) == recorded(daemon, name) == fence_of(name)
-    assert fencing.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
     assert "every servo has the limits of its joint" in capsys.readouterr().out
 
 
 def test_what_the_servo_holds_already_is_recorded_without_a_write(daemon: FakeDaemon) -> None:
     """As after a rollback past it."""
-    assert fencing.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
     save_calibration(FITTING, daemon.file.parent, "h24")
     assert recorded(daemon, "l_knee") != held(daemon, "l_knee")
     daemon.asked.clear()
-    assert fencing.limits(options_of(limits, "l_knee", "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
     assert "WriteRegister" not in daemon.asked
     assert recorded(daemon, "l_knee") == held(daemon, "l_knee") == fence_of("l_knee")
 
@@ -339,10 +346,10 @@ def test_a_servo_that_is_another_is_not_fenced(daemon: FakeDaemon) -> None:
     daemon.servos[daemon.ids["l_knee"]]["homing_offset"] = 20
     before = held(daemon, "l_knee")
     with pytest.raises(Rejected, match=r"l_knee is not as it was calibrated: homing_offset \(20\) is 20"):
-        fencing.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of(limits, *PAIR, "--yes"))
     del daemon.servos[daemon.ids["l_knee"]]
     with pytest.raises(Rejected, match="nobody answers there"):
-        fencing.limits(options_of(limits, *PAIR, "--yes"))
+        limits_command.limits(options_of(limits, *PAIR, "--yes"))
     assert "WriteRegister" not in daemon.asked and before != fence_of("l_knee")
 
 
@@ -352,24 +359,24 @@ def test_limits_that_leave_the_counts_are_refused_before_anything_is_written(dae
     zero_at, low = -300, fence_of("l_knee")[0] - knee.zero_ticks
     sweep = travel_of(KNEE, device, (zero_at + low - 40, zero_at + low + 1600))
     moved = replace(knee, device=device, zero_ticks=zero_at, sweep_ticks=sweep)
-    made = fencing.fences_of([KNEE], replace(FITTING, joints=(knee,)), {"l_knee": knee.device})
+    made = limits_command.fences_of([KNEE], replace(FITTING, joints=(knee,)), {"l_knee": knee.device})
     assert len(made) == 1
     with pytest.raises(Rejected, match=r"leave the counts 0\.\.4095"):
-        fencing.fences_of([KNEE], replace(FITTING, joints=(moved,)), {"l_knee": device})
+        limits_command.fences_of([KNEE], replace(FITTING, joints=(moved,)), {"l_knee": device})
 
 
 def test_rollback_past_a_fence_says_what_brings_them_to_agreement(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    assert fencing.limits(options_of(limits, *PAIR, "--yes")) == DONE
+    assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
 
     def rollback() -> str:
         options = argparse.Namespace(
             json=False, yes=True, which="1", socket=None, calibration=None, config=None, robot=None, port=None
         )
         place = CalibrationContext(ROBOT, daemon.file, named=True)
-        monkeypatch.setattr(past, "_place", lambda options: place)
-        assert past.STEPS["rollback"](options) == DONE
+        monkeypatch.setattr(history_command, "_place", lambda options: place)
+        assert history_command.STEPS["rollback"](options) == DONE
         return capsys.readouterr().out
 
     assert "`twindctl calibrate limits head_pitch l_knee`" in rollback()

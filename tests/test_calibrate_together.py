@@ -13,18 +13,25 @@ from typing import Any
 import pytest
 from test_calibration_file import ROBOT, made
 
-from twind.config import saving
+from twind.config import atomic_save
+from twind.config.atomic_save import FileOwnership, alone, draft_of, save_text
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.device_record import DeviceRecord
-from twind.config.saving import FileOwnership, alone, draft_of, save_text
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating import fencing, importing, imports, kept, limits, past
-from twind_calibration.calibrating.draft import CalibrationDraft, DraftTravel
-from twind_calibration.calibrating.folding import ImportResult
-from twind_calibration.calibrating.ground import CalibrationContext
-from twind_calibration.calibrating.writing import written
+from twind_calibration.calibrating import calibration_draft as drafts
+from twind_calibration.calibrating import (
+    file_ownership,
+    history_command,
+    import_command,
+    import_verb,
+    limits,
+    limits_command,
+)
+from twind_calibration.calibrating.calibration_context import CalibrationContext
+from twind_calibration.calibrating.calibration_draft import CalibrationDraft, DraftTravel
+from twind_calibration.calibrating.entry_writer import written
+from twind_calibration.calibrating.foreign_values import ImportResult
 
 Captured = pytest.CaptureFixture[str]
 KNEE, ELBOW = "l_knee", "l_elbow"
@@ -75,7 +82,9 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
     if theirs == "replaced":
         written(place, mine, [moved(mine, KNEE, 50)])
     elif theirs == "struck out":
-        kept.save(replace(mine, joints=[each for each in mine.joints if each.name != KNEE]), place.path)
+        file_ownership.save(
+            replace(mine, joints=[each for each in mine.joints if each.name != KNEE]), place.path
+        )
     else:
         place.path.unlink()
     before = place.path.read_bytes() if place.path.exists() else None
@@ -87,7 +96,7 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
 def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    kept.save(made(2050), place.path)
+    file_ownership.save(made(2050), place.path)
     rollback = ["calibrate", "rollback", "1", "--robot", "h24", "--calibration", str(place.path), "--yes"]
 
     def asked(*_: Any) -> bool:
@@ -95,7 +104,7 @@ def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
         return True
 
     with monkeypatch.context() as patch:
-        patch.setattr(past, "agreed", asked)
+        patch.setattr(history_command, "agreed", asked)
         assert main(rollback) == 1
     assert "somebody else wrote" in capsys.readouterr().err
     assert known(place).by_name[KNEE] == moved(made(2050), KNEE, 50)
@@ -126,9 +135,9 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
         "limp": lambda *_, **__: nullcontext(lambda: None),
         "agreed": asked,
     }.items():
-        monkeypatch.setattr(fencing, name, stands)
+        monkeypatch.setattr(limits_command, name, stands)
     with pytest.raises(Rejected, match="somebody else calibrated l_knee meanwhile"):
-        fencing.limits(options(limits, KNEE, "--yes"))
+        limits_command.limits(options(limits, KNEE, "--yes"))
     assert "WriteRegister" not in calls
     assert known(place).by_name[KNEE] == moved(mine, KNEE, 50)
 
@@ -138,7 +147,7 @@ def test_the_folder_is_held_while_servos_are_fenced(
 ) -> None:
     """From the last look at the zero until the limits are recorded."""
     mine, refused = known(place), list[str]()
-    monkeypatch.setattr(saving, "PATIENCE", 0.0)
+    monkeypatch.setattr(atomic_save, "PATIENCE", 0.0)
 
     class Daemon:
         def call(self, method: str, **how: Any) -> dict[str, Any]:
@@ -158,8 +167,8 @@ def test_the_folder_is_held_while_servos_are_fenced(
         "limp": lambda *_, **__: nullcontext(lambda: None),
         "next_steps": lambda *_: None,
     }.items():
-        monkeypatch.setattr(fencing, name, stands)
-    assert fencing.limits(options(limits, KNEE, "--yes")) == 0
+        monkeypatch.setattr(limits_command, name, stands)
+    assert limits_command.limits(options(limits, KNEE, "--yes")) == 0
     assert sorted(refused) == ["max_position_limit", "min_position_limit"]
     assert known(place).by_name[KNEE].zero_ticks == mine.by_name[KNEE].zero_ticks
 
@@ -216,7 +225,7 @@ def test_what_this_user_may_not_read_asks_for_sudo_and_is_not_said_to_be_broken(
     def denied(*_: Any) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("twind.config.located.read_plain", denied)
+    monkeypatch.setattr("twind.config.yaml_tree.read_plain", denied)
     for read in (lambda: drafts.load(place.path, ROBOT), place.calibration):
         with pytest.raises(Rejected, match=r"Permission denied; try with sudo$") as caught:
             read()
@@ -229,7 +238,7 @@ def test_what_this_user_may_not_read_asks_for_sudo_and_is_not_said_to_be_broken(
 @contextmanager
 def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> Iterator[list[object]]:
     """The first save is held before its file has its name, and `act` begun meanwhile, elsewhere."""
-    done, real, others = list[object](), saving._keep, list[threading.Thread]()
+    done, real, others = list[object](), atomic_save._keep, list[threading.Thread]()
 
     def keep(*arguments: Any) -> None:
         if not others:
@@ -239,7 +248,7 @@ def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) ->
             assert not done, "it did not wait"
         real(*arguments)
 
-    monkeypatch.setattr(saving, "_keep", keep)
+    monkeypatch.setattr(atomic_save, "_keep", keep)
     yield done
     others[0].join(10.0)
 
@@ -267,19 +276,19 @@ def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
 
 
 def test_who_waits_too_long_is_told_why(place: CalibrationContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(saving, "PATIENCE", 0.05)
+    monkeypatch.setattr(atomic_save, "PATIENCE", 0.05)
     before = place.path.read_bytes()
     with alone(place.path.parent), pytest.raises(Rejected, match=r"h24\.yaml cannot be written: another"):
-        kept.save(made(2050), place.path)
+        file_ownership.save(made(2050), place.path)
     assert place.path.read_bytes() == before
-    kept.save(made(2050), place.path)
+    file_ownership.save(made(2050), place.path)
     assert known(place).by_name["head_yaw"].zero_ticks == made(2050).by_name["head_yaw"].zero_ticks
 
 
 def test_a_folder_is_free_again_whatever_ended_a_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(saving, "PATIENCE", 0.0)
+    monkeypatch.setattr(atomic_save, "PATIENCE", 0.0)
     (tmp_path / ".h24.yaml.new").mkdir()
     with pytest.raises(IsADirectoryError):
         save_text(tmp_path, "h24", "text\n", 20)
@@ -323,9 +332,9 @@ def test_the_travel_of_a_servo_that_changed_since_is_not_taken_and_it_is_said(
         "records": lambda *_: {KNEE: OTHERWISE},
         "next_steps": lambda *_: None,
     }.items():
-        monkeypatch.setattr(imports, name, stands)
+        monkeypatch.setattr(import_command, name, stands)
     words = ["--from", "servo", "--zero-at", "2000", "--yes", KNEE]
-    assert imports.take(options(importing, *words)) == 0
+    assert import_command.take(options(import_verb, *words)) == 0
     out = capsys.readouterr().out
     assert load_calibration(place.path, ROBOT).by_name[KNEE].sweep_ticks == travel
     assert said in out and ("position limits" in out) == bool(said)
@@ -336,9 +345,9 @@ def test_what_is_refused_says_as_well_that_a_sweep_was_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     now = replace(OTHERWISE, min_ticks=0, max_ticks=4095)
-    slot = next(each for each in imports.slots(ROBOT) if each.name == KNEE)
+    slot = next(each for each in import_command.slots(ROBOT) if each.name == KNEE)
     then = CalibrationDraft({KNEE: DraftTravel(OTHERWISE, (1910, 3390), AT)})
-    folded: ImportResult = imports._fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
+    folded: ImportResult = import_command._fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
     assert folded.entry is None
     assert "as delivered" in "; ".join(folded.wrong)
     assert "not what was swept" in folded.note

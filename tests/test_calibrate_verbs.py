@@ -17,7 +17,7 @@ from processes import Daemon, Virtual, arm, go, robot, until
 from twind.client import ClientError
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 
 pytestmark = pytest.mark.realtime
 
@@ -231,7 +231,7 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
     assert mode == "live", "after the calibration above"
     bench.hands(None, ["head_yaw", "l_knee"])
     bench.there()
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(bench.daemon.sockets)]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(bench.daemon.sockets)]
     words = ["calibrate", "sweep", "--json", "head_yaw", "l_knee"]
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background ignore it
     sweeping = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from terminal_cast import PROMPT, load, rendered, save, shortened
 
-from twind_calibration.calibrating.board import SweepDisplay
+from twind_calibration.calibrating.sweep_display import SweepDisplay
 
 words = st.text(st.sampled_from("ab █"), max_size=8).map(str.rstrip)
 

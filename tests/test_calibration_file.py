@@ -18,9 +18,9 @@ from twind.config.calibration_file import (
     text_hash,
     turn_band,
 )
-from twind.config.located import ConfigError
+from twind.config.config_section import Plain
 from twind.config.robot_file import load_robot
-from twind.config.section import Plain
+from twind.config.yaml_tree import ConfigError
 from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")

@@ -28,10 +28,10 @@ from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.robot.modes import Mode
 from twind.virtual.truth import JointTruth, Truth, random_truth
-from twind_calibration.calibrating.placing import by_pose, misfits
-from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.travels import SweepTracker
-from twind_calibration.calibrating.unwrap import framed
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.encoder_unwrap import framed
+from twind_calibration.calibrating.sweep_tracker import SweepTracker
+from twind_calibration.calibrating.zero_placement import by_pose, misfits
 
 pytestmark = pytest.mark.slow
 

@@ -10,9 +10,9 @@ import pytest
 from test_calibration_file import ROBOT, made
 
 from twind.config.calibration_file import Calibration, dump_calibration, load_calibration, save_calibration
-from twind.ctl.main import main
-from twind_calibration.calibrating.compared import changes
-from twind_calibration.calibrating.slots import slots
+from twind.ctl.ctl_main import main
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.calibration_diff import changes
 
 SHOWN = {"sign": "gravity", "slope_ratio": 0.94}
 Verb = Callable[..., tuple[int, str, str]]
@@ -175,7 +175,7 @@ def test_with_sudo_is_said_where_the_folder_may_not_be_written(
     def refused(*_: Any, **__: Any) -> Path:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("twind.config.saving.LockedFolder.save_text", refused)
+    monkeypatch.setattr("twind.config.atomic_save.LockedFolder.save_text", refused)
     code, _, err = verb("rollback", "1", "--yes")
     assert (code, "try with sudo" in err) == (1, True)
 

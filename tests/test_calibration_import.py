@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.device_record import DeviceRecord
-from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET
+from twind.config.yaml_tree import ConfigError
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating.folding import (
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.foreign_values import (
     DYNAMIXEL,
     FEETECH,
     ImportResult,
@@ -25,9 +26,8 @@ from twind_calibration.calibrating.folding import (
     of_motor,
     of_registers,
 )
-from twind_calibration.calibrating.lerobot import FIELDS, LeRobotMotor, read
-from twind_calibration.calibrating.matching import matched, read_map
-from twind_calibration.calibrating.slots import slots
+from twind_calibration.calibrating.lerobot_file import FIELDS, LeRobotMotor, read
+from twind_calibration.calibrating.motor_matching import matched, read_map
 
 ROBOT = load_robot("h24")
 SLOTS = slots(ROBOT)

@@ -13,8 +13,8 @@ from planted import KNEE, OPEN, PLAIN, TURN, floating, names_it, plant
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import RobotState
-from twind.virtual.specimen import specimen
 from twind.virtual.truth import JointTruth
+from twind.virtual.virtual_robot_spec import specimen
 
 __all__ = ["floating", "plant"]
 

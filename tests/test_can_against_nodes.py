@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from tests.can_codec_frames import GAINS, column
-from twind_drivers.can.families import make
-from twind_drivers.can.family import ActuatorFamily, ActuatorFeedback, FieldRanges, ValuelessCommand
+from twind_drivers.can.actuator_family import ActuatorFamily, ActuatorFeedback, FieldRanges, ValuelessCommand
+from twind_drivers.can.codec_factory import make
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 MODELS = {"damiao": "DM4310", "cubemars": "AK70-10", "robstride": "RS01", "odrive": "ODrive"}
 START = (0.4, -0.7)  # rad

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.config.budget import budgets, require_rate
-from twind.config.located import ConfigError
+from twind.config.cycle_budget import budgets, require_rate
 from twind.config.robot_file import load_robot
-from twind_drivers.can.budget import budget, frame_bits, registers_at_once
-from twind_drivers.can.bus import CanActuator, CanReader
+from twind.config.yaml_tree import ConfigError
+from twind_drivers.can.can_bus import CanActuator, CanReader
+from twind_drivers.can.can_cycle_budget import budget, frame_bits, registers_at_once
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 MIXED = load_robot("h24-mixed")
 

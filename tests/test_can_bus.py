@@ -16,12 +16,12 @@ from twind_drivers.bus import (
     WireClamp,
     WriteRequest,
 )
-from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
+from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.channel import CanErrorState
-from twind_drivers.can.family import HEAT, ValuelessCommand
-from twind_drivers.can.orders import ADDRESS, COMMAND, STATE, whole_command
-from twind_drivers.can.units import COUNT
-from twind_drivers.virtual.can.controller import CanAdapter
+from twind_drivers.can.register_access import ADDRESS, COMMAND, STATE, whole_command
+from twind_drivers.virtual.can.can_controller import CanAdapter
 
 MODELS = ("DM4310", "DM4340", "DM8009")
 REPLYING = ("DM4310", "RS01")

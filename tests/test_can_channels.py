@@ -15,19 +15,19 @@ from can.interfaces.slcan import slcanBus
 from can_frames import cycle, heard, messages_of, mixed, same
 
 from twind_drivers.bus import OutputQueueFull, PortError
-from twind_drivers.can import ports
+from twind_drivers.can import can_ports
+from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import frames
-from twind_drivers.can.ports import CanPort, open_channel, parse, present
-from twind_drivers.can.python_can import PythonCanChannel
-from twind_drivers.can.slcan import SlcanChannel
-from twind_drivers.can.slcan_lines import encode
+from twind_drivers.can.python_can_channel import PythonCanChannel
+from twind_drivers.can.slcan_channel import SlcanChannel
+from twind_drivers.can.slcan_codec import encode
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
+from twind_drivers.virtual.serial_loopback import Loopback
 
 OPENING = b"\r\rC\rS8\rO\r"
 NOWHERE = "can-none"
@@ -340,7 +340,7 @@ def test_a_purged_channel_hears_nothing_of_before_and_works(
     ],
 )
 def test_a_ports_name_says_interface_and_channel(port: str, parts: CanPort) -> None:
-    assert ports.is_can(port)
+    assert can_ports.is_can(port)
     assert parse(port) == parts
 
 

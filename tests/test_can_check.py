@@ -10,7 +10,7 @@ from twind.config.device_check import compare
 from twind.config.robot_file import load_robot
 from twind.robot.finding import ReasonCode, Verdict
 from twind_drivers.bus import IdentifiedDevice
-from twind_drivers.can.models import number_of as can_number
+from twind_drivers.can.can_models import number_of as can_number
 
 ROBOT = load_robot("h24-mixed")
 SERVO = {

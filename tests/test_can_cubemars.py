@@ -6,9 +6,9 @@ from hypothesis import given, settings
 
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
-from twind_drivers.can import family as bits
-from twind_drivers.can.cubemars import CubeMarsCodec
-from twind_drivers.can.family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can.cubemars_codec import CubeMarsCodec
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS = (1, 0x68)

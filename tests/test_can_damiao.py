@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
-from twind_drivers.can import family as bits
-from twind_drivers.can.damiao import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
-from twind_drivers.can.family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can.damiao_codec import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS, MASTERS = (1, 2, 0x15), (0x11, 0x12, 0x11)  # the third shares a master id, not a low nibble

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from tests.can_codec_frames import column, frame, ranges
 from twind_drivers.bus import Floats, WireClamp
+from twind_drivers.can.can_models import MODELS
 from twind_drivers.can.frame import Octets
-from twind_drivers.can.mit import BITS, NAMES, WIDE, FieldScale, commands, special, unpack
-from twind_drivers.can.models import MODELS
+from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, special, unpack
 
 TOLD = (16, 12, 12)
 # Ranges 12.5, 30, 10: position, velocity, kp, kd, torque -> bytes, worked out from the layout in the manual.

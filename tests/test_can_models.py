@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.can_codec_frames import ranges
-from twind_drivers.can.damiao import DamiaoCodec
-from twind_drivers.can.families import FAMILIES, apart, make, ranges_of
-from twind_drivers.can.family import ActuatorFamily, ValuelessCommand
+from twind_drivers.can.actuator_family import ActuatorFamily, ValuelessCommand
+from twind_drivers.can.can_models import MODELS, model, named, number_of
+from twind_drivers.can.codec_factory import FAMILIES, apart, make, ranges_of
+from twind_drivers.can.damiao_codec import DamiaoCodec
 from twind_drivers.can.frame import STANDARD_MASK
-from twind_drivers.can.models import MODELS, model, named, number_of
-from twind_drivers.can.odrive import ODriveCodec
+from twind_drivers.can.odrive_codec import ODriveCodec
 
 # As the project's facts have them: rad, rad/s, N·m.
 TABLE = {

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
-from twind_drivers.can import family as bits
-from twind_drivers.can.family import FamilyRegister, ValuelessCommand
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import FamilyRegister, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
-from twind_drivers.can.odrive import PARAMETERS, ODriveCodec, limits
+from twind_drivers.can.odrive_codec import PARAMETERS, ODriveCodec, limits
 
 IDS = (3, 0x3F)
 TURN = 2.0 * math.pi

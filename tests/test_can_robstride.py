@@ -10,10 +10,17 @@ from hypothesis import strategies as st
 
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
-from twind_drivers.can import family as bits
-from twind_drivers.can.family import RegisterType, ValuelessCommand
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import RegisterType, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
-from twind_drivers.can.robstride import IDENTITY, PARAMETERS, POSITION, TIMEOUT, VELOCITY, RobStrideCodec
+from twind_drivers.can.robstride_codec import (
+    IDENTITY,
+    PARAMETERS,
+    POSITION,
+    TIMEOUT,
+    VELOCITY,
+    RobStrideCodec,
+)
 
 IDS, HOST = (0x7F, 1), 0xFD
 MIDDLE = "7F FF 7F FF 7F FF 01 2C"  # nothing moves, 30.0 °C

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
-from twind_drivers.can.slcan import RATES, SlcanChannel, opening
-from twind_drivers.can.slcan_lines import PATIENCE, SlcanDecoder, encode
-from twind_drivers.can.stall import TransmitStall
+from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening
+from twind_drivers.can.slcan_codec import PATIENCE, SlcanDecoder, encode
+from twind_drivers.can.transmit_stall import TransmitStall
 
 MANY = settings(max_examples=100, deadline=None)
 

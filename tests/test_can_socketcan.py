@@ -15,14 +15,14 @@ import pytest
 from can.interfaces.socketcan import socketcan
 from can_frames import cycle, mixed
 
-from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_drivers.bus import OutputQueueFull, PortError, PortInUse
-from twind_drivers.can import link, python_can
+from twind_drivers.can import can_interface, python_can_channel
+from twind_drivers.can.can_interface_lock import owners
+from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import REMOTE, payload
-from twind_drivers.can.owner import owners
-from twind_drivers.can.ports import open_channel
-from twind_drivers.can.python_can import PythonCanChannel
+from twind_drivers.can.python_can_channel import PythonCanChannel
 
 # An interface that no machine has: 8 characters, so the kernel looks for it; of each process its own, as one
 # owns it.
@@ -144,7 +144,7 @@ def test_a_link_goes_down_and_up_only_where_frames_may_wait_and_once_a_second(
     wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     downs: list[str] = []
-    monkeypatch.setattr(python_can, "restart", lambda name: downs.append(name) or "")
+    monkeypatch.setattr(python_can_channel, "restart", lambda name: downs.append(name) or "")
     channel = opened()
     channel.purge()
     wire.say(1, b"")
@@ -176,7 +176,7 @@ def test_who_only_reads_takes_no_link_down_whatever_waits(
     wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     downs: list[str] = []
-    monkeypatch.setattr(python_can, "restart", lambda name: downs.append(name) or "")
+    monkeypatch.setattr(python_can_channel, "restart", lambda name: downs.append(name) or "")
     channel, owner = opened(drives=False), Owner()
     for now in (0.2, 2.0):
         channel.send(cycle(4), now)
@@ -360,7 +360,7 @@ def test_one_that_cannot_be_opened_is_owned_by_nobody(wire: Wire) -> None:
 
 @pytest.mark.realtime
 def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
-    program = f"from twind_drivers.can.owner import CanInterfaceLock; sign = CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
+    program = f"from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
@@ -390,7 +390,7 @@ def test_a_real_interface_passes_frames_between_two_sockets() -> None:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         pytest.skip(f"no AF_CAN here: {error.strerror}")
-    if not link.present("vcan0"):
+    if not can_interface.present("vcan0"):
         pytest.skip("no vcan0 here")
     with can.Bus("vcan0", interface="socketcan") as other:
         one = open_channel("can:socketcan:vcan0", 1_000_000)
@@ -409,24 +409,24 @@ def test_an_interface_that_python_can_does_not_know_is_named() -> None:
 
 
 def test_a_long_queue_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(link, "INTERFACES", tmp_path)
+    monkeypatch.setattr(can_interface, "INTERFACES", tmp_path)
     for name, length, kind in (("can0", 1000, 280), ("can1", 10, 280), ("eth0", 1000, 1)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "tx_queue_len").write_text(f"{length}\n")
         (tmp_path / name / "type").write_text(f"{kind}\n")
-    assert "1000 frames" in link.long_queue("can0")
-    assert "ip link set can0 txqueuelen 48" in link.long_queue("can0")
-    assert link.long_queue("can1") == link.long_queue(NOWHERE) == ""
-    assert link.interfaces() == ["can0", "can1"]
+    assert "1000 frames" in can_interface.long_queue("can0")
+    assert "ip link set can0 txqueuelen 48" in can_interface.long_queue("can0")
+    assert can_interface.long_queue("can1") == can_interface.long_queue(NOWHERE) == ""
+    assert can_interface.interfaces() == ["can0", "can1"]
 
 
 APART = """
 import ctypes, os, sys
 if ctypes.CDLL(None, use_errno=True).unshare(0x10000000 | 0x40000000):  # a user and a network of its own
     print("denied"); sys.exit()
-from twind_drivers.can.link import restart
+from twind_drivers.can.can_interface import restart
 import fcntl, socket
-from twind_drivers.can.link import FLAGS, REQUEST
+from twind_drivers.can.can_interface import FLAGS, REQUEST
 def up():
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
         return REQUEST.unpack(fcntl.ioctl(asking, FLAGS, REQUEST.pack(b"lo", 0)))[1] & 1

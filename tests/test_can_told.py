@@ -4,8 +4,8 @@ import numpy as np
 from can_driver import CanRig
 
 from twind_drivers.bus import ReadRequest
-from twind_drivers.can.bus import CanWriter
-from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.can.can_bus import CanWriter
+from twind_drivers.virtual.can.can_message import CanMessage
 
 MODELS = ("DM4310", "DM4340", "DM8009")
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.actuator import CanType, ServoType
+from twind.config.actuator_types import CanType, ServoType
 from twind.config.can_type import MUTE, TELL_VOLTAGE
-from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.robot_spec import RobotFile
-from twind_drivers.can.families import make, ranges_of
-from twind_drivers.can.models import MODELS
-from twind_drivers.can.units import COUNT, EFFORT, TURN
+from twind.config.yaml_tree import ConfigError
+from twind_drivers.can.can_models import MODELS
+from twind_drivers.can.can_units import COUNT, EFFORT, TURN
+from twind_drivers.can.codec_factory import make, ranges_of
 
 LEG = """\
 format: twind-robot/1

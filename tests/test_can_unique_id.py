@@ -2,8 +2,8 @@
 
 from can_driver import CanRig
 
-from twind.virtual.nodes import device, named
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind.virtual.can_node_setup import device, named
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 
 def test_who_tells_a_number_has_it_as_its_unique_id_and_the_others_have_none() -> None:

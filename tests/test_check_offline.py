@@ -13,8 +13,8 @@ from processes import Daemon
 
 from twind.client import CallError, Client, Refused
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
-from twind.ctl.offline import pose, verdict
+from twind.ctl.ctl_main import main
+from twind.ctl.offline_check import pose, verdict
 from twind.twin.binding import bind
 
 BINDING = bind(load_robot("h24"), None)
@@ -210,7 +210,7 @@ def test_the_verb_prints_and_ends_alike(
 
 
 def test_a_motion_of_the_robot_is_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    from twind.ctl.motions import motion_names
+    from twind.ctl.trajectory_files import motion_names
 
     code, said = run(capsys, motion_names()[0], "--robot", "h24")
     assert (code, said.splitlines()[-1]) == (0, "accepted")

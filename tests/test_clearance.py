@@ -7,11 +7,11 @@ import pytest
 from clearance_world import FILE, arm, arm_file
 
 from twind.config.robot_file import load_robot, read_robot
-from twind.ctl.main import main
-from twind.ctl.paths import motions_of
+from twind.ctl.ctl_main import main
+from twind.ctl.motion_paths import motions_of
 from twind.robot.trajectory import Trajectory
 from twind.twin.binding import bind
-from twind.twin.clearance import survey
+from twind.twin.clearance_survey import survey
 
 ALL = np.ones(3, np.bool_)
 

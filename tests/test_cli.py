@@ -14,12 +14,19 @@ import pytest
 
 from twind import cli
 from twind.cli import FAILED, USAGE, wrong_groups
-from twind.config.files import CommandLineError, ConfigSources, bus_ports, describe, live_denied, refuse_wrong
-from twind.config.located import ConfigError
+from twind.config.config_files import (
+    CommandLineError,
+    ConfigSources,
+    bus_ports,
+    describe,
+    live_denied,
+    refuse_wrong,
+)
+from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import load_robot
-from twind.config.settings import DaemonSettings, load_settings
+from twind.config.yaml_tree import ConfigError
 from twind.robot.finding import ReasonCode
-from twind.virtual.specimen import save, specimen
+from twind.virtual.virtual_robot_spec import save, specimen
 
 TWO = ["legs", "arms"]
 

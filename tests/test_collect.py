@@ -8,7 +8,7 @@ import pytest
 from rig import Rig
 from two_buses import TwoBuses
 
-from twind_drivers.can.reader import CanReader
+from twind_drivers.can.can_reader import CanReader
 
 LEGS = ("l_leg", "r_leg")  # the CAN buses of h24-mixed
 AFTER = 0.0003  # s that a whole reading may wait until it is looked at

@@ -9,7 +9,7 @@ from clearance_world import Oracle, arm, arm_file, h24
 
 from twind.robot.finding import ReasonCode
 from twind.twin.binding import Binding, BindingError, bind
-from twind.twin.collision import CollisionModel, candidates
+from twind.twin.collision_model import CollisionModel, candidates
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
 WALL = '<geom name="wall" type="box" pos="0.6 0 0.3" size="0.02 0.5 0.5"/>'

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from twind.config.budget import budgets, require_rate
-from twind.config.located import ConfigError
+from twind.config.cycle_budget import budgets, require_rate
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
 
 
 def with_type(robot: RobotFile, **changes: object) -> RobotFile:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.collision import Clearance, clearance
-from twind.config.located import ConfigError, parse
+from twind.config.collision_config import Clearance, clearance
+from twind.config.config_section import ConfigSection
 from twind.config.robot_file import load_robot
-from twind.config.section import ConfigSection
+from twind.config.yaml_tree import ConfigError, parse
 
 
 def read(text: str, support: str = "gantry") -> Clearance:

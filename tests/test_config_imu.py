@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.budget import budgets
-from twind.config.hot import robot_difference
-from twind.config.located import ConfigError
+from twind.config.cycle_budget import budgets
+from twind.config.hot_changes import robot_difference
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
 from twind.twin.binding import BindingError, bind
 
 STANDING = load_robot("h24-standing")

@@ -7,10 +7,10 @@ import pytest
 
 from twind.config.calibration_file import Calibration, fitting, seam_margin
 from twind.config.counts import centre_of, turn_start
-from twind.config.report import check_robot
 from twind.config.robot_file import load_robot
+from twind.config.robot_report import check_robot
 from twind.twin.binding import bind
-from twind.virtual.specimen import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.twin.crane import BY_ORDER, BY_TORQUE, NEVER
-from twind.twin.muscles import MujocoPhysics, body_of
-from twind.virtual.orders import FaultCommandError
-from twind.virtual.serve import ServoClock, VirtualBusServer
+from twind.twin.base_support import BY_ORDER, BY_TORQUE, NEVER
+from twind.twin.mujoco_physics import MujocoPhysics, body_of
+from twind.virtual.fault_commands import FaultCommandError
+from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.muscles import DriveState
+from twind_drivers.virtual.servo_physics import DriveState
 
 ROBOT = load_robot("h24-standing")
 LEGS = np.array([name in ROBOT.legs for name in ROBOT.names])

@@ -34,7 +34,7 @@ def loop(shared: StandIn) -> StandIn:
 
 
 def ctl(loop: StandIn, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(loop.directory), *arguments]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(loop.directory), *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=20.0)
 
 
@@ -71,7 +71,7 @@ def test_a_short_verb_imports_the_standard_library_alone(loop: StandIn, verb: st
         link.Reply(ticket=c.ticket, parameters={"state": "estop", "torque_off": True, "done": True})
     ]
     code = (
-        "import sys; from twind.ctl.main import main\n"
+        "import sys; from twind.ctl.ctl_main import main\n"
         f"status = main(['--socket', {str(loop.directory)!r}, {verb!r}])\n"
         "heavy = {'numpy', 'asyncio', 'structlog', 'msgspec', 'yaml', 'mujoco', 'importlib.metadata'}\n"
         "print('heavy', sorted(heavy & set(sys.modules)), status)"
@@ -164,7 +164,15 @@ def test_ctrl_c_cancels_and_reports_how_it_ended(loop: StandIn, tmp_path: Path) 
         ]
 
     loop.answers |= {link.Submit: submit, link.Cancel: cancel}
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(loop.directory), "move", "joint_1=0.5"]
+    command = [
+        sys.executable,
+        "-m",
+        "twind.ctl.ctl_main",
+        "--socket",
+        str(loop.directory),
+        "move",
+        "joint_1=0.5",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         loop.await_command(link.Submit)
         time.sleep(0.1)
@@ -228,7 +236,7 @@ def test_watch_prints_events(loop: StandIn) -> None:
     command = [
         sys.executable,
         "-m",
-        "twind.ctl.main",
+        "twind.ctl.ctl_main",
         "--socket",
         str(loop.directory),
         "watch",
@@ -267,7 +275,7 @@ def test_what_makes_no_sense_exits_with_two(loop: StandIn, arguments: list[str],
 
 
 def test_no_daemon_exits_with_three_and_says_how_to_start_one(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path), "status"]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "status"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3
     assert "start one with `twind`" in done.stderr
@@ -276,7 +284,7 @@ def test_no_daemon_exits_with_three_and_says_how_to_start_one(tmp_path: Path) ->
 
 
 def test_an_instance_is_named_instead_of_its_folder() -> None:
-    command = [sys.executable, "-m", "twind.ctl.main", "-i", "nobody", "status"]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "-i", "nobody", "status"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3
     assert "/run/twind/nobody" in done.stderr

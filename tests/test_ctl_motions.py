@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from twind.ctl.motions import load_motion, motion_names
+from twind.ctl.trajectory_files import load_motion, motion_names
 from twind.ctl.verb import Rejected, UsageError
 
 

@@ -6,8 +6,8 @@ import msgspec
 import pytest
 from stand_in import briefing, overview, tick
 
-from twind.ctl.table import joint_lines, render, status_lines
-from twind.front.world import StateCache
+from twind.ctl.status_table import joint_lines, render, status_lines
+from twind.front.state_cache import StateCache
 from twind.link import BusInfo
 
 SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"

@@ -13,11 +13,11 @@ import pytest
 from processes import Virtual, arm, go, robot, until
 
 from twind.client import Client, NoDaemon
-from twind.front import door
+from twind.front import reserved_descriptors
 from twind.loop import descriptors
 from twind.loop.descriptors import TooFewDescriptors, ensure, needed
 
-NEEDED = needed(1, door.NEEDED)
+NEEDED = needed(1, reserved_descriptors.NEEDED)
 
 
 class Limits:
@@ -129,11 +129,14 @@ def live(virtual: Virtual, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
 def test_with_exactly_as_many_every_place_is_served_and_the_robot_moves_and_stops() -> None:
     with robot() as (virtual, folder), live(virtual, folder) as process, ExitStack() as stack:
         run = str(folder / "run")
-        operators = [stack.enter_context(Client(run)) for _ in range(door.PLACES["operator"])]
-        observers = [stack.enter_context(Client(run, name="observe")) for _ in range(door.PLACES["observer"])]
+        operators = [stack.enter_context(Client(run)) for _ in range(reserved_descriptors.PLACES["operator"])]
+        observers = [
+            stack.enter_context(Client(run, name="observe"))
+            for _ in range(reserved_descriptors.PLACES["observer"])
+        ]
         for client in (*operators, *observers):
             assert client.call("GetStatus")["status"]["mode"] == "live"
-        names = ["control", "observe"] * door.RESERVED
+        names = ["control", "observe"] * reserved_descriptors.RESERVED
         reserved = [stack.enter_context(Client(run, name=name)) for name in names]
         for client in reserved:
             client.connect()

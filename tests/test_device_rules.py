@@ -8,12 +8,12 @@ from guard_world import FINE, LIMITS, N, codes, facts
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.safety.device_rules import words
 from twind.safety.guard import BusTraffic, Guard, GuardDecision, Reaction
-from twind_drivers.can import family
+from twind_drivers.can import actuator_family
 
 CLOCK = 32768  # ms, e-manual: Realtime Tick (120)
 DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
@@ -71,7 +71,7 @@ def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) ->
     (66, "not calibrated, silent to its master"), (256, "bit 8"), (0, "not read yet"),
 ])  # fmt: skip
 def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
-    """The contract's bits of every CAN family (`twind_drivers.can.family`)."""
+    """The contract's bits of every CAN family (`twind_drivers.can.actuator_family`)."""
     judge = Guard(LIMITS, support="gantry", buses=("arm",), can={"arm": [0, 2]})
     told = facts(traffic=(BusTraffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
     first, second, third = (finding.message for finding in judge.judge(told).findings)
@@ -85,14 +85,14 @@ def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -
 
 def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
     named = {
-        family.VOLTAGE: "input voltage",
-        family.UNCALIBRATED: "not calibrated",
-        family.HEAT: "overheating",
-        family.ENCODER: "encoder",
-        family.ELECTRICAL: "electrical shock",
-        family.OVERLOAD: "overload",
-        family.SILENCE: "silent to its master",
-        family.UNKNOWN: "an error that has no name here",
+        actuator_family.VOLTAGE: "input voltage",
+        actuator_family.UNCALIBRATED: "not calibrated",
+        actuator_family.HEAT: "overheating",
+        actuator_family.ENCODER: "encoder",
+        actuator_family.ELECTRICAL: "electrical shock",
+        actuator_family.OVERLOAD: "overload",
+        actuator_family.SILENCE: "silent to its master",
+        actuator_family.UNKNOWN: "an error that has no name here",
     }
     assert {bits: words(bits, can=True) for bits in named} == named
 

@@ -23,9 +23,9 @@ from zenoh_router import free_port
 
 from twind import cli
 from twind.client import Client, ClientError
-from twind.config import settings
-from twind.ctl import main as ctl
-from twind.virtual import main as virtual
+from twind.config import daemon_settings
+from twind.ctl import ctl_main as ctl
+from twind.virtual import virtual_main as virtual
 
 BIN = Path(sys.executable).parent
 
@@ -379,7 +379,7 @@ def test_the_python_example_of_the_readme_moves_the_simulation(tmp_path: Path) -
 def test_the_settings_of_the_readme_are_settings(tmp_path: Path) -> None:
     (yaml,) = fenced(README, "yaml")
     (tmp_path / "twind.yaml").write_text(yaml)
-    read = settings.load_settings(tmp_path / "twind.yaml", environ={}, uid=0)
+    read = daemon_settings.load_settings(tmp_path / "twind.yaml", environ={}, uid=0)
     assert (read.mode, read.robot, list(read.ports)) == ("mirror", "h24", ["main"])
 
 
@@ -390,7 +390,7 @@ def test_the_files_that_root_copies_are_there_and_the_unit_starts_what_is_instal
     unit = (ROOT / "systemd" / "twind.service").read_text()
     assert "ReadWritePaths=-/run/twind\n" in unit  # without the dash a missing folder is 226/NAMESPACE
     given = dict(re.findall(r"(XDG_\w+)=(\S+)", unit))
-    places = settings.places({**given, "STATE_DIRECTORY": "/var/lib/twind"}, uid=990)
+    places = daemon_settings.places({**given, "STATE_DIRECTORY": "/var/lib/twind"}, uid=990)
     assert [str(place) for place in (places.config, places.state, places.sockets)] == [
         "/etc/twind",
         "/var/lib/twind",

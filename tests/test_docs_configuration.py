@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from pages import ROOT, table
 
-from twind.config import section
-from twind.config.actuator import CanType, ServoType
+from twind.config import config_section
+from twind.config.actuator_types import CanType, ServoType
+from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import read_robot
-from twind.config.settings import load_settings
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
 HEADING = ("key", "value", "default", "what")
@@ -72,13 +72,13 @@ def defaults(rows: list[list[str]]) -> dict[str, str]:
 def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
     """Every key that is asked for, as the page spells it, while `read` reads a file."""
     found: set[str] = set()
-    given = section.ConfigSection._given
+    given = config_section.ConfigSection._given
 
-    def spy(self: section.ConfigSection, key: str) -> str | None:
+    def spy(self: config_section.ConfigSection, key: str) -> str | None:
         found.add(f"{self.path}.{key}".strip("."))
         return given(self, key)
 
-    monkeypatch.setattr(section.ConfigSection, "_given", spy)
+    monkeypatch.setattr(config_section.ConfigSection, "_given", spy)
     read()  # type: ignore[operator]
     return {_spelled(path) for path in found if not path.endswith(".")}
 

@@ -7,20 +7,30 @@ from pages import PROOF, REASON_CODES, ROOT, SAFETY, table
 from rig import Rig
 
 from twind import cli
-from twind.config import settings
+from twind.config import daemon_settings
 from twind.ctl import estop
 from twind.ctl.reasons import REASONS, reason_page
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
-from twind.front import server
-from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
+from twind.front import front_server
+from twind.loop import (
+    arming,
+    bus_port,
+    damping,
+    failsafe,
+    front_process,
+    submission_tracker,
+    tick,
+    torque_release,
+)
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety import alarm, gate, guard, health, lease, senses, stream, way
-from twind.safety.states import TABLE, RobotEvent
-from twind.twin import binding, reach
-from twind_drivers.dynamixel import budget
+from twind.safety import gate, guard, latency_alarm, lease, plausibility_filter, setpoint_gate
+from twind.safety.state_machine import TABLE, RobotEvent
+from twind.telemetry import command_latency, timing_monitor
+from twind.twin import binding, joint_range
 from twind_drivers.dynamixel import damping as soft
+from twind_drivers.dynamixel import serial_cycle_budget
 
 # ----------------------------------------------------------------------------------------------- reason codes
 
@@ -94,24 +104,24 @@ THRESHOLDS = {
     # requests
     "Trajectory: duration, points": f"at most {GATE.max_duration:g} s, {GATE.max_points}",
     "Trajectory points: distance": f"at least {ms(GATE.min_dt)}",
-    "Trajectories or `Mark` calls of one process": f"{server.FrontServer.CALLS_PER_SECOND} per second",
+    "Trajectories or `Mark` calls of one process": f"{front_server.FrontServer.CALLS_PER_SECOND} per second",
     "START_JUMP: distance of the first point": f"{GATE.start_jump:g} rad",
     "BRAKE_DISTANCE: speed always allowed; margin": f"{GATE.brake_floor:g}; {GATE.brake_margin:g} rad/s",
     "END_NOT_AT_REST: speed": f"{GATE.end_velocity:g} rad/s",
     "JERK_LIMIT": f"{GATE.jerk_warn:g} rad/s³",
-    "Hard limit beyond the robot file's limit": f"{reach.BEYOND:g} rad",
+    "Hard limit beyond the robot file's limit": f"{joint_range.BEYOND:g} rad",
     "LATENCY_WARN (state age + bus round trip)": ms(GATE.latency_warn),
     "LATENCY_BLOCK": ms(GATE.latency_block),
-    "LATENCY_WARN of one hop": f"{health.LATENCY * 1e3:g} ms",
-    "LATENCY_CALM": f"below {alarm.CALM * 100:g} % of the bound for more than {alarm.CALM_FOR:g} s",
-    "Hop `moved`: visible motion of a resting joint": f"{way.VISIBLE:g} rad",
+    "LATENCY_WARN of one hop": f"{timing_monitor.LATENCY * 1e3:g} ms",
+    "LATENCY_CALM": f"below {latency_alarm.CALM * 100:g} % of the bound for more than {latency_alarm.CALM_FOR:g} s",
+    "Hop `moved`: visible motion of a resting joint": f"{command_latency.VISIBLE:g} rad",
     "HW_DISCONNECTED: age of a reading": ms(GATE.stale),
     "THERMAL_HEADROOM, VOLTAGE_LOW: age of a reading": f"{GATE.health:g} s",
-    "Clearance verdict: age": f"at most {submissions.STALE_VERDICT:g} s",
-    "Points checked per tick": f"{submissions.SLICE}",
+    "Clearance verdict: age": f"at most {submission_tracker.STALE_VERDICT:g} s",
+    "Points checked per tick": f"{submission_tracker.SLICE}",
     "Lease; while streaming": f"{lease.TRAJECTORY:g} s; {lease.STREAMING:g} s",
     "STREAM_STALE: age of the newest setpoint": f"{GUARD.setpoint_age:g} s",
-    "Setpoint `valid_for`": f"at most {stream.LONGEST:g} s",
+    "Setpoint `valid_for`": f"at most {setpoint_gate.LONGEST:g} s",
     # arming
     "Arming: age of a reading": ms(arming.FRESH),
     "Arming: wait for temperature and supply": f"{arming.FIRST:g} s",
@@ -128,8 +138,8 @@ THRESHOLDS = {
     "SENSE_FROZEN": f"{ms(GUARD.frozen_for)} and goal moved {GUARD.frozen_moved:g} rad while the servo "
     f"reports {GUARD.frozen_turning:g} rad/s; or goal moved {GUARD.frozen_far:g} rad at "
     f"{GUARD.frozen_load[0] * 100:g} to {GUARD.frozen_load[1] * 100:g} % load",
-    "SENSE_JUMP: distance": f"{senses.REACH:g} × the motor's top speed × elapsed time "
-    f"+ {senses.TICKS:g} counts",
+    "SENSE_JUMP: distance": f"{plausibility_filter.REACH:g} × the motor's top speed × elapsed time "
+    f"+ {plausibility_filter.TICKS:g} counts",
     "SENSE_JUMP: HOLD": f"{GUARD.jumps} in a row",
     "OUT_OF_LIMIT: beyond the hard limit": f"{GUARD.beyond_hard:g} rad",
     "OVERSPEED": f"{GUARD.overspeed:g} × limit + {GUARD.overspeed_slack:g} rad/s, "
@@ -161,10 +171,10 @@ THRESHOLDS = {
     "TX_BACKLOG: fault": f"{GUARD.full} packets in a row",
     "CAN_BUS_STATE: all actuators silent": ms(GUARD.line_silent),
     "Servo watchdog": "100 ms",  # compared with the register below
-    "Torque, hardware error, watchdog are read": f"at {budget.STATUS_HZ:g} Hz or more",
-    "Voltage, temperature are read": f"at {budget.HEALTH_HZ:g} Hz or more",
-    "Lost port: reopened": f"after {ports.REOPEN_FIRST:g} s, then every {ports.REOPEN_MOST:g} s or sooner",
-    "Missing devices: asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
+    "Torque, hardware error, watchdog are read": f"at {serial_cycle_budget.STATUS_HZ:g} Hz or more",
+    "Voltage, temperature are read": f"at {serial_cycle_budget.HEALTH_HZ:g} Hz or more",
+    "Lost port: reopened": f"after {bus_port.REOPEN_FIRST:g} s, then every {bus_port.REOPEN_MOST:g} s or sooner",
+    "Missing devices: asked again": f"every {bus_port.IDENTIFY_AGAIN:g} s",
     # loop
     "LOOP_LATE: tick late, warning": ms(GUARD.late),
     "LOOP_LATE: ticks missed in a row, warning": f"{GUARD.missed_warn}",
@@ -176,25 +186,25 @@ THRESHOLDS = {
     "Repeated warning without change": f"after {GUARD.quiet_warning:g} s",
     # stops
     "Hold after a stop, `support: free`: SETTLE": f"after {GUARD.hold_most:g} s",
-    "Way to the rest pose: planned duration": f"{release.WAY:g} s",
-    "Settling until torque off, else DAMP": f"{release.SETTLE:g} s",
-    "Way to the rest pose: given up": f"after {release.WAYS} tries",
-    "Longer way because of limits: given up": f"{release.LATE:g} s after its planned end",
-    "At rest, `support: free`": f"{release.SLOW:g} rad/s for {release.SLOW_FOR:g} s, "
-    f"within {release.NEAR:g} rad of the rest pose",
+    "Way to the rest pose: planned duration": f"{torque_release.WAY:g} s",
+    "Settling until torque off, else DAMP": f"{torque_release.SETTLE:g} s",
+    "Way to the rest pose: given up": f"after {torque_release.WAYS} tries",
+    "Longer way because of limits: given up": f"{torque_release.LATE:g} s after its planned end",
+    "At rest, `support: free`": f"{torque_release.SLOW:g} rad/s for {torque_release.SLOW_FOR:g} s, "
+    f"within {torque_release.NEAR:g} rad of the rest pose",
     "DAMP: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
     "DAMP: goals follow at": f"{damping.SINK:g} rad/s",
     "DAMP: PWM or current; P gain": f"{soft.SHARE * 100:g} %; 1/{soft.SOFT}",
     # processes
     "Front process silent: restarted": f"after {front_process.HEARTBEAT:g} s",
-    "Socket files: checked": f"every {ms(server.TEND)}",
+    "Socket files: checked": f"every {ms(front_server.TEND)}",
     "`twindctl estop` without a socket: waits for the daemon's end": f"{estop.LOWERING:g} s",
     "Service manager: watchdog": unit("WatchdogSec"),
     "Service manager: wait for lowering": f"{unit('TimeoutStopSec')}; {cli.LOWERING:g} s "
     "after the signal arrived",
     "Service manager: wait for the fail-safe": f"{unit('TimeoutStartSec', 'twind-failsafe@.service')}; "
     f"{failsafe.LONGEST:g} s from its first tick ({failsafe.AGAIN:g} + {failsafe.WITHIN:g} + "
-    f"{release.LETTING_GO:g} s until torque is off + {failsafe.WAIT:g} s); longer where limits need it",
+    f"{torque_release.LETTING_GO:g} s until torque is off + {failsafe.WAIT:g} s); longer where limits need it",
     "Fail-safe: wait for ports and devices": f"{failsafe.WAIT:g} s",
     "Fail-safe: speed, planned duration, DAMP after": f"{failsafe.SPEED * 100:g} % of every limit, "
     f"{failsafe.WAY:g} s, {failsafe.WITHIN:g} s",
@@ -214,7 +224,7 @@ def test_the_formulas_of_the_page_are_those_of_the_gate() -> None:
     text = " ".join(REASON_CODES.split())
     assert f"max({GATE.brake_floor:g}, √(2·a·d) − {GATE.brake_margin:g}) rad/s" in text
     assert f"{GATE.start_jump:g} rad plus velocity limit × time of the first point" in text
-    warn, block = settings.LATENCY_WARN_MS, settings.LATENCY_BLOCK_MS
+    warn, block = daemon_settings.LATENCY_WARN_MS, daemon_settings.LATENCY_BLOCK_MS
     assert (warn, block) == (GATE.latency_warn * 1e3, GATE.latency_block * 1e3)
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from doctor_world import found, host, mended, plant
 
-from twind_calibration.doctor import table
+from twind_calibration.doctor import check_table
 from twind_calibration.doctor.can_links import CanNetworkInterface, judge, read_link, with_details
-from twind_calibration.doctor.complaint import Severity
-from twind_calibration.doctor.host import HostInspector
-from twind_drivers.can.link import CAN_TYPE
+from twind_calibration.doctor.check import Severity
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_drivers.can.can_interface import CAN_TYPE
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 
@@ -55,7 +55,7 @@ def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down(
     (finding,) = judge(HostInspector(), link(told("ERROR-WARNING")), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_ERRORS", "ERROR-WARNING, tx 128, rx 3")
     assert finding.command == ""
-    assert table.complaints()[finding.code].severity is Severity.WARNING
+    assert check_table.complaints()[finding.code].severity is Severity.WARNING
 
 
 @pytest.mark.parametrize("told_", [told("BUS-OFF"), told(bitrate=500_000), told(restart=0)])
@@ -64,7 +64,7 @@ def test_a_link_that_is_up_is_taken_down_only_after_a_disarming(told_: str) -> N
     first, second, third = finding.command.splitlines()
     assert (first, second) == ("twindctl disarm", "sudo ip link set can0 down")
     assert third.startswith("sudo ip link set can0 up ")
-    row = table.complaints()[finding.code].remedy
+    row = check_table.complaints()[finding.code].remedy
     assert row.index("`twindctl disarm`") < row.index("`sudo ip link set can0 down`")
     (down, *_) = judge(HostInspector(), link(told_, up=False), 1_000_000)
     assert "disarm" not in down.command, "it is down already"
@@ -145,7 +145,7 @@ def test_a_long_queue_in_sys_is_found_and_shortened(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_who_owns_an_interface_is_named_though_it_has_no_node() -> None:
     name = f"doct{os.getpid()}"
-    program = f"from twind_drivers.can.owner import CanInterfaceLock; sign = CanInterfaceLock({name!r}); print(flush=True); input()"
+    program = f"from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = CanInterfaceLock({name!r}); print(flush=True); input()"
     words = (*LEGS[:2], "--port", f"l_leg=can:socketcan:{name}")
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

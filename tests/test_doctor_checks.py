@@ -10,19 +10,26 @@ from doctor_world import look
 from test_adopt_verb import answering
 
 from twind.client import CallError, Client, NoDaemon
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
-from twind.ctl.main import main
-from twind_calibration.doctor import daemon_look, mend, robot_checks, runner, service, table
-from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import CheckUnavailable, Devices, DoctorFinding, Fix
-from twind_calibration.doctor.daemon import DaemonInspector
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
-from twind_calibration.doctor.line import SerialBusInspector
+from twind.ctl.ctl_main import main
+from twind_calibration.doctor import (
+    check_table,
+    daemon_survey,
+    register_fix,
+    robot_checks,
+    runner,
+    service_checks,
+)
+from twind_calibration.doctor.bus_surveys import together
+from twind_calibration.doctor.check import CheckUnavailable, Devices, DoctorFinding, Fix
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.daemon_inspector import DaemonInspector
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
 from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, asked
 from twind_drivers.clock import MonotonicClock
 
@@ -54,7 +61,7 @@ WELL = {
 LINE = SerialBusInspector(
     "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock()
 )  # opened by who uses it, which nobody does
-CHECKS = runner.chosen(table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
+CHECKS = runner.chosen(check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
 
 
 def servo(joint: JointSpec, **changed: int | None) -> SurveyedServo:
@@ -71,7 +78,7 @@ def found(*servos: SurveyedServo, calibration: Calibration | None = None) -> lis
     seen = CheckContext(
         HostInspector(), "twind.service", robot=ROBOT, calibration=calibration, surveys={"main": survey}
     )
-    outcome = runner.run(seen, CHECKS, table.complaints())
+    outcome = runner.run(seen, CHECKS, check_table.complaints())
     assert "CHECK_BROKEN" not in {each.code for each in outcome.found}, outcome.found
     return outcome.found
 
@@ -156,10 +163,10 @@ def test_a_mask_that_the_robot_file_demands_is_no_complaint_and_another_is_not_m
 
 def test_nothing_is_written_that_the_robot_file_demands_otherwise() -> None:
     seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, lines={"main": LINE})
-    assert mend.register(seen, servo(KNEE), "return_delay_time", 5) is not None
+    assert register_fix.register(seen, servo(KNEE), "return_delay_time", 5) is not None
     demanded = replace(KNEE, registers={"return_delay_time": 9})
-    assert mend.register(seen, servo(demanded), "return_delay_time", 5) is None
-    assert mend.register(seen, servo(demanded), "return_delay_time", 9) is not None
+    assert register_fix.register(seen, servo(demanded), "return_delay_time", 5) is None
+    assert register_fix.register(seen, servo(demanded), "return_delay_time", 9) is not None
 
 
 def test_without_a_calibration_position_limits_are_judged_by_their_width() -> None:
@@ -231,12 +238,12 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
         survey = SerialSurvey(spec, "/dev/ttyUSB0", servos, joints[:1])
         seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, surveys={"main": survey})
         checks = [check for check in CHECKS if code in check.codes]
-        (alone,) = runner.run(seen, checks, table.complaints()).found
+        (alone,) = runner.run(seen, checks, check_table.complaints()).found
         assert alone.code == code and "`twindctl scan --port /dev/ttyUSB0` looks for" in alone.advice
         told = {"status": dict.fromkeys(("version", "robot", "mode", "state"), "mirror"), "joints": []}
         with answering(tmp_path / f"{code}.sock", told):
             seen.daemon = DaemonInspector(Client(tmp_path / f"{code}.sock"))
-            (beside,) = runner.run(seen, checks, table.complaints()).found
+            (beside,) = runner.run(seen, checks, check_table.complaints()).found
             seen.close()
         assert beside.code == code and "`twindctl scan main`" in beside.advice
         stop = "`sudo systemctl stop twind twind-control.socket twind-observe.socket`"
@@ -281,10 +288,10 @@ def test_a_bus_on_which_no_device_answers_is_known_by_its_field(message: str, si
 
     client = Deaf("/nowhere")
     if silent:
-        assert daemon_look._scan(client, "main") == {}
+        assert daemon_survey._scan(client, "main") == {}
     else:
         with pytest.raises(CheckUnavailable, match="bus main"):
-            daemon_look._scan(client, "main")
+            daemon_survey._scan(client, "main")
 
 
 @pytest.mark.parametrize(
@@ -305,6 +312,6 @@ def test_why_no_daemon_answers_is_known_without_its_words(
     world.no_daemon = NoDaemon("x", full=full)
     world.asleep = asleep
     world.other_ports = other
-    (found,) = service.reach(world)
+    (found,) = service_checks.reach(world)
     assert found.code == code
     assert (asleep in found.measured) and (not other or "other ports" in found.measured)

@@ -20,14 +20,14 @@ from processes import Daemon, Virtual, daemon, favour, robot, until
 from test_adopt_verb import answering
 
 from twind.client import Client
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.version import __version__
-from twind_calibration.doctor import machine_rows, service
-from twind_calibration.doctor.daemon import PATIENCE
-from twind_calibration.doctor.daemon import DaemonInspector as Asked
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
-from twind_calibration.doctor.service import ENOUGH, MISSED
+from twind_calibration.doctor import machine_rows, service_checks
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.daemon_inspector import PATIENCE
+from twind_calibration.doctor.daemon_inspector import DaemonInspector as Asked
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_calibration.doctor.service_checks import ENOUGH, MISSED
 
 pytestmark = pytest.mark.realtime
 needs_root = pytest.mark.skipif(not ROOT, reason="looks as another user: needs root")
@@ -312,7 +312,7 @@ def test_the_daemons_own_faults_are_named_with_what_they_keep_from_arming(tmp_pa
     faults += [fault("FOREIGN_TRAFFIC", None, "packets on bus main that nobody asked for")]
     with answering(tmp_path / "control.sock", {"status": {"faults": faults}, "joints": []}):
         seen = CheckContext(HostInspector(), "twind.service", daemon=Asked(Client(tmp_path)))
-        missing, foreign = service.faults(seen)
+        missing, foreign = service_checks.faults(seen)
         seen.close()
     assert missing.code == "DAEMON_FAULT" and missing.measured == "no answer"
     assert missing.thing.startswith("DEVICE_MISSING, 24 joints: j0, j1, ")
@@ -329,7 +329,7 @@ mount --bind "$1/group" /etc/group || exit 77
 for i in $(seq 200); do [ -S "$1/run/observe.sock" ] && break; sleep 0.05; done
 stat -c %G "$1/run/control.sock"
 chgrp 0 "$1/run/control.sock"
-"$2" -m twind.ctl.main --socket "$1/run" --json doctor --only SOCKET_GROUP --fix --yes
+"$2" -m twind.ctl.ctl_main --socket "$1/run" --json doctor --only SOCKET_GROUP --fix --yes
 stat -c %G "$1/run/control.sock"
 kill $!; wait $!
 """

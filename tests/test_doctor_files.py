@@ -13,8 +13,8 @@ from doctor_world import ROOT, found, look, nobody, plant, way_to
 
 from twind.config.calibration_file import dump_calibration
 from twind.config.robot_file import load_robot
-from twind.virtual.specimen import calibration, specimen
-from twind_calibration.doctor import storage
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_calibration.doctor import storage_checks
 
 HERE = Path(__file__).parents[1]
 BUILT_IN = HERE / "twind/robots"
@@ -177,7 +177,7 @@ def test_a_state_folder_of_somebody_else_is_found(tmp_path: Path, robot: Path) -
 FULL = """
 mount -t tmpfs -o size=3m none "$1/state" || exit 77
 head -c 4m /dev/zero > "$1/state/recording" 2> /dev/null
-"$2" -m twind.ctl.main --socket "$1" --json doctor --config "$1/twind.yaml" --only DISK_FULL
+"$2" -m twind.ctl.ctl_main --socket "$1" --json doctor --config "$1/twind.yaml" --only DISK_FULL
 """
 
 
@@ -199,7 +199,9 @@ def test_a_full_disk_is_found(tmp_path: Path, robot: Path) -> None:
 
 def test_a_library_that_is_too_old_or_missing_is_found() -> None:
     findings = list(
-        storage.outdated(["numpy>=1.0", "numpy>=99.1,<100", "nosuchthing>=1", "rich>=1; extra == 'tui'"])
+        storage_checks.outdated(
+            ["numpy>=1.0", "numpy>=99.1,<100", "nosuchthing>=1", "rich>=1; extra == 'tui'"]
+        )
     )
     assert [(each.thing, each.expected) for each in findings] == [
         ("numpy", "99.1 or newer"),

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from processes import daemon, robot
 
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 
 pytestmark = pytest.mark.realtime
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from doctor_world import look, options
 
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import UsageError
 from twind_calibration import doctor
-from twind_calibration.doctor import host_rows, page, report, robot_rows, runner, table
-from twind_calibration.doctor.complaint import (
+from twind_calibration.doctor import check_table, host_rows, report, robot_rows, runner, table_page
+from twind_calibration.doctor.check import (
     Check,
     CheckNotApplicable,
     CheckUnavailable,
@@ -22,10 +22,10 @@ from twind_calibration.doctor.complaint import (
     Fix,
     Severity,
 )
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.gather import examine, real_port
-from twind_calibration.doctor.host import HostInspector
-from twind_calibration.doctor.table import CHECK_BROKEN, CheckProbe
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.check_table import CHECK_BROKEN, CheckProbe
+from twind_calibration.doctor.context_builder import examine, real_port
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 ROWS = {
@@ -61,12 +61,12 @@ def run(*checks: CheckProbe) -> runner.DoctorReport:
 
 
 def test_every_complaint_is_looked_for_by_a_check_and_every_check_has_its_complaints() -> None:
-    rows, seen = table.complaints(), {code for each in table.checks() for code in each.codes}
+    rows, seen = check_table.complaints(), {code for each in check_table.checks() for code in each.codes}
     assert seen | {CHECK_BROKEN.code} == set(rows)
 
 
 def test_there_are_more_than_25_complaints_each_with_words_for_people() -> None:
-    rows = table.complaints().values()
+    rows = check_table.complaints().values()
     assert len(rows) > 25
     for row in rows:
         assert row.code.isupper() and row.title and row.why and row.remedy, row.code
@@ -74,7 +74,7 @@ def test_there_are_more_than_25_complaints_each_with_words_for_people() -> None:
 
 
 def test_what_a_complaint_explains_is_a_complaint_of_the_table() -> None:
-    rows = table.complaints()
+    rows = check_table.complaints()
     for row in rows.values():
         assert set(row.explains) <= set(rows) - {row.code}, row.code
 
@@ -96,12 +96,14 @@ def test_no_code_stands_in_the_table_twice() -> None:
 
 def test_the_troubleshooting_page_has_the_table_as_it_is() -> None:
     text = (Path(__file__).parents[1] / "docs/troubleshooting.md").read_text()
-    assert page.written(text) == text, "python -m twind_calibration.doctor.page docs/troubleshooting.md"
+    assert table_page.written(text) == text, (
+        "python -m twind_calibration.doctor.table_page docs/troubleshooting.md"
+    )
 
 
 def test_a_page_without_a_place_for_the_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no <!-- from the doctor"):
-        page.written("# nothing")
+        table_page.written("# nothing")
 
 
 # ------------------------------------------------------------------------------------------------ the runner

@@ -13,13 +13,13 @@ import pytest
 from doctor_world import ROOT, found, host, mended, nobody, options, plant, way_to
 
 from twind.loop.realtime import LIMIT, PRIORITY
-from twind_calibration.doctor import account, systemd
-from twind_calibration.doctor.complaint import CheckUnavailable
-from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import is_daemon
-from twind_calibration.doctor.machine import synchronised
+from twind_calibration.doctor import systemd, user_account
+from twind_calibration.doctor.check import CheckUnavailable
+from twind_calibration.doctor.context_builder import examine
+from twind_calibration.doctor.host_inspector import is_daemon
+from twind_calibration.doctor.machine_checks import synchronised
 from twind_calibration.doctor.machine_rows import MACHINE
-from twind_calibration.doctor.service import judge_unit
+from twind_calibration.doctor.service_checks import judge_unit
 from twind_drivers.clock import MonotonicClock
 
 needs_root = pytest.mark.skipif(not ROOT, reason="looks as another user: needs root")
@@ -171,7 +171,7 @@ def test_what_an_account_may_is_what_the_kernel_lets_it(tmp_path: Path) -> None:
             path.chmod(mode)
             with nobody(20):
                 kernel = os.access(path, os.R_OK | os.W_OK, effective_ids=True)
-                ours = account.own()
+                ours = user_account.own()
             assert ours.may(path, os.R_OK | os.W_OK) == kernel, (oct(mode), owner, group)
 
 
@@ -182,22 +182,22 @@ def test_a_folder_that_may_not_be_entered_hides_what_is_in_it(tmp_path: Path) ->
     path = plant(tmp_path / "closed/file", "")
     path.chmod(0o666)
     path.parent.chmod(0o700)
-    assert not account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
+    assert not user_account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
     path.parent.chmod(0o711)
-    assert account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
+    assert user_account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
 
 
 def test_the_account_of_a_process_is_the_kernels() -> None:
-    assert account.of_process(Path("/proc"), os.getpid()) == account.own()
+    assert user_account.of_process(Path("/proc"), os.getpid()) == user_account.own()
     with pytest.raises(CheckUnavailable):
-        account.of_process(Path("/proc"), 2**30)
+        user_account.of_process(Path("/proc"), 2**30)
 
 
 def test_the_account_of_a_service_has_its_groups() -> None:
-    root = account.of_service("", "tty")
-    assert root.uid == 0 and account.group_id("tty") in root.gids
+    root = user_account.of_service("", "tty")
+    assert root.uid == 0 and user_account.group_id("tty") in root.gids
     with pytest.raises(CheckUnavailable, match="no user 'nosuchuser'"):
-        account.of_service("nosuchuser", "")
+        user_account.of_service("nosuchuser", "")
 
 
 # ------------------------------------------------------------------------------------------- the service

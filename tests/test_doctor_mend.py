@@ -12,13 +12,13 @@ from processes import robot
 
 from twind.config.robot_file import load_robot
 from twind.ctl.verb import Rejected
-from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import servos
-from twind_calibration.doctor.complaint import CheckUnavailable
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
-from twind_calibration.doctor.line import SerialBusInspector
-from twind_calibration.doctor.port_look import survey_port
+from twind_calibration.doctor import register_fix
+from twind_calibration.doctor.bus_surveys import servos
+from twind_calibration.doctor.check import CheckUnavailable
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
+from twind_calibration.doctor.serial_survey import survey_port
 from twind_drivers.clock import MonotonicClock
 
 pytestmark = pytest.mark.realtime
@@ -46,7 +46,7 @@ def fix(ground: Ground) -> Iterator[Any]:
     found = next(servo for _, servo in servos(seen) if servo.id == 1)
 
     def write(**otherwise: int) -> None:
-        wanted = mend.register(seen, replace(found, **otherwise), "shutdown", 53)  # type: ignore[arg-type]
+        wanted = register_fix.register(seen, replace(found, **otherwise), "shutdown", 53)  # type: ignore[arg-type]
         assert wanted is not None
         wanted.do()
 

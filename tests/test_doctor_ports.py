@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from doctor_world import ROOT, found, host, look, mended, nobody, plant, way_to
 
-from twind_calibration.doctor import latency
-from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor import latency_test
+from twind_calibration.doctor.host_inspector import HostInspector
 
 needs_root = pytest.mark.skipif(not ROOT, reason="makes device nodes and looks as another user: needs root")
 MINOR = 250  # of a node that no driver serves: opening it would fail, and nobody opens it
@@ -355,7 +355,7 @@ def test_answers_are_late_beyond_the_timer_that_the_robot_file_reckons_with(
     timer_ms: float, bound: float
 ) -> None:
     def late(took: float) -> list[str]:
-        return [each.code for each in latency.judge("port", took, 1e-3, timer_ms, "a ping")]
+        return [each.code for each in latency_test.judge("port", took, 1e-3, timer_ms, "a ping")]
 
     assert late(1e-3 + bound - 1e-6) == []
     assert late(1e-3 + bound + 1e-6) == ["LATENCY_FLOOR"]

@@ -9,13 +9,13 @@ from test_doctor_checks import KNEE, found, servo
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind_calibration import doctor
-from twind_calibration.again import CommandHint
-from twind_calibration.doctor import report, table
-from twind_calibration.doctor.complaint import DoctorFinding, Fix
+from twind_calibration.command_hint import CommandHint
+from twind_calibration.doctor import check_table, report
+from twind_calibration.doctor.check import DoctorFinding, Fix
+from twind_calibration.doctor.finding_commands import told
 from twind_calibration.doctor.runner import DoctorReport
-from twind_calibration.doctor.told import told
 
-ROWS = table.complaints()
+ROWS = check_table.complaints()
 # What moves, drops, wipes, burns or stops something where the diagnosis is wrong.
 HARMFUL = re.compile(
     r"`twindctl (arm|disarm|reboot|adopt|register write)|`sudo systemctl (re)?start|`sudo systemctl mask|"

@@ -13,21 +13,21 @@ from doctor_world import options
 from processes import Daemon, Virtual, daemon, robot
 
 from twind.config.robot_file import load_robot
-from twind_calibration.doctor import robot_checks, robot_rows, runner, table
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import HostInspector
-from twind_calibration.doctor.line import SerialBusInspector
-from twind_calibration.doctor.port_look import survey_port
+from twind_calibration.doctor import check_table, robot_checks, robot_rows, runner
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.context_builder import examine
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.runner import DoctorReport, FixResult
+from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
+from twind_calibration.doctor.serial_survey import survey_port
 from twind_drivers.clock import MonotonicClock
 
 pytestmark = pytest.mark.realtime
 
-ROWS = table.complaints()
+ROWS = check_table.complaints()
 RECORDED = (10, 11, 20, 48, 52)  # what a calibration remembers of a servo's registers
-MINE = [check for check in table.checks() if check.what in {what for what, _, _ in robot_checks.CHECKS}]
+MINE = [check for check in check_table.checks() if check.what in {what for what, _, _ in robot_checks.CHECKS}]
 
 
 @pytest.fixture(scope="module")

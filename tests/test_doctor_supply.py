@@ -11,8 +11,8 @@ from doctor_world import look as see
 from processes import Virtual, robot, until
 
 from twind.config.robot_file import load_robot
-from twind_calibration.doctor import report, runner, table
-from twind_calibration.doctor.complaint import DoctorFinding
+from twind_calibration.doctor import check_table, report, runner
+from twind_calibration.doctor.check import DoctorFinding
 
 pytestmark = pytest.mark.realtime
 
@@ -76,7 +76,7 @@ def look(virtual: Virtual, *words: str) -> list[DoctorFinding]:
 
 def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it."""
-    return report.text(runner.DoctorReport(found=[finding]), table.complaints(), None)
+    return report.text(runner.DoctorReport(found=[finding]), check_table.complaints(), None)
 
 
 def test_servos_of_5_v_beside_servos_of_12_v_are_healthy(mixed: Virtual) -> None:

@@ -7,17 +7,17 @@ from collections.abc import Iterator
 import pytest
 from doctor_world import options
 
-from twind_calibration.again import CommandHint, again
-from twind_calibration.doctor import report, runner, table
-from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import Devices, DoctorFinding, Fix
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
+from twind_calibration.command_hint import CommandHint, again
+from twind_calibration.doctor import check_table, report, runner
+from twind_calibration.doctor.bus_surveys import together
+from twind_calibration.doctor.check import Devices, DoctorFinding, Fix
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.check_table import CheckProbe
+from twind_calibration.doctor.finding_commands import told
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.runner import DoctorReport
-from twind_calibration.doctor.table import CheckProbe
-from twind_calibration.doctor.told import told
 
-ROWS = table.complaints()
+ROWS = check_table.complaints()
 HERE = CommandHint("--socket /tmp/a ", " --port main=/dev/x")
 FIX = "twindctl --socket /tmp/a doctor --port main=/dev/x --fix"
 

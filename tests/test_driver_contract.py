@@ -9,8 +9,8 @@ from driver_contract import DriverContract
 from driver_rig import DriverRig
 from virtual_host import Host
 
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.virtual.serial_loopback import Loopback
 
 
 class Counted(Loopback):

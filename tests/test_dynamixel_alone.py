@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
-from twind_drivers.dynamixel.alone import SingleServoControl
+from twind_drivers.dynamixel.single_servo import SingleServoControl
 
 HERE, OTHER = 2, 3
 CAP, PROFILE = 100, 17

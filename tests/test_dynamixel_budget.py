@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.budget import budget, indirect_bytes, upkeep, wire
+from twind_drivers.dynamixel.serial_cycle_budget import budget, indirect_bytes, upkeep, wire
 
 # (devices, fast, return delay us) -> bytes, cycles per second at each baud rate
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)

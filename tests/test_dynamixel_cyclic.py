@@ -8,12 +8,12 @@ from dxl_responder import Servos, Wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.attendance import MISSES, PROBE
 from twind_drivers.bus import BusSample, ReadRequest
 from twind_drivers.clock import FakeClock
+from twind_drivers.device_presence import MISSES, PROBE
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.cyclic import CALM, SURE
-from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_cyclic_read import CALM, SURE
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 
 IDS = tuple(range(1, 25))
 PERIOD = 0.01

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.goals import GoalPacket, Goals, goal_packets
-from twind_drivers.dynamixel.layout import RegisterBlock
+from twind_drivers.dynamixel.device_layout import RegisterBlock
+from twind_drivers.dynamixel.goal_packets import GoalPacket, Goals, goal_packets
 
 IDS = (1, 252, 7)
 WIDE = 2**31 - 1

@@ -8,9 +8,9 @@ from dxl_responder import Servos, Wire
 
 from twind_drivers.bus import IdentifiedDevice, PingRequest, ReadRequest
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.identity import supports_fast
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.perform import perform
+from twind_drivers.dynamixel.dynamixel_identification import supports_fast
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.run_script import perform
 
 IDS = (1, 2, 3, 4, 5, 6)
 

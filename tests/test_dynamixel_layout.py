@@ -2,8 +2,8 @@
 
 import pytest
 
-from twind_drivers.dynamixel.layout import RegisterBlock, layout_of
-from twind_drivers.dynamixel.tables import number_of, table
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.device_layout import RegisterBlock, layout_of
 
 
 @pytest.mark.parametrize("number", [1020, 1060, 1200, 30, 1110])

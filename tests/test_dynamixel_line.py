@@ -4,7 +4,7 @@ import pytest
 
 from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.line import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 
 

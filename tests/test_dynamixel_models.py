@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from twind_drivers.dynamixel import tables
-from twind_drivers.dynamixel.models import FACTS, facts, page
-from twind_drivers.dynamixel.tables import ControlTable, models, number_of, table
+from twind_drivers.dynamixel import control_tables
+from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
+from twind_drivers.dynamixel.dynamixel_models import FACTS, facts, page
 
 README = Path(__file__).parents[1] / "drivers" / "README.md"
 EVERY = [table(number) for number in models().values()]
@@ -50,7 +50,7 @@ def test_counts_and_velocities_agree_with_the_vendors_file(each: ControlTable) -
 
 def _file(stem: str) -> tuple[float, float, int]:
     """Counts a turn, rad/s of a count, and the count of 0 rad."""
-    text = (tables._folder() / f"{stem}.model").read_text("utf-8").partition("[control table]")[0]
+    text = (control_tables._folder() / f"{stem}.model").read_text("utf-8").partition("[control table]")[0]
     rows = {row[0]: row[1] for line in text.splitlines() if len(row := line.split("\t")) > 1}
     span = [float(rows[f"value_of_{end}_radian_position"]) for end in ("min", "max")]
     angles = [float(rows[f"{end}_radian"]) for end in ("min", "max")]

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
-from twind_drivers.dynamixel.modes import MODES, block, fences, mode_of
-from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.dynamixel.writer import DynamixelWriter
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
+from twind_drivers.dynamixel.operating_modes import MODES, block, fences, mode_of
 
 WIDE = 1_048_575
 CAP = 500

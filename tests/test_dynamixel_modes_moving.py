@@ -5,12 +5,12 @@ import pytest
 
 from twind_drivers.bus import BusSample, DeviceRefused
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
-from twind_drivers.perform import perform
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.run_script import perform
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 MODES = (3, 4, 5, 1, 0)
 IDS = (11, 12, 13, 14, 15)

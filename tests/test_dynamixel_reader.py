@@ -19,11 +19,11 @@ from twind_drivers.bus import (
 )
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.cyclic import CALM
-from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_cyclic_read import CALM
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.serial_port import SerialTransport
-from twind_drivers.dynamixel.writer import DynamixelWriter
-from twind_drivers.perform import perform
+from twind_drivers.run_script import perform
 
 IDS = tuple(range(1, 25))
 FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ

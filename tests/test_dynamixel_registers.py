@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_drivers.dynamixel.factory import FACTORY, P_SERIES
-from twind_drivers.dynamixel.registers import FEEDS, GAINS, rule
-from twind_drivers.dynamixel.tables import ControlTable, TableRegister, models, number_of, table
+from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, models, number_of, table
+from twind_drivers.dynamixel.factory_defaults import FACTORY, P_SERIES
+from twind_drivers.dynamixel.register_rules import FEEDS, GAINS, rule
 
 EVERY = [table(number) for number in models().values()]
 EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])

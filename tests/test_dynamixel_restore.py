@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from twind_drivers.bus import DeviceRefused, NoReply, RestartResult
 from twind_drivers.dynamixel.packet import Instruction, Packet
-from twind_drivers.dynamixel.registers import rule
-from twind_drivers.dynamixel.restore import RESTORED
+from twind_drivers.dynamixel.ram_restore import RESTORED
+from twind_drivers.dynamixel.register_rules import rule
 
 HERE = 2
 # e-manual, RAM area of the XM430-W350: what a restart leaves in these registers (address: value, size)

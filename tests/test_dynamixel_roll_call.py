@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.roll_call import BroadcastPingReply
+from twind_drivers.dynamixel.broadcast_ping import BroadcastPingReply
 
 IDS = st.lists(st.integers(0, 252), unique=True, max_size=30)
 

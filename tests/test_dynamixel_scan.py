@@ -14,8 +14,7 @@ from dxl_responder import Servos, Wire
 from twind_drivers.bus import PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.prober import OLD_PING, Prober
-from twind_drivers.dynamixel.scan import (
+from twind_drivers.dynamixel.bus_scan import (
     BAUDS,
     ECHO,
     FOREIGN,
@@ -29,10 +28,11 @@ from twind_drivers.dynamixel.scan import (
     scan,
     scan_rate,
 )
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.dynamixel.prober import OLD_PING, Prober
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 MILLION = 1_000_000
 CODES = {

@@ -17,7 +17,7 @@ import pytest
 from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel import serial_port
-from twind_drivers.dynamixel.holder import command, holder
+from twind_drivers.dynamixel.port_holder import command, holder
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 

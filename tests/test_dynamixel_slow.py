@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from twind_drivers.bus import ReadRequest
-from twind_drivers.dynamixel.budget import upkeep
-from twind_drivers.dynamixel.layout import layout_of
-from twind_drivers.dynamixel.slow import DynamixelSlowRegisters
-from twind_drivers.dynamixel.tables import table
+from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.dynamixel.device_layout import layout_of
+from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
+from twind_drivers.dynamixel.serial_cycle_budget import upkeep
 
 IDS = tuple(range(1, 25))
 TICK = 0.01  # s

@@ -5,8 +5,8 @@ import sys
 import pytest
 
 from twind_drivers.bus import UnknownRegister
-from twind_drivers.dynamixel import tables
-from twind_drivers.dynamixel.tables import ControlTable, models, number_of, table
+from twind_drivers.dynamixel import control_tables
+from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
 
 
 def test_every_model_of_the_index_has_a_table() -> None:
@@ -60,7 +60,7 @@ def test_a_misspelt_model_or_register_lists_the_near_ones() -> None:
 
 def test_the_sdks_code_is_not_imported() -> None:
     assert "dynamixel_easy_sdk" not in sys.modules
-    assert not any("dynamixel_sdk" in str(value) for value in vars(tables).values())
+    assert not any("dynamixel_sdk" in str(value) for value in vars(control_tables).values())
 
 
 @pytest.mark.parametrize("number", [1020, 1200])

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.modes import MODES, fences
-from twind_drivers.dynamixel.tables import table
-from twind_drivers.dynamixel.wire_check import DynamixelWireCheck
+from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
+from twind_drivers.dynamixel.operating_modes import MODES, fences
 
 XM430 = table(1020)
 IDS = (1, 2)

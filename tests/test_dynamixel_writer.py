@@ -16,9 +16,9 @@ from twind_drivers.bus import (
     WireClamp,
     WriteRequest,
 )
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.packet import Instruction, Packet, status
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.writer import DynamixelWriter
 
 HERE = np.array([2000, 2100, 2200])
 

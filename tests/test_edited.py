@@ -9,7 +9,7 @@ from rig import Rig
 
 from twind import link
 from twind.client import Refused
-from twind.config.edited import LARGEST, edited, fingerprints, texts
+from twind.config.file_changes import LARGEST, edited, fingerprints, texts
 
 
 def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:

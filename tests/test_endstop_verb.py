@@ -15,10 +15,10 @@ from twind.config.calibration_file import load_calibration, save_calibration
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot, read_robot
 from twind.ctl.verb import DONE, Rejected, UsageError
-from twind.virtual.specimen import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating import endstop
-from twind_calibration.calibrating.endstopping import EndstopPlan, _endstop, measured
-from twind_calibration.calibrating.slots import slots
+from twind_calibration.calibrating.calibration_actuators import slots
+from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, measured
 
 ROBOT = load_robot("h24")
 MADE = specimen(ROBOT)

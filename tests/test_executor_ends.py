@@ -8,7 +8,7 @@ import pytest
 from gate_world import at_rest
 from motion_world import PERIOD, holding, only, phases, reading, run, smooth
 
-from twind.motion.executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
+from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
 

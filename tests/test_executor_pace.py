@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_world import LIMITS, PERIOD, holding, only, phases, reading, run, smooth
 
-from twind.motion.executor import GoalTolerances, TrajectoryExecutor
+from twind.motion.trajectory_executor import GoalTolerances, TrajectoryExecutor
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion

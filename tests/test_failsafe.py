@@ -16,7 +16,7 @@ from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import failsafe
 from twind.loop.failsafe import FailsafeRun, HeadlessLink
-from twind.loop.notify import Notifier
+from twind.loop.service_notify import Notifier
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 

@@ -15,7 +15,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.virtual.orders import FAULTS, arguments
+from twind.virtual.fault_commands import FAULTS, arguments
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 

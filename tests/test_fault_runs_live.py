@@ -18,7 +18,7 @@ from processes import Daemon, Virtual, daemon, patiently, robot
 
 from twind.client import CallError, Client, ClientError
 from twind.config.robot_file import load_robot
-from twind.virtual.specimen import specimen
+from twind.virtual.virtual_robot_spec import specimen
 
 pytestmark = pytest.mark.realtime
 

@@ -13,12 +13,12 @@ from twind.robot.modes import Mode
 from twind.robot.state import JointState
 from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel import packet, replies
-from twind_drivers.dynamixel.cyclic import DynamixelCyclicRead
+from twind_drivers.dynamixel.dynamixel_cyclic_read import DynamixelCyclicRead
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
 from twind_drivers.dynamixel.packet import Framer, Packet
-from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
-from twind_drivers.dynamixel.slow import DynamixelSlowRegisters
-from twind_drivers.virtual.faults import SerialBusFaults
+from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 
 Patch = pytest.MonkeyPatch
 Mutation = Callable[[Patch], None]

@@ -4,7 +4,7 @@ from itertools import repeat
 
 import pytest
 
-from twind.loop.figures import ON_TIME, LoopFigures
+from twind.loop.loop_figures import ON_TIME, LoopFigures
 from twind.loop.realtime import Granted, denied
 
 

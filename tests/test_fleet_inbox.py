@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.fleet.inbox import ReplyQueue
+from twind.bridge.fleet.reply_queue import ReplyQueue
 from twind.client import Disconnected
 
 

@@ -14,11 +14,11 @@ from far_robot import CLOCK, FarRobot
 from processes import until
 from zenoh_router import Router
 
-from twind.bridge.fleet import goal as goal_module
-from twind.bridge.fleet.hold import RENEWED
+from twind.bridge.fleet import remote_goal as goal_module
+from twind.bridge.fleet.lease_renewer import RENEWED
 from twind.bridge.fleet.remote import PrivateSession, SharedSession, client
-from twind.bridge.zenoh.keys import LEASE_S
-from twind.bridge.zenoh.session import NetworkConfig, open_now
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.errors import as_error
 from twind.ctl.verb import UsageError, lease

@@ -19,7 +19,7 @@ from screen import Run
 from test_stream_live import Process, ctl
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import NetworkConfig, open_now
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 
 pytestmark = pytest.mark.realtime
 PATIENCE = 30.0  # s that a busy machine may take
@@ -175,7 +175,7 @@ def replied(key: str, said: bytes, query: zenoh.Query) -> None:
 
 
 def test_on_a_terminal_it_is_drawn_over_and_a_key_ends_it(world: World) -> None:
-    run = Run([sys.executable, "-m", "twind.ctl.main", *world.words("--watch")], 100, 12)
+    run = Run([sys.executable, "-m", "twind.ctl.ctl_main", *world.words("--watch")], 100, 12)
     run.until(lambda screen: any(line.startswith(FAR) and " sim " in line for line in screen.lines), PATIENCE)
     assert sum(line.startswith("robot") for line in run.screen.lines) == 1
     run.type("q")

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.fleet.news import TopicRateLimiter, keys, offered
-from twind.bridge.zenoh.keys import RATES
+from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys, offered
+from twind.bridge.zenoh.zenoh_keys import RATES
 from twind.client import NotCarried
 
 

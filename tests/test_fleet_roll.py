@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.fleet import roll as roll_module
-from twind.bridge.fleet.roll import UPLINK, FleetRoster
-from twind.bridge.fleet.table import OLD, rows, told
-from twind.ctl.picture.paint import plain
+from twind.bridge.fleet import fleet_roster as roll_module
+from twind.bridge.fleet.fleet_roster import UPLINK, FleetRoster
+from twind.bridge.fleet.fleet_table import OLD, rows, told
+from twind.ctl.picture.picture_renderer import plain
 
 
 def answer(mode: str = "live", state: str = "armed", heard: int = 24, **more: Any) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from twind.flight import (
     pack,
     save,
 )
-from twind.flight import file as file_module
+from twind.flight import flight_file as file_module
 
 BRIEFING = Briefing(
     version="1",

@@ -101,7 +101,7 @@ sys.path.insert(0, sys.argv[2])
 from test_flight_folder import FlightFolder, write
 zlib.compress = lambda data, level: os.kill(os.getpid(), signal.SIGKILL)
 if sys.argv[3] == "written":
-    import twind.flight.file as file
+    import twind.flight.flight_file as file
     zlib.compress = lambda data, level: data
     os.fsync = lambda fd: os.kill(os.getpid(), signal.SIGKILL)
 write(FlightFolder(Path(sys.argv[1])), "CRASH", reason="crash")

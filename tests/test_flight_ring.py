@@ -27,7 +27,7 @@ from twind.flight import (
     read,
     signature,
 )
-from twind.flight import ring as ring_module
+from twind.flight import recorder_ring as ring_module
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from clearance_world import arm, arm_file, finished, h24, still
 
-from twind.ctl.motions import load_motion
+from twind.ctl.trajectory_files import load_motion
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.twin.binding import BindingError, bind
-from twind.twin.foresight import TrajectoryPrecheck, samples
+from twind.twin.trajectory_precheck import TrajectoryPrecheck, samples
 
 ALL = np.ones(3, np.bool_)
 FOLDED = [0.0, 2.85, 0.0]  # the tip inside the base

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.form import PointRow, form, wellformed
+from twind.safety.trajectory_validation import PointRow, form, wellformed
 
 NAMES = ("l_hip", "l_knee", "r_knee")
 

@@ -9,11 +9,11 @@ import pytest
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.form import form, wellformed
 from twind.safety.gate import TrajectoryRequest, check
 from twind.safety.headroom import headroom
 from twind.safety.retime import needed, with_stop
-from twind.safety.stream import judge
+from twind.safety.setpoint_gate import judge
+from twind.safety.trajectory_validation import form, wellformed
 
 NAMES = ("hip_a", "hip_b", "hip_c", "hip_d")
 

@@ -10,10 +10,10 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.front.accepted import WAITING, AcceptedTrajectory, PendingVerdict, kept
-from twind.front.calls import Caller, ClientCall, ConnectionCalls
+from twind.front.accepted_trajectories import WAITING, AcceptedTrajectory, PendingVerdict, kept
+from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.joint_naming import JointNames
 from twind.front.methods import METHODS
-from twind.front.naming import JointNames
 from twind.protocol import CONTROL
 from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.splines import interpolate

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from twind.front.calls import PENDING, Caller, ClientCall, ConnectionCalls
+from twind.front.client_calls import PENDING, Caller, ClientCall, ConnectionCalls
 from twind.protocol import CONTROL
 
 

@@ -14,10 +14,10 @@ from stand_in import briefing, overview, tick
 from twind import link
 from twind.briefing import fingerprint
 from twind.flight import EntryKind, FlightError, FlightRing, copy, load
-from twind.front import flight as module
-from twind.front.flight import AFTERMATH, AGAIN, WRECK_AGAIN, FlightDumper, RecorderHandover
+from twind.front import flight_dumper as module
+from twind.front.flight_dumper import AFTERMATH, AGAIN, WRECK_AGAIN, FlightDumper, RecorderHandover
 from twind.front.flight_folder import FlightFolder
-from twind.front.world import StateCache
+from twind.front.state_cache import StateCache
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 
 from twind import link
 from twind.front.listening import Listening
-from twind.sockets import Listener, listen
+from twind.listening_sockets import Listener, listen
 
 
 class Wire:

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from twind.front.journal import datagram
-from twind.front.log import PER_SECOND, WAITING, DaemonLog, LogWriter
-from twind.front.naming import JointNames
-from twind.front.report import EventLogger
+from twind.front.daemon_log import PER_SECOND, WAITING, DaemonLog, LogWriter
+from twind.front.event_logger import EventLogger
+from twind.front.joint_naming import JointNames
+from twind.front.systemd_journal import datagram
 from twind.link import Event
 from twind.robot.finding import Finding, ReasonCode
-from twind.streams import at_journal
+from twind.standard_streams import at_journal
 
 
 def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict[str, object]]]) -> list[str]:

@@ -6,8 +6,8 @@ from math import inf
 import pytest
 from stand_in import briefing
 
-from twind.front.naming import JointNames
-from twind.front.world import StateCache
+from twind.front.joint_naming import JointNames
+from twind.front.state_cache import StateCache
 from twind.link import Event
 from twind.protocol.idl import StructType
 from twind.protocol.interfaces import CONTROL, load

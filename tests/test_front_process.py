@@ -17,10 +17,10 @@ import stand_in
 from processes import until
 
 from twind import link, memfd
+from twind.listening_sockets import Listener
 from twind.loop import front_process
+from twind.loop.crash_recording import CrashRecording
 from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
-from twind.loop.wreck import CrashRecording
-from twind.sockets import Listener
 
 pytestmark = pytest.mark.realtime
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -84,7 +84,7 @@ import os, re, socket
 from pathlib import Path
 from twind import memfd
 from twind.loop.front_process import FrontProcess
-from twind.sockets import Listener
+from twind.listening_sockets import Listener
 
 def rights(pid):
     return re.search(r"CapEff:\\s*(\\w+)", Path(f"/proc/{pid}/status").read_text())[1]

@@ -15,7 +15,7 @@ from test_reading import briefed
 
 from twind import link
 from twind.briefing import Briefing
-from twind.front import reload
+from twind.front import reload_queue
 from twind.robot.finding import Finding, ReasonCode
 
 pytestmark = pytest.mark.realtime
@@ -121,6 +121,6 @@ def test_a_loop_that_says_nothing_gets_another_front(tmp_path: Path) -> None:
     files(tmp_path, "log_level: debug\n")
     stand_in.send(link.ReloadWanted())
     stand_in.await_message(lambda command: isinstance(command, link.ApplyChanges), 10.0)
-    assert stand_in.front.wait(reload.ANSWER + 5.0) == 0
+    assert stand_in.front.wait(reload_queue.ANSWER + 5.0) == 0
     assert "LOOP_SILENT" in stand_in.log.read_text()
     stand_in.close()

@@ -6,9 +6,9 @@ import os
 from msgspec.structs import replace
 from stand_in import NAMES, overview, tick
 
-from twind.front.log import DaemonLog, LogWriter
-from twind.front.naming import JointNames
-from twind.front.report import EventLogger
+from twind.front.daemon_log import DaemonLog, LogWriter
+from twind.front.event_logger import EventLogger
+from twind.front.joint_naming import JointNames
 from twind.link import Event, LatencyInfo
 from twind.robot.finding import Finding, ReasonCode
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.front.stream import LARGE, PATIENCE, QUEUE, MessageStream
+from twind.front.message_stream import LARGE, PATIENCE, QUEUE, MessageStream
 
 
 class Owner:

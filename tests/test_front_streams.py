@@ -11,8 +11,18 @@ from hypothesis import strategies as st
 from stand_in import StandIn
 from test_front_server import CONTRACT, Raw
 
-from twind.ctl.table import stream_text
-from twind.front.streams import COUNTS, GONE, HANGS, MOST, MOST_HZ, SILENCE, TEXT, StreamerReports, wrong
+from twind.ctl.status_table import stream_text
+from twind.front.streamer_reports import (
+    COUNTS,
+    GONE,
+    HANGS,
+    MOST,
+    MOST_HZ,
+    SILENCE,
+    TEXT,
+    StreamerReports,
+    wrong,
+)
 
 REPORT = {
     "name": "a1b2",

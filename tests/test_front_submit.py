@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twind import link, memfd
-from twind.front.naming import JointNames
-from twind.front.submit import SealedTrajectory, ToleranceTooLoose, fields, judge, policy
+from twind.front.joint_naming import JointNames
+from twind.front.trajectory_submission import SealedTrajectory, ToleranceTooLoose, fields, judge, policy
 from twind.robot.finding import ReasonCode
 
 NAMES = JointNames(["hip", "knee", "ankle"])

@@ -8,9 +8,9 @@ import pytest
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Reference
-from twind.safety import rules
-from twind.safety.bounds import elevate, evaluate, exceeds, summit
+from twind.safety import curve_rules
 from twind.safety.gate import GateResult, TrajectoryRequest, checking
+from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, summit
 
 
 def warned(judged: GateResult) -> list[Finding]:
@@ -152,7 +152,7 @@ def looked_at(monkeypatch: pytest.MonkeyPatch, *asked: Any) -> list[int]:
         counts.append(alternatives[0][0].shape[1])
         return exceeds(alternatives)
 
-    monkeypatch.setattr(rules, "exceeds", counting)
+    monkeypatch.setattr(curve_rules, "exceeds", counting)
     w.ask(*asked)
     return counts
 

@@ -8,10 +8,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.form import PointRow, form
 from twind.safety.gate import GateResult, TrajectoryRequest, check
+from twind.safety.trajectory_validation import PointRow, form
 
 SHARES = st.lists(st.sampled_from((1.0, 1.0, 0.95, 0.7, 0.3)), min_size=2, max_size=2).map(np.array)
 FACTORS = st.floats(1.001, 50.0)

@@ -10,8 +10,8 @@ from guard_world import FINE, LIMITS, PERIOD, STEP, N, codes, facts, joints, jud
 
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
-from twind.safety.facts import ClearanceAhead
 from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
+from twind.safety.guard_types import ClearanceAhead
 
 # --------------------------------------------------------------------------------------- what is told
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.ctl.offline import standing
+from twind.ctl.offline_check import standing
 from twind.robot import splines
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Reference, Trajectory

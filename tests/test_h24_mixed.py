@@ -14,7 +14,7 @@ from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
 from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import buses
+from twind.virtual.virtual_robot_spec import buses
 
 LEGS = ("l_leg", "r_leg")
 

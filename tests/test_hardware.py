@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from two_buses import PERIOD, TURN, TwoBuses
 
-from twind.loop.ports import PortState
+from twind.loop.bus_port import PortState
 
 # ------------------------------------------------------------------------------------- raw ↔ SI
 

@@ -7,9 +7,9 @@ import gate_world as w
 import numpy as np
 import pytest
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.safety.gate import TrajectoryRequest, admit, arming, check
 from twind.safety.headroom import JointCondition, headroom
 

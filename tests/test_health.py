@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twind.robot.state import JointState
-from twind.safety.alarm import LatencyAlert
-from twind.safety.health import COMMAND, READING, TimingMonitor
+from twind.safety.latency_alarm import LatencyAlert
+from twind.telemetry.timing_monitor import COMMAND, READING, TimingMonitor
 
 
 class Exchange:

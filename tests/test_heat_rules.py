@@ -9,9 +9,9 @@ from guard_world import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, rea
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.safety.guard import Guard, GuardDecision, Reaction
 
 SETTLE, NONE = Reaction.SETTLE, Reaction.NONE

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.motion.homing import (
+from twind.motion.endstop_search import (
     GAP,
     LOST,
     SPREAD,

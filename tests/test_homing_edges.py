@@ -5,7 +5,13 @@ from dataclasses import replace
 import pytest
 from test_homing import SEARCH, TICK
 
-from twind.motion.homing import EndstopSearch, HomingParameters, HomingPhase, HomingSample, StandstillCheck
+from twind.motion.endstop_search import (
+    EndstopSearch,
+    HomingParameters,
+    HomingPhase,
+    HomingSample,
+    StandstillCheck,
+)
 from twind.robot.finding import Finding, ReasonCode
 
 PUSH = 0.85 * SEARCH.cap

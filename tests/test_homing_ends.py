@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from test_homing import SEARCH, TICK
 
-from twind.motion.homing import (
+from twind.motion.endstop_search import (
     MARGIN,
     USUAL_SHARE,
     USUAL_SPEED,

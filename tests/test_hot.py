@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pages import ROOT, table
 
-from twind.config import hot, reread
-from twind.config.files import ConfigSources, LoadedConfig, describe, packed, unpacked
-from twind.config.hot import HOT, RestartRequired, applied, robot_difference, same
-from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
-from twind.config.located import ConfigError
+from twind.config import hot_changes, reload_plan
+from twind.config.config_files import ConfigSources, LoadedConfig, describe, packed, unpacked
+from twind.config.hot_changes import HOT, RestartRequired, applied, robot_difference, same
+from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
 
 H24 = load_robot("h24")
 MIXED = load_robot("h24-mixed")
@@ -182,7 +182,7 @@ def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> Non
 )
 def test_settings_that_no_file_may_have_are_refused(changes: Mapping[str, Any]) -> None:
     with pytest.raises(RestartRequired):
-        hot.thresholds(changes, 50.0, 100.0)
+        hot_changes.thresholds(changes, 50.0, 100.0)
 
 
 # ------------------------------------------------------------------------------------------- properties
@@ -250,10 +250,10 @@ def files(folder: Path, settings: str = "", robot: Mapping[str, str] | None = No
     return ConfigSources(config=str(folder / "twind.yaml"))
 
 
-def reread_of(old: LoadedConfig, sources: ConfigSources) -> tuple[hot.ConfigDifference, LoadedConfig]:
+def reread_of(old: LoadedConfig, sources: ConfigSources) -> tuple[hot_changes.ConfigDifference, LoadedConfig]:
     new = describe(sources)
-    found = reread.difference(old, new)
-    return found, reread.in_force(old, new, found)
+    found = reload_plan.difference(old, new)
+    return found, reload_plan.in_force(old, new, found)
 
 
 def test_settings_split_into_hot_ones_and_those_that_wait(tmp_path: Path) -> None:
@@ -267,7 +267,7 @@ def test_settings_split_into_hot_ones_and_those_that_wait(tmp_path: Path) -> Non
         20.0,
         None,
     )
-    again = reread.difference(then, describe(files(tmp_path, text)))
+    again = reload_plan.difference(then, describe(files(tmp_path, text)))
     assert (again.changes, again.restart) == ({}, found.restart)
 
 
@@ -302,7 +302,7 @@ def test_what_the_files_said_travels_whole(tmp_path: Path) -> None:
     old = describe(sources)
     known, described = unpacked(packed(sources, old))
     assert known == sources
-    assert reread.difference(old, described).changes == {}
+    assert reload_plan.difference(old, described).changes == {}
     for data in (b"", b"nothing", packed(sources, old)[:-5]):
         with pytest.raises(ValueError, match="nothing is known"):
             unpacked(data)

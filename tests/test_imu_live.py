@@ -11,16 +11,16 @@ from doctor_world import options
 from processes import Daemon, Virtual, daemon, robot, until
 
 from twind.client import Client
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.robot.attitude import G
-from twind_calibration.doctor import robot_checks, runner, table
-from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor import check_table, robot_checks, runner
+from twind_calibration.doctor.context_builder import examine
+from twind_calibration.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 pytestmark = pytest.mark.realtime
 ID = 200
-CHECKS = runner.chosen(table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
+CHECKS = runner.chosen(check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def complaints(virtual: Virtual, running: Daemon | None = None) -> dict[str, str
     socket = running.sockets if running else "/nowhere/at/all"
     seen = examine(options(*words, socket=socket), HostInspector(), MonotonicClock())
     try:
-        found = runner.run(seen, CHECKS, table.complaints()).found
+        found = runner.run(seen, CHECKS, check_table.complaints()).found
     finally:
         seen.close()
     assert all(str(ID) not in each.thing or each.code.startswith("IMU") for each in found), found

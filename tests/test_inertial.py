@@ -15,14 +15,14 @@ from rig import Rig
 from twind import link
 from twind.config.robot_spec import ImuSpec, RegistersSpec
 from twind.link import Tick
-from twind.loop.inertial import SHOCK, SPIN, ImuPoller
+from twind.loop.imu_poller import SHOCK, SPIN, ImuPoller
 from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
 from twind.robot.state import Imu
 from twind.twin.base_pose import BASES
-from twind.virtual.inertial import sensor_of
-from twind.virtual.specimen import body_for, buses
-from twind_drivers.dynamixel.sensor import decoded
+from twind.virtual.virtual_imu import sensor_of
+from twind.virtual.virtual_robot_spec import body_for, buses
+from twind_drivers.dynamixel.register_sensor import decoded
 
 ODD = st.sampled_from([inf, -inf, nan, 3e38, -3e38, 0.0, 9.8, 1e-38, 0.5])
 

@@ -13,8 +13,8 @@ import pytest
 from pages import FENCE
 from unit_files import CLIENTS, SERVICES, SOCKETS, SYSTEMD
 
+from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import load_robot
-from twind.config.settings import load_settings
 
 ROOT = SYSTEMD.parent
 INSTALL = ROOT / "packaging" / "install.sh"

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from gate_world import ask, at_rest, codes, limits
 
-from twind.motion.executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
-from twind.motion.stops import StopRamp
+from twind.motion.stop_profiles import StopRamp
+from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
 from twind.robot.state import JointState

@@ -15,8 +15,8 @@ import pytest
 from twind.robot.finding import ReasonCode
 from twind.robot.splines import fill, integrate, interpolate, nearest_turn, passed
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.form import PointRow, form
 from twind.safety.gate import TrajectoryRequest
+from twind.safety.trajectory_validation import PointRow, form
 
 CASES = json.loads((Path(__file__).parent / "data" / "jtc_cases.json").read_text())
 EPS = 1e-8

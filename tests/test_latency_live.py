@@ -10,7 +10,7 @@ from processes import Daemon, until
 from test_front_server import CONTRACT
 
 from twind.client import Client, Refused
-from twind.safety.health import COMMAND
+from twind.telemetry.timing_monitor import COMMAND
 
 pytestmark = pytest.mark.realtime
 JOINT = "l_elbow"
@@ -96,7 +96,15 @@ def counted(running: Daemon, before: int) -> int | None:
 
 def test_a_mark_by_hand_is_heard_by_whoever_watches_and_stands_in_the_log(running: Daemon) -> None:
     def mark(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets), "mark", *words]
+        command = [
+            sys.executable,
+            "-m",
+            "twind.ctl.ctl_main",
+            "--socket",
+            str(running.sockets),
+            "mark",
+            *words,
+        ]
         return subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
 
     with Client(str(running.sockets), name="observe") as watcher:

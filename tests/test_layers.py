@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from gate_world import at_rest, limits, path
 
-from twind.motion.layers import MotionGoal, MotionLayer, begun, choose, laid_over, without
+from twind.motion.motion_layers import MotionGoal, MotionLayer, begun, choose, laid_over, without
 from twind.robot.trajectory import Trajectory
 
 PERIOD = 0.01

@@ -1,4 +1,4 @@
-"""twind.learn.batch.core: many robots are what each would be alone; episodes end and begin in one step."""
+"""twind.learn.batch.batch_core: many robots are what each would be alone; episodes end and begin in one step."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 from mujoco.batch import SimulationError
 
-from twind.learn.batch import body as batch_body
-from twind.learn.batch.core import BatchCore, BatchStep
-from twind.learn.env import RobotEnv
+from twind.learn.batch import batch_body
+from twind.learn.batch.batch_core import BatchCore, BatchStep
+from twind.learn.robot_env import RobotEnv
 
 COUNT, EPISODE = 3, 40
 

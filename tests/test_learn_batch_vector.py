@@ -1,4 +1,4 @@
-"""twind.learn.batch.vector: a batch as Gymnasium knows vector environments."""
+"""twind.learn.batch.vector_env: a batch as Gymnasium knows vector environments."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
-from twind.learn.picture import RendererUnavailable
+from twind.learn.camera_renderer import RendererUnavailable
 
 ID = "twind.learn.envs:twind/Stand-v0"
 COUNT = 3

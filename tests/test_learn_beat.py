@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.learn.live.beat import MARGIN, RateTimer, in_step
-from twind.learn.live.heard import StateMessage
+from twind.learn.live.rate_timer import MARGIN, RateTimer, in_step
+from twind.learn.live.state_message import StateMessage
 
 EMPTY = np.zeros(0)
 STATE = StateMessage(0.0, 0.0, 0, EMPTY, EMPTY, EMPTY, EMPTY, None)

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from recorded import JOINTS, Told, mark, state, status
 
+from twind.ctl.ctl_main import main
 from twind.ctl.extras import how_to_add
-from twind.ctl.main import main
 from twind.ctl.verb import Rejected
 from twind.observe.recording import open_recording
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_writer import RecordWriter
 
 pytest.importorskip("pyarrow", reason="make extras EXTRAS=dataset")
 
-from twind.learn.dataset.folder import write
-from twind.learn.dataset.gather import DatasetRequest, gather
+from twind.learn.dataset.dataset_folder import write
+from twind.learn.dataset.episode_collection import DatasetRequest, gather
 
 CAPTURES = Path(__file__).parent / "data" / "captures"
 EPISODES = (("pick", True), ("put", False), ("pick", None), ("pick", True))  # 2 s each, one every 3 s
@@ -338,7 +338,7 @@ def test_what_is_interrupted_leaves_nothing(
         assert [each.name for each in tmp_path.iterdir()] == [f".set.{os.getpid()}.half"]
         raise error
 
-    monkeypatch.setattr("twind.learn.dataset.folder._sync", stop)
+    monkeypatch.setattr("twind.learn.dataset.dataset_folder._sync", stop)
     assert verb(tmp_path / "set", recorded) in (1, 130)
     assert not list(tmp_path.iterdir())
 
@@ -362,7 +362,7 @@ def test_a_golden_capture_of_a_fault_gives_the_stretches_in_which_all_was_known(
 def test_without_pyarrow_it_says_what_to_install(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("twind.learn.dataset.verb.find_spec", lambda name: None)
+    monkeypatch.setattr("twind.learn.dataset.dataset_command.find_spec", lambda name: None)
     assert verb(tmp_path / "set", recorded) == 2
     assert capsys.readouterr().err == f"twindctl: dataset needs pyarrow: {how_to_add('dataset')}\n"
 

@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind.learn.dataset.stretches import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
-from twind.observe.recording.columns import RecordedEpisode, RecordedMessage, RobotRecording, SlowColumns
+from twind.learn.dataset.episode_spans import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
+from twind.observe.recording.recording_columns import (
+    RecordedEpisode,
+    RecordedMessage,
+    RobotRecording,
+    SlowColumns,
+)
 
 JOINTS = ("hip", "knee")
 ALL = EpisodeSpan("pick", 0.0, 10.0, True)

@@ -9,10 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_learn_dataset_cut import recording
 
-from twind.learn.dataset.frames import ACTION, EFFORT, IMU, STATE, VELOCITY, between, frames, rate, too_fast
-from twind.learn.dataset.stretches import EpisodeSpan, ReadingRun
+from twind.learn.dataset.episode_frames import (
+    ACTION,
+    EFFORT,
+    IMU,
+    STATE,
+    VELOCITY,
+    between,
+    frames,
+    rate,
+    too_fast,
+)
+from twind.learn.dataset.episode_spans import EpisodeSpan, ReadingRun
 from twind.observe.recording import RobotRecording
-from twind.observe.recording.columns import ImuColumns
+from twind.observe.recording.recording_columns import ImuColumns
 
 GAP = 0.1
 PART = EpisodeSpan("pick", 0.0, 10.0, True)

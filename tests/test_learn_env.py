@@ -13,10 +13,10 @@ import gymnasium
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from twind.learn.asked import MOST
-from twind.learn.env import RobotEnv
-from twind.learn.picture import CameraRenderer, RendererUnavailable
-from twind.learn.shaping import ActionShaping
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.camera_renderer import CameraRenderer, RendererUnavailable
+from twind.learn.reset_options import MOST
+from twind.learn.robot_env import RobotEnv
 
 NAMES = ("Stand", "Humanoid")
 

@@ -1,4 +1,4 @@
-"""twind.learn.randomise.noise: noise on readings, each quantity by its own range."""
+"""twind.learn.randomise.reading_noise: noise on readings, each quantity by its own range."""
 
 from dataclasses import fields, replace
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twind.learn.observation import BodyReading
-from twind.learn.randomise.noise import ReadingNoise
-from twind.learn.randomise.ranges import NoiseRanges
+from twind.learn.randomise.randomisation_ranges import NoiseRanges
+from twind.learn.randomise.reading_noise import ReadingNoise
 
 JOINTS = 3
 

@@ -9,17 +9,17 @@ import pytest
 from learn_world import body, places
 from mujoco.batch import MODEL_FIELDS, Batch
 
-from twind.learn.randomise.delays import DelayHistories
-from twind.learn.randomise.draw import DrawSampler, EpisodeDraw
-from twind.learn.randomise.physics import (
+from twind.learn.randomise.delay_histories import DelayHistories
+from twind.learn.randomise.episode_draw import DrawSampler, EpisodeDraw
+from twind.learn.randomise.episode_start import EpisodeStart
+from twind.learn.randomise.physics_randomiser import (
     CHANGES,
     BatchModelWriter,
     PhysicsRandomiser,
     SingleModelWriter,
     in_steps,
 )
-from twind.learn.randomise.ranges import RandomisationRanges, load_ranges
-from twind.learn.randomise.start import EpisodeStart
+from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
 
 JOINTS, LINKS = 24, 25
 KNEE = "l_knee"

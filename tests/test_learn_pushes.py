@@ -1,12 +1,12 @@
-"""twind.learn.randomise.pushes: how hard, how long and how often something pushes the robot."""
+"""twind.learn.randomise.push_schedule: how hard, how long and how often something pushes the robot."""
 
 from itertools import groupby
 
 import numpy as np
 import pytest
 
-from twind.learn.randomise.pushes import PushSchedule
-from twind.learn.randomise.ranges import PushRanges
+from twind.learn.randomise.push_schedule import PushSchedule
+from twind.learn.randomise.randomisation_ranges import PushRanges
 from twind.robot.arrays import Floats
 
 MASS, PERIOD = 4.0, 0.02

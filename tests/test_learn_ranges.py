@@ -1,12 +1,12 @@
-"""twind.learn.randomise.ranges: one file with every range, and what is refused of it."""
+"""twind.learn.randomise.randomisation_ranges: one file with every range, and what is refused of it."""
 
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from twind.config.located import ConfigError
-from twind.learn.randomise.ranges import (
+from twind.config.yaml_tree import ConfigError
+from twind.learn.randomise.randomisation_ranges import (
     FILE,
     NOISE,
     RULES,

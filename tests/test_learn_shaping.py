@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.shaping import BEND, ActionShaper, ActionShaping
-from twind.motion.stops import LimitedFollower, still
+from twind.learn.action_shaping import BEND, ActionShaper, ActionShaping
+from twind.motion.stop_profiles import LimitedFollower, still
 from twind.robot.arrays import Floats
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 
 TICK = 0.01  # s, of a loop at 100 Hz
 ROUNDING = 1e-9

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.learn.model import Plant, plant_of
 from twind.learn.observation import BodyReading
-from twind.learn.randomise.ranges import PushRanges, RandomisationRanges
+from twind.learn.plant_model import Plant, plant_of
+from twind.learn.randomise.randomisation_ranges import PushRanges, RandomisationRanges
 from twind.learn.sim_body import SimBody
 from twind.robot.arrays import Floats
 

@@ -20,19 +20,28 @@ pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 import trained
 
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import Rejected
-from twind.learn.policy.file import load
-from twind.learn.training.course import Trainer
-from twind.learn.training.curve import figure
+from twind.learn.policy.policy_file import load
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
-from twind.learn.training.export import export
-from twind.learn.training.folder import BEST, CHECKPOINT, CURVE, LAST, RUN, TrainingFolder, read_run, taken
-from twind.learn.training.learner import PpoLearner
-from twind.learn.training.origin import changed, originated
-from twind.learn.training.settings import TrainingSettings, chosen, differences
-from twind.learn.training.told import TrainingReporter
+from twind.learn.training.learning_curve import figure
+from twind.learn.training.policy_export import export
+from twind.learn.training.ppo_learner import PpoLearner
+from twind.learn.training.trainer import Trainer
+from twind.learn.training.training_folder import (
+    BEST,
+    CHECKPOINT,
+    CURVE,
+    LAST,
+    RUN,
+    TrainingFolder,
+    read_run,
+    taken,
+)
+from twind.learn.training.training_origin import changed, originated
+from twind.learn.training.training_reporter import TrainingReporter
+from twind.learn.training.training_settings import TrainingSettings, chosen, differences
 
 SMALL = TrainingSettings("Stand", steps=128, envs=2, rollout=32, batch=32, epochs=2, hidden=(16,), episodes=2)
 SMALL = replace(SMALL, evaluate_every=64)
@@ -316,7 +325,7 @@ def test_a_training_that_is_killed_goes_on(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "twind.ctl.main",
+        "twind.ctl.ctl_main",
         "train",
         "--json",
         "stand",

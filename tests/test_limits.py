@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 
 
 def limits(lower: float, upper: float) -> JointLimits:

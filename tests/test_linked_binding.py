@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.robot_spec import RobotFile
-from twind.loop.readings import NOWHERE, efforts, radians, ticks, velocities
+from twind.loop.joint_readings import NOWHERE, efforts, radians, ticks, velocities
 from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, BindingError, bind, rebound
-from twind.virtual.specimen import calibration, specimen
+from twind.virtual.virtual_robot_spec import calibration, specimen
 
 WAIST, ANKLE = ("waist_roll", "waist_yaw"), ("ankle_roll", "ankle_pitch")
 RODS = ("ank_in", "ank_out")

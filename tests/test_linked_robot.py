@@ -10,13 +10,13 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.config.edited import fingerprint
-from twind.config.files import ConfigSources, describe
-from twind.config.hot import ConfigDifference, robot_difference
+from twind.config.config_files import ConfigSources, describe
+from twind.config.file_changes import fingerprint
+from twind.config.hot_changes import ConfigDifference, robot_difference
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import buses
 from twind.virtual.truth import random_truth
+from twind.virtual.virtual_robot_spec import buses
 
 WAIST, ANKLE = ("waist_roll", "waist_yaw"), ("ankle_roll", "ankle_pitch")
 

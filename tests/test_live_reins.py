@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twind.client import NoAnswer, Refused
-from twind.learn.live.reins import LONGEST, SetpointSession
-from twind.learn.policy.card import RATES
+from twind.learn.live.setpoint_session import LONGEST, SetpointSession
+from twind.learn.policy.policy_card import RATES
 
 
 class Line:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.config.located import (
+from twind.config.yaml_tree import (
     MAX_BYTES,
     MAX_DEPTH,
     ConfigError,

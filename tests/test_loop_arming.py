@@ -11,7 +11,7 @@ from rig import CLIENT, Rig
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
-from twind_drivers.virtual.muscles import DriveState, FirstOrderPhysics
+from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
 
 STALL = 0.06  # s: beyond the 50 ms that a reading may be old at torque-on, within the gate's 100 ms
 WRITES = 8  # registers that are waiting to be written: each takes a tick at least

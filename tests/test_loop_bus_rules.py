@@ -7,7 +7,7 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.loop.ports import PortState
+from twind.loop.bus_port import PortState
 from twind.robot.modes import Mode, Motion, RobotState
 
 HEALTH = 20  # ticks between two readings of a servo's own clock (docs/reason-codes.md)

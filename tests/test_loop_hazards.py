@@ -5,8 +5,8 @@ import pytest
 from rig import CLIENT, Rig
 
 from twind import link
+from twind.loop.front_link import FrontLink
 from twind.loop.front_process import FrontProcess
-from twind.loop.link import FrontLink
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import FINE

@@ -12,14 +12,14 @@ import pytest
 from homing_world import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 
 from twind import link
-from twind.config.actuator import CAN
+from twind.config.actuator_types import CAN
 from twind.config.counts import ticks_of
-from twind.config.homing import JointEndstops
+from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
-from twind.motion import homing
+from twind.motion import endstop_search
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.virtual.specimen import buses
+from twind.virtual.virtual_robot_spec import buses
 
 # ------------------------------------------------------------------------------- found
 
@@ -90,15 +90,19 @@ def test_only_its_servo_has_torque_and_it_is_weak_slow_and_watched() -> None:
         assert [made.row] == np.flatnonzero(made.torques()).tolist()
         assert made.get("operating_mode") == 5
         full = made.spec.type.full_effort
-        assert made.get("goal_current") == int(homing.USUAL_SHARE * full)
+        assert made.get("goal_current") == int(endstop_search.USUAL_SHARE * full)
         assert made.get("bus_watchdog") == 5
-        assert made.get("profile_velocity") * 0.02398 == pytest.approx(2.0 * homing.USUAL_SPEED, abs=0.03)
+        assert made.get("profile_velocity") * 0.02398 == pytest.approx(
+            2.0 * endstop_search.USUAL_SPEED, abs=0.03
+        )
         before = made.bus.servos["goal_position"].tolist()
         made.seconds(1.0)
         after = made.bus.servos["goal_position"].tolist()
         moved = [place for place, (a, b) in enumerate(zip(before, after, strict=True)) if a != b]
         assert moved == [made.row], "goals went to somebody else"
-        assert abs(after[made.row] - before[made.row]) == pytest.approx(homing.USUAL_SPEED * RAD, abs=3)
+        assert abs(after[made.row] - before[made.row]) == pytest.approx(
+            endstop_search.USUAL_SPEED * RAD, abs=3
+        )
         assert made.loop.state == "calibrating" and not made.loop.armed
         assert made.loop.torque_off is False
 
@@ -127,7 +131,7 @@ def test_goals_keep_inside_the_window_on_the_wire() -> None:
             made.ticks(1)
             if made.get("torque_enable"):
                 goals.append(made.get("goal_position"))
-        end = made.stop() - round(homing.MARGIN * RAD)
+        end = made.stop() - round(endstop_search.MARGIN * RAD)
         assert end - 2 <= min(goals) <= end + 2, "it did not look to the end of its window, or went beyond"
         made.undone()
 

@@ -198,7 +198,7 @@ def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch)
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind.motion.homing.EndstopSearch.step", lambda *_: 1 / 0)
+        monkeypatch.setattr("twind.motion.endstop_search.EndstopSearch.step", lambda *_: 1 / 0)
         assert failed(made, ticket) == [ReasonCode.INTERNAL]
         assert ReasonCode.INTERNAL in made.loop.latches
 
@@ -291,6 +291,7 @@ def test_a_servo_that_has_no_such_mode_is_left_as_it_is(monkeypatch: pytest.Monk
     with homed() as made:
         made.ready()
         monkeypatch.setattr(
-            "twind_drivers.dynamixel.alone.mode_of", lambda *_: (_ for _ in ()).throw(ValueError("no mode 5"))
+            "twind_drivers.dynamixel.single_servo.mode_of",
+            lambda *_: (_ for _ in ()).throw(ValueError("no mode 5")),
         )
         assert failed(made, made.find()) == [ReasonCode.STOP_NOT_FOUND]

@@ -12,8 +12,8 @@ import pytest
 from homing_world import JOINT, OTHER, Homed, codes, failed, homed
 
 from twind import link
-from twind.loop.readings import JointReadings
-from twind.loop.reload import at_rest
+from twind.loop.joint_readings import JointReadings
+from twind.loop.reload_coordinator import at_rest
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusSample, WireClamp
 
@@ -116,7 +116,7 @@ def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind_drivers.dynamixel.alone.SingleServoControl.goal", wild)
+        monkeypatch.setattr("twind_drivers.dynamixel.single_servo.SingleServoControl.goal", wild)
         assert failed(made, ticket) == [ReasonCode.WIRE_CLAMP]
         assert ReasonCode.WIRE_CLAMP in made.loop.latches
 
@@ -214,7 +214,7 @@ def test_who_cannot_be_given_anything_is_not_owed_for_ever(monkeypatch: pytest.M
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind_drivers.dynamixel.writer.DynamixelWriter.alone", never)
+        monkeypatch.setattr("twind_drivers.dynamixel.dynamixel_writer.DynamixelWriter.alone", never)
         made.send(link.ReleaseLease)
         reply = made.last(ticket)
         assert codes(reply) == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]

@@ -8,7 +8,7 @@ from test_loop_reactions import PWM, P, raised, said, soft
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety.facts import Reaction
+from twind.safety.guard_types import Reaction
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time

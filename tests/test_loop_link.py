@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from twind import link, memfd
-from twind.loop.link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
-from twind.sockets import Listener, listen
+from twind.listening_sockets import Listener, listen
+from twind.loop.front_link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
 
 
 class Front:

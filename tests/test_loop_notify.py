@@ -13,8 +13,8 @@ from processes import Daemon, until
 from rig import Rig
 
 from twind.link import EStop, Reset
-from twind.loop.notify import STATUS, Notifier
-from twind.loop.release import LETTING_GO
+from twind.loop.service_notify import STATUS, Notifier
+from twind.loop.torque_release import LETTING_GO
 
 FAR = str(os.getpid() + 1)
 

@@ -11,13 +11,13 @@ from rig import Rig
 from turning_world import arm_in
 
 from twind import link
-from twind.loop.readings import JointReadings
-from twind.loop.release import SettleProfile, release
+from twind.loop.joint_readings import JointReadings
+from twind.loop.torque_release import SettleProfile, release
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.truth import JointTruth, Truth
 from twind_drivers.bus import BusError
-from twind_drivers.dynamixel.tables import table
+from twind_drivers.dynamixel.control_tables import table
 
 SINGLE, EXTENDED, CAPPED = range(3)
 OUT = {"single": 0.3, "extended": 0.02, "capped": 0.3}  # away from the rest pose

@@ -9,7 +9,7 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.release import SettleProfile, release
+from twind.loop.torque_release import SettleProfile, release
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError
 

@@ -11,14 +11,14 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop import damping, release
+from twind.loop import damping, torque_release
 from twind.loop.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind.safety.facts import Reaction
 from twind.safety.guard import FINE
-from twind.twin.muscles import body_of
-from twind.virtual.specimen import specimen
+from twind.safety.guard_types import Reaction
+from twind.twin.mujoco_physics import body_of
+from twind.virtual.virtual_robot_spec import specimen
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
@@ -253,11 +253,11 @@ def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(ar
     began = armed.clock.now()
     while armed.loop.soft_since is None:
         armed.ticks(1)
-        assert armed.clock.now() <= began + release.SETTLE + 0.05
+        assert armed.clock.now() <= began + torque_release.SETTLE + 0.05
     assert armed.clock.now() - began > 3.0
     armed.seconds(damping.SLOW_FOR + 0.3)
     assert armed.loop.torque_off
-    assert armed.clock.now() - began < release.SETTLE + damping.SLOW_MOST + 0.5
+    assert armed.clock.now() - began < torque_release.SETTLE + damping.SLOW_MOST + 0.5
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry", "free"])
@@ -274,7 +274,7 @@ def test_an_estop_lets_go_within_four_seconds(armed: Rig, support: str) -> None:
     assert after is not None
     place = armed.names.index("l_shoulder_pitch")
     assert abs(after.velocity[place]) < abs(before.velocity[place]), "the next goal decelerates (W6)"
-    armed.seconds(release.SETTLE)
+    armed.seconds(torque_release.SETTLE)
     assert (armed.register("torque_enable") == 0).all()
     assert armed.loop.torque_off
     assert not armed.events("DAMP")
@@ -319,7 +319,7 @@ def test_a_settle_that_latches_nothing_ends_disarmed(armed: Rig) -> None:
     with said(armed, reaction=Reaction.SETTLE):
         armed.ticks(1)
     assert armed.loop.state == "settling"
-    armed.seconds(release.SETTLE)
+    armed.seconds(torque_release.SETTLE)
     assert armed.loop.state == "connected"
     assert not armed.loop.armed
 
@@ -386,7 +386,7 @@ def test_the_way_to_the_rest_pose_is_never_slowed(armed: Rig) -> None:
     raised(armed)
     with said(armed, pace=0.1, findings=()):
         armed.send(link.EStop, level="settle", reason="test")
-        armed.seconds(release.SETTLE)
+        armed.seconds(torque_release.SETTLE)
     assert armed.loop.torque_off
 
 

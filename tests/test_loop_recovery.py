@@ -11,7 +11,7 @@ from test_loop_reactions import said
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
-from twind.safety.facts import Reaction
+from twind.safety.guard_types import Reaction
 
 JOINT = "l_shoulder_pitch"
 SAMPLE = ReasonCode.FOLLOW_ERR  # in every situation; the others in one each, in turn, where time allows

@@ -12,7 +12,7 @@ from rig import CLIENT, Rig
 from stage import move
 
 from twind import link
-from twind.loop.readings import ticks
+from twind.loop.joint_readings import ticks
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory

@@ -10,8 +10,8 @@ from rig import Rig
 from test_loop_reload import NARROW, codes, held
 
 from twind import link
-from twind.loop import reload
-from twind.loop.notify import Notifier
+from twind.loop import reload_coordinator
+from twind.loop.service_notify import Notifier
 from twind.robot.finding import ReasonCode
 
 
@@ -81,7 +81,7 @@ def test_a_refused_reload_ends_with_ready_too_and_the_status_says_why(managed: t
 def test_files_that_come_after_it_was_told_that_nothing_was_changed_change_nothing(
     managed: tuple[Rig, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reload, "PATIENCE", 0.5)
+    monkeypatch.setattr(reload_coordinator, "PATIENCE", 0.5)
     rig, told = managed
     before = held(rig)
     rig.front.outer.send(link.encode(link.ReloadStarted()))
@@ -99,7 +99,7 @@ def test_files_that_come_after_it_was_told_that_nothing_was_changed_change_nothi
 def test_a_front_that_never_answers_does_not_leave_a_reload_open(
     managed: tuple[Rig, Any], how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reload, "PATIENCE", 0.5)
+    monkeypatch.setattr(reload_coordinator, "PATIENCE", 0.5)
     rig, told = managed
     before = held(rig)
     rig.loop.reloads.wanted = True

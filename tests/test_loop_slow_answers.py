@@ -8,7 +8,7 @@ from eeprom import calibrate, calibrated
 from rig import Rig
 
 from twind import link
-from twind.loop.ports import PortState
+from twind.loop.bus_port import PortState
 
 FACTORY = 250  # counts of 2 us (e-manual, "Return Delay Time (9)")
 

@@ -29,7 +29,7 @@ def test_servos_as_delivered_are_found_and_mended_by_the_printed_command(firmwar
         words = printed(running)
         state = "connected" if firmware == "46" else "identifying"
         running.reach(10.0, state=state)
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets)]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets)]
         run = subprocess.run([*command, *words], capture_output=True, text=True, timeout=20.0)
         assert run.returncode == 0, run.stderr
         with running.client() as client:

@@ -7,7 +7,7 @@ from rig import Rig
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind_drivers.virtual.muscles import FirstOrderPhysics
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 

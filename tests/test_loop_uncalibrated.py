@@ -3,7 +3,7 @@
 import numpy as np
 from rig import Rig
 
-from twind.loop.described import BoundRobot
+from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.truth import JointTruth, Truth

@@ -10,8 +10,8 @@ from rig import Rig
 from twind import link
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
-from twind.safety.health import COMMAND
-from twind.safety.window import BOUNDS_MS
+from twind.telemetry.rolling_stats import BOUNDS_MS
+from twind.telemetry.timing_monitor import COMMAND
 
 JOINT = "l_elbow"
 WHOLE = dict.fromkeys(COMMAND, 1)

@@ -6,7 +6,7 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.front.marks import LONGEST, annotation
+from twind.front.annotations import LONGEST, annotation
 from twind.link import Annotation
 from twind.loop.requests import MARKS
 from twind.protocol import WrongParameter

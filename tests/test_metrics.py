@@ -23,9 +23,9 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from twind.ctl.verb import Rejected, UsageError
 from twind.observe import metrics
-from twind.observe.measuring import serve as metrics_serve
-from twind.observe.measuring.families import families
-from twind.observe.measuring.ledger import STALE, MetricsLedger
+from twind.observe.measuring import metrics_server as metrics_serve
+from twind.observe.measuring.metric_families import families
+from twind.observe.measuring.metrics_ledger import STALE, MetricsLedger
 from twind.robot.finding import ReasonCode
 
 FILES = Path(__file__).parents[1] / "packaging" / "metrics"

@@ -23,10 +23,10 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from prometheus_client.parser import text_string_to_metric_families as older_text
 
 from twind.client import Client, Refused
-from twind.observe.measuring import http as metrics_http
-from twind.observe.measuring.http import LONGEST, MetricsHttpHandler
-from twind.observe.measuring.ledger import STALE, MetricsLedger
-from twind.observe.measuring.serve import registry
+from twind.observe.measuring import metrics_http
+from twind.observe.measuring.metrics_http import LONGEST, MetricsHttpHandler
+from twind.observe.measuring.metrics_ledger import STALE, MetricsLedger
+from twind.observe.measuring.metrics_server import registry
 
 pytestmark = pytest.mark.realtime
 OPENMETRICS = {"Accept": "application/openmetrics-text;version=1.0.0"}
@@ -46,7 +46,7 @@ def simulated(folder: Path) -> Iterator[Daemon]:
 
 
 def ctl(folder: Path, *words: str) -> list[str]:
-    return [sys.executable, "-m", "twind.ctl.main", "--socket", str(folder), "metrics", *words]
+    return [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(folder), "metrics", *words]
 
 
 @contextmanager

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from pages import ROOT
 
 from twind import cli
-from twind.config.located import ConfigError
 from twind.config.model_numbers import BOUNDS, require_sane_numbers
 from twind.config.robot_file import built_in_robots, load_robot
-from twind.ctl.main import main as ctl
-from twind.virtual.main import main as virtual
+from twind.config.yaml_tree import ConfigError
+from twind.ctl.ctl_main import main as ctl
+from twind.virtual.virtual_main import main as virtual
 
 ATTRIBUTES = [(element, name) for element, known in BOUNDS.items() for name in known]
 BODY = '<worldbody><body><freejoint/><geom size="1"/></body></worldbody>'

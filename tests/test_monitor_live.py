@@ -16,7 +16,7 @@ from screen import Run, Screen
 from stand_in import NAMES, StandIn
 
 from twind.client import Client
-from twind.ctl.picture.live import MonitorFeed
+from twind.ctl.picture.live_picture import MonitorFeed
 
 pytestmark = pytest.mark.realtime
 FRAME = b"\x1b[?2026h"
@@ -30,7 +30,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
 
 
 def command(directory: Path, *arguments: str) -> list[str]:
-    return [sys.executable, "-m", "twind.ctl.main", "--socket", str(directory), "monitor", *arguments]
+    return [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(directory), "monitor", *arguments]
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ import pytest
 from dxl_responder import Servos, Wire
 
 from twind.config.robot_file import load_robot
-from twind.loop.open_bus import BusOpener
+from twind.loop.bus_opener import BusOpener
 from twind.twin.binding import bind
 from twind_drivers.bus import PortError, WireClamp
-from twind_drivers.dynamixel.bus import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 ROBOT = load_robot("h24-split")

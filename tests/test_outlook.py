@@ -11,16 +11,16 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import read_robot
-from twind.loop.outlook import LEAST, CollisionLookahead
-from twind.motion.course import along, braking
-from twind.motion.executor import TrajectoryExecutor
-from twind.motion.stops import StopRamp
+from twind.loop.collision_lookahead import LEAST, CollisionLookahead
+from twind.motion.lookahead_path import along, braking
+from twind.motion.stop_profiles import StopRamp
+from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.modes import Mode, Motion
 from twind.robot.splines import hold, interpolate
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.facts import ClearanceAhead
+from twind.safety.guard_types import ClearanceAhead
 from twind.twin.binding import Binding, bind
-from twind.twin.collision import CollisionModel
+from twind.twin.collision_model import CollisionModel
 
 PERIOD = 0.01
 OPEN = "{allow: [[base, middle]]}"
@@ -127,7 +127,9 @@ def test_who_stands_too_close_and_leaves_is_let_go(world: World) -> None:
 
 def test_what_is_no_number_is_no_clearance(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     elbow(world, 1.0, 2.0)
-    monkeypatch.setattr("twind.motion.course.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan))
+    monkeypatch.setattr(
+        "twind.motion.lookahead_path.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan)
+    )
     outlook = world.tick()
     assert outlook is not None
     assert isnan(outlook.clearance)

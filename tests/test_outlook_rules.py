@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.facts import ClearanceAhead
 from twind.safety.guard import MOVING, REACTING, Reaction
+from twind.safety.guard_types import ClearanceAhead
 
 BLOCK, WARN = 0.002, 0.010
 TINY = 1e-9

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from twind.config.pages import CALIBRATION, page
+from twind.config.doc_pages import CALIBRATION, page
 
 
 def test_the_first_folder_that_has_it_is_told(tmp_path: Path) -> None:

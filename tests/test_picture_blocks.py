@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from picture_world import bus, event, loop, told, view, watched
 
-from twind.ctl.picture.blocks import (
+from twind.ctl.picture.picture_blocks import (
     PictureBlock,
     PictureRow,
     ago,
@@ -19,9 +19,9 @@ from twind.ctl.picture.blocks import (
     summary,
     trouble,
 )
-from twind.ctl.picture.lines import Line, line
-from twind.ctl.picture.paint import plain
-from twind.ctl.picture.view import PictureState
+from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.picture.picture_state import PictureState
+from twind.ctl.picture.styled_lines import Line, line
 from twind.ctl.reasons import remedy
 from twind.robot.finding import ReasonCode
 

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from picture_world import NAMES, joints, view
 
-from twind.ctl.picture.joints import joints as table
-from twind.ctl.picture.lines import Line
-from twind.ctl.picture.paint import plain
+from twind.ctl.picture.joint_table import joints as table
+from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.picture.styled_lines import Line
 
 
 def row(width: int = 120, *, armed: bool = True, **different: Any) -> tuple[str, Line, bool]:

@@ -7,10 +7,10 @@ import pytest
 from picture_world import NAMES, bus, joints, troubled, view
 from rich.console import Console
 
-from twind.ctl.picture.layout import PAGES, PageSelection, picture
-from twind.ctl.picture.lines import length
-from twind.ctl.picture.paint import RichPicture, plain
-from twind.ctl.picture.view import PictureState
+from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
+from twind.ctl.picture.picture_renderer import RichPicture, plain
+from twind.ctl.picture.picture_state import PictureState
+from twind.ctl.picture.styled_lines import length
 
 GOLDEN = Path(__file__).parent / "data" / "monitor"
 SIZES = [(80, 24), (120, 40), (200, 60)]

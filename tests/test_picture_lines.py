@@ -2,8 +2,8 @@
 
 import pytest
 
-from twind.ctl.picture.lines import beside, cut, fitting, left, length, line, padded, right, wrapped
-from twind.ctl.picture.paint import plain
+from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.picture.styled_lines import beside, cut, fitting, left, length, line, padded, right, wrapped
 
 WIDE = "腕一"  # two columns each
 

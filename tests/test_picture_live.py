@@ -10,8 +10,8 @@ from picture_world import NAMES, event, joints, robot, status
 from processes import until
 
 from twind.client import ClientError, Disconnected
-from twind.ctl.picture.live import MonitorFeed, show
-from twind.ctl.picture.view import DisplayThresholds
+from twind.ctl.picture.live_picture import MonitorFeed, show
+from twind.ctl.picture.picture_state import DisplayThresholds
 
 pytestmark = pytest.mark.realtime
 

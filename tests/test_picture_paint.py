@@ -9,9 +9,9 @@ from picture_world import troubled, view
 from rich.color import ColorSystem
 from rich.console import Console
 
-from twind.ctl.picture.layout import picture
-from twind.ctl.picture.lines import line
-from twind.ctl.picture.paint import STYLES, Palette, plain, svg
+from twind.ctl.picture.picture_layout import picture
+from twind.ctl.picture.picture_renderer import STYLES, Palette, plain, svg
+from twind.ctl.picture.styled_lines import line
 
 EVERY = line(*[(name or "plain", name) for name in STYLES])
 

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from picture_world import HOPS, bus, loop, told, view, watched
 
-from twind.ctl.picture.lines import Line
-from twind.ctl.picture.paint import plain
-from twind.ctl.picture.timing import BARS, buses, hops, lateness, merged
-from twind.ctl.picture.view import MonitorCollector
+from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.picture.picture_state import MonitorCollector
+from twind.ctl.picture.styled_lines import Line
+from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
 
 
 def said(**different: Any) -> tuple[str, set[str], bool]:

@@ -3,7 +3,7 @@
 import pytest
 from picture_world import REFUSAL, bus, event, joints, loop, robot, status, told, watched
 
-from twind.ctl.picture.view import KEPT, MonitorCollector
+from twind.ctl.picture.picture_state import KEPT, MonitorCollector
 
 
 def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:

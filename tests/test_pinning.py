@@ -11,17 +11,17 @@ from hull_robot import hull
 
 from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.robot_spec import RobotFile
-from twind.learn.model import plant_of
+from twind.learn.plant_model import plant_of
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.binding import Binding, BindingError, bind
-from twind.twin.clearance import survey
-from twind.twin.collision import CollisionModel, candidates
-from twind.twin.foresight import TrajectoryPrecheck
-from twind.twin.muscles import MujocoPhysics, body_of
+from twind.twin.clearance_survey import survey
+from twind.twin.collision_model import CollisionModel, candidates
+from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.twin.pinning import pin
+from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
 PAIR = '<contact><pair geom1="torso" geom2="head"/></contact>'
 EXCLUDED = '<contact><exclude body1="torso" body2="head"/></contact>'

@@ -16,9 +16,9 @@ from matplotlib.image import imread
 from twind.ctl.extras import how_to_add
 from twind.ctl.verb import Rejected, UsageError
 from twind.observe import plot
-from twind.observe.plotting.lines import MOST, line, marks, worst
-from twind.observe.plotting.page import DOTS, PAGE, figure, save
-from twind.observe.recording.columns import (
+from twind.observe.plotting.plot_lines import MOST, line, marks, worst
+from twind.observe.plotting.plot_page import DOTS, PAGE, figure, save
+from twind.observe.recording.recording_columns import (
     Floats,
     LatencyColumns,
     RecordedEpisode,

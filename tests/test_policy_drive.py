@@ -8,7 +8,7 @@ import pytest
 from test_policy_pilot import PERIOD, World
 
 from twind.client import Disconnected, Refused
-from twind.learn.policy.drive import PolicyRun
+from twind.learn.policy.policy_run import PolicyRun
 from twind_drivers.clock import FakeClock
 
 

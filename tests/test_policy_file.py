@@ -20,8 +20,8 @@ import onnx
 import onnxruntime
 from policies import TWO, network, plain, written
 
-from twind.learn.policy.card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
-from twind.learn.policy.file import KEY, NetworkLayer, load, save
+from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
+from twind.learn.policy.policy_file import KEY, NetworkLayer, load, save
 
 BODY = PolicyRobot("two", TWO.joints, TWO.layout, TWO.lower, TWO.upper, TWO.velocity, TWO.acceleration, 100.0)
 Observations = np.random.default_rng(3).normal(0.0, 1.0, (200, TWO.observations)).astype(np.float32)
@@ -130,7 +130,7 @@ def test_every_operation_on_the_list_gives_what_onnxruntime_gives(tmp_path: Path
 def test_a_policy_runs_where_no_library_of_onnx_is(tmp_path: Path) -> None:
     code = (
         "import sys\n"
-        "from twind.learn.policy.file import load\n"
+        "from twind.learn.policy.policy_file import load\n"
         "load(sys.argv[1])\n"
         "print(sorted({'onnx', 'onnxruntime', 'torch', 'google.protobuf'} & set(sys.modules)))"
     )
@@ -381,7 +381,7 @@ def test_no_file_takes_more_memory_than_it_weighs(
     make(path)
     code = (
         "import resource, sys\n"
-        "from twind.learn.policy.file import load\n"
+        "from twind.learn.policy.policy_file import load\n"
         "had = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
         "resource.setrlimit(resource.RLIMIT_AS, (had + (40 << 20),) * 2)\n"
         "load(sys.argv[1])"

@@ -17,7 +17,7 @@ from processes import Daemon, until
 from test_policy_stands import CARD, bending
 
 from twind.client import Client
-from twind.learn.policy.file import save
+from twind.learn.policy.policy_file import save
 
 pytestmark = pytest.mark.realtime
 FASTEST = 4.0  # rad/s, of h24's joints

@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 from policies import TWO
 
-from twind.learn.layout import ObservationLayout
-from twind.learn.live.heard import STALE, ImuReading, StateMessage
+from twind.learn.action_shaping import ActionShaper
+from twind.learn.live.state_message import STALE, ImuReading, StateMessage
 from twind.learn.observation import BodyReading
-from twind.learn.policy.card import entries
-from twind.learn.policy.pilot import PATIENCE, PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
-from twind.learn.shaping import ActionShaper
+from twind.learn.observation_layout import ObservationLayout
+from twind.learn.policy.policy_card import entries
+from twind.learn.policy.policy_controller import (
+    PATIENCE,
+    PolicyController,
+    PolicyEnd,
+    PolicyHold,
+    PolicySetpoint,
+)
 
 CARD = replace(TWO, layout=entries(ObservationLayout(TWO.joints)))
 POSE = np.array(CARD.default)

@@ -17,9 +17,9 @@ from policies import constant, plain
 from standing_rig import StandingRig, soft, truth
 
 from twind.config.robot_file import load_robot
-from twind.learn.model import plant_of
-from twind.learn.policy.file import NetworkLayer, Policy, PolicyCard, load, save
-from twind.learn.shaping import ActionShaping
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.plant_model import plant_of
+from twind.learn.policy.policy_file import NetworkLayer, Policy, PolicyCard, load, save
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 CARD = PolicyCard.of(

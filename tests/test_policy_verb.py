@@ -13,12 +13,12 @@ pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 from policies import TWO, written
 
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import UsageError
-from twind.learn.live.robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
-from twind.learn.policy import verb
-from twind.learn.policy.run import _command, _figures
-from twind.learn.tasks import task_of
+from twind.learn.learning_tasks import task_of
+from twind.learn.live.daemon_robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
+from twind.learn.policy import policy_command
+from twind.learn.policy.policy_run_command import _command, _figures
 
 CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
 ROBOT = load_robot("h24-standing")
@@ -63,7 +63,7 @@ def test_without_a_daemon_a_run_ends_with_3(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["1", "1,2", "a,b,c", "1,2,3,4", "nan,0,0", "0,inf,0"])
 def test_a_command_is_three_finite_numbers(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="numbers"):
-        verb.command(text)
+        policy_command.command(text)
 
 
 def test_a_command_lies_within_what_was_trained() -> None:

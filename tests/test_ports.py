@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from two_buses import PERIOD, TwoBuses
 
-from twind.loop.ports import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
+from twind.loop.bus_port import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
 from twind_drivers.bus import (
     BusError,
     DeviceRefused,

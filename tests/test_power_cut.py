@@ -19,9 +19,9 @@ import pytest
 from power_cut import Recording, holding, laid_out, recorded
 from test_calibration_file import ROBOT, made
 
-from twind.config import saving
+from twind.config import atomic_save
+from twind.config.atomic_save import FileOwnership, alone, draft_of, save_text
 from twind.config.calibration_file import dump_calibration, load_calibration
-from twind.config.saving import FileOwnership, alone, draft_of, save_text
 
 
 def text(zero: int) -> str:
@@ -73,7 +73,7 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytes
     folder = tmp_path / "recorded"
     folder.mkdir()
     request.param(folder)
-    return recorded(folder, lambda: save(folder), saving, monkeypatch)
+    return recorded(folder, lambda: save(folder), atomic_save, monkeypatch)
 
 
 def before(recording: Recording) -> dict[str, bytes]:
@@ -133,7 +133,7 @@ def test_a_draft_is_old_or_new_as_well(tmp_path: Path, monkeypatch: pytest.Monke
 
     save_draft(OLD)
     name = draft_of(tmp_path, "h24").name
-    drafted = recorded(tmp_path, lambda: save_draft(NEW), saving, monkeypatch)
+    drafted = recorded(tmp_path, lambda: save_draft(NEW), atomic_save, monkeypatch)
     left = [held[name] for count in range(len(drafted.calls) + 1) for held in drafted.aftermaths(count)]
     assert set(left) == {OLD.encode(), NEW.encode()}
     assert {held[name] for held in drafted.aftermaths(len(drafted.calls))} == {NEW.encode()}
@@ -144,7 +144,7 @@ def test_the_model_of_the_disk_tells_a_save_that_forgets_to_sync(
 ) -> None:
     """Without any one of its syncs the claims above would not hold: they can fail."""
     second(tmp_path)
-    whole = recorded(tmp_path, lambda: save(tmp_path), saving, monkeypatch)
+    whole = recorded(tmp_path, lambda: save(tmp_path), atomic_save, monkeypatch)
     assert [call.what for call in whole.calls if call.what.startswith("sync")]
     for number, call in enumerate(whole.calls):
         if not call.what.startswith("sync"):
@@ -189,7 +189,7 @@ def test_nothing_else_is_done_to_the_folder(tmp_path: Path, monkeypatch: pytest.
     folder.mkdir()
     second(folder)
     program = (
-        "import sys; from pathlib import Path; from twind.config.saving import save_text\n"
+        "import sys; from pathlib import Path; from twind.config.atomic_save import save_text\n"
         "save_text(Path(sys.argv[1]), 'h24', sys.argv[2], 20)"
     )
     calls = (
@@ -212,7 +212,7 @@ def test_nothing_else_is_done_to_the_folder(tmp_path: Path, monkeypatch: pytest.
     other = tmp_path / "other"
     other.mkdir()
     second(other)
-    told = recorded(other, lambda: save(other), saving, monkeypatch)
+    told = recorded(other, lambda: save(other), atomic_save, monkeypatch)
     names = {"sync": "fsync", "sync folder": "fsync"}
     assert seen == [names.get(call.what, call.what) for call in told.calls]
 
@@ -265,7 +265,7 @@ def test_a_disk_that_fails_at_any_call_keeps_a_whole_file_and_says_so(
         full_history(folder)
         history = earlier(holding(folder))
         with monkeypatch.context() as patch:
-            patch.setattr(saving, "os", Failing(left, code))
+            patch.setattr(atomic_save, "os", Failing(left, code))
             why = failure(lambda: save(folder))  # noqa: B023 - called at once
         assert why in (0, code)
         failed += why == code

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from guard_world import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, reading
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 from twind.safety.power_rules import VoltageRules
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from twind.loop.ports import ScriptRun
+from twind.loop.bus_port import ScriptRun
 from twind.loop.procedures import Priority, Procedure, ProcedureRunner, all_of, ticks
 from twind_drivers.bus import BusError, PingRequest, Script
 

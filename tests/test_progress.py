@@ -133,23 +133,23 @@ def test_things_are_told_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 TOLD = {  # which verbs each file with a progress serves
-    "calibrating/endstopping.py": ("calibrate endstop",),
-    "calibrating/scanning.py": ("calibrate scan",),
-    "ctl/check.py": ("check robot",),
-    "ctl/devices.py": ("scan",),
-    "ctl/motion.py": ("move", "play"),
+    "calibrating/endstop_command.py": ("calibrate endstop",),
+    "calibrating/calibrate_scan_command.py": ("calibrate scan",),
+    "ctl/check_command.py": ("check robot",),
+    "ctl/device_commands.py": ("scan",),
+    "ctl/motion_commands.py": ("move", "play"),
     "doctor/__init__.py": ("doctor",),
     "observe/export.py": ("export",),
-    "writing/course.py": ("record",),
+    "writing/recorder.py": ("record",),
     "observe/recover.py": ("recover",),
-    "proving/verb.py": ("calibrate prove",),
+    "proving/prove_command.py": ("calibrate prove",),
     "twind_calibration/port_scan.py": ("scan",),
-    "dataset/verb.py": ("dataset",),
-    "policy/run.py": ("policy run",),
-    "streaming/course.py": ("stream",),
+    "dataset/dataset_command.py": ("dataset",),
+    "policy/policy_run_command.py": ("policy run",),
+    "streaming/stream_runner.py": ("stream",),
     "streaming/ingest.py": ("ingest",),
-    "training/course.py": ("train",),
-    "training/verb.py": ("train",),
+    "training/trainer.py": ("train",),
+    "training/train_command.py": ("train",),
 }
 
 
@@ -158,7 +158,7 @@ def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> Non
     files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
     telling = [file for file in files if "import ProgressLine\n" in file.read_text(encoding="utf-8")]
     found = {"/".join(file.parts[-2:]) for file in telling}
-    assert found - {"calibrating/board.py"} == set(TOLD)  # the board has a progress of another kind
+    assert found - {"calibrating/sweep_display.py"} == set(TOLD)  # the board has a progress of another kind
     page = (root / "docs" / "observe.md").read_text(encoding="utf-8")
     said = page.split("## Progress of long work\n")[1].split("\n\n")[1]
     assert sorted(re.findall(r"`([^`]+)`", said)) == sorted(

@@ -12,10 +12,10 @@ from test_reading import briefed
 
 from twind import link
 from twind.config.calibration_file import Calibration, fitting, save_calibration
-from twind.config.files import ConfigSources, describe
-from twind.config.keys import PROOF
+from twind.config.config_files import ConfigSources, describe
+from twind.config.hot_keys import PROOF
 from twind.config.robot_file import load_robot
-from twind.front.reading import read_again
+from twind.front.reload_worker import read_again
 
 SHOWN = {"sign": "gravity", "base_pose": "back", "slope_ratio": 0.94}
 

@@ -7,7 +7,7 @@ import pytest
 from varlink.scanner import Interface as PeerInterface
 
 from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
-from twind.safety.health import COMMAND, READING
+from twind.telemetry.timing_monitor import COMMAND, READING
 
 CONTRACT = load(CONTROL)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.protocol.strict import DEPTH, BadJson, loads
+from twind.protocol.strict_json import DEPTH, BadJson, loads
 
 VALUES = st.recursive(
     st.none()

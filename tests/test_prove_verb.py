@@ -10,10 +10,10 @@ from processes import PATIENCE, Daemon, Virtual, arm, daemon, robot
 
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import Rejected
-from twind_calibration.proving.pose import posed
-from twind_calibration.wiggling.motion import goal_of
+from twind_calibration.proving.observable_pose import posed
+from twind_calibration.wiggling.joint_move import goal_of
 
 pytestmark = pytest.mark.realtime
 Captured = pytest.CaptureFixture[str]

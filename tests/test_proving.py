@@ -19,10 +19,18 @@ from proving_world import (
 )
 
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected import ExpectedLoads, look_ahead
-from twind_calibration.proving.expected import swept as at_places
-from twind_calibration.proving.judge import GROSS, ProofContradiction, SignProof, apart, judge, misfits, slack
-from twind_calibration.proving.mirror import mirror
+from twind_calibration.proving.expected_loads import ExpectedLoads, look_ahead
+from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.sign_error_zero import mirror
+from twind_calibration.proving.sign_proof import (
+    GROSS,
+    ProofContradiction,
+    SignProof,
+    apart,
+    judge,
+    misfits,
+    slack,
+)
 
 
 @given(st.sampled_from(BASES), ANY, st.floats(-0.95, 0.95), TORQUE, st.floats(0.0, 0.1), NOISE)

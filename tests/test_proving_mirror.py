@@ -11,13 +11,13 @@ from proving_world import ANY, BASES, H24, NOISE, TORQUE, judged, place
 
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import angle_of, ticks_of
-from twind.config.homing import JointEndstops
+from twind.config.homing_config import JointEndstops
 from twind.robot.arrays import Floats
-from twind.virtual.specimen import calibration, specimen
-from twind_calibration.calibrating.placing import by_ends, by_pose
-from twind_calibration.calibrating.slots import CalibrationActuator, slots
-from twind_calibration.proving.judge import GROSS, ProofContradiction, SignProof
-from twind_calibration.proving.mirror import mirror, offsets
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
+from twind_calibration.calibrating.zero_placement import by_ends, by_pose
+from twind_calibration.proving.sign_error_zero import mirror, offsets
+from twind_calibration.proving.sign_proof import GROSS, ProofContradiction, SignProof
 
 MADE = calibration(specimen(H24))
 TRUE_ZERO = 2048

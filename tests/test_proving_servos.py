@@ -8,13 +8,13 @@ import pytest
 from body_rig import H24, BodyRig
 
 from twind.virtual.truth import JointTruth, Truth
-from twind_calibration.proving.judge import ProofContradiction, SignProof
-from twind_calibration.proving.sweep import sweeps, swept
-from twind_calibration.proving.told import ProofVerdict
-from twind_calibration.proving.weighed import weigh
-from twind_calibration.wiggling.body import PosedModel
-from twind_calibration.wiggling.judge import answer
-from twind_calibration.wiggling.motion import MoveResult
+from twind_calibration.proving.load_comparison import weigh
+from twind_calibration.proving.proof_report import ProofVerdict
+from twind_calibration.proving.proof_sweep import sweeps, swept
+from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
+from twind_calibration.wiggling.joint_move import MoveResult
+from twind_calibration.wiggling.move_evidence import answer
+from twind_calibration.wiggling.posed_model import PosedModel
 
 pytestmark = pytest.mark.slow
 BACK = PosedModel(H24, "back")

@@ -13,11 +13,11 @@ from test_proving_told import CONTRADICTED, verdict
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_file import load_robot
 from twind.ctl.verb import Rejected
-from twind.virtual.specimen import calibration, specimen
-from twind_calibration.calibrating.kept import save
-from twind_calibration.proving.records import in_force, measured, unlike
-from twind_calibration.proving.verb import ProofSession
-from twind_calibration.wiggling.body import PosedModel
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_calibration.calibrating.file_ownership import save
+from twind_calibration.proving.proof_records import in_force, measured, unlike
+from twind_calibration.proving.prove_command import ProofSession
+from twind_calibration.wiggling.posed_model import PosedModel
 from twind_drivers.clock import FakeClock
 
 H24 = load_robot("h24")

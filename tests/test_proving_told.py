@@ -11,19 +11,19 @@ from linked import linked
 
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.robot_file import load_robot
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import Rejected, UsageError
-from twind.virtual.specimen import calibration, specimen
-from twind_calibration.calibrating.kept import save
-from twind_calibration.proving.judge import LoadPrediction, LoadVerdict, ProofContradiction, SignProof
-from twind_calibration.proving.plan import best
-from twind_calibration.proving.pose import wanted_pose
-from twind_calibration.proving.records import recorded
-from twind_calibration.proving.told import ProofVerdict
-from twind_calibration.proving.weighed import LoadComparison
-from twind_calibration.wiggling.body import PosedModel
-from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse
-from twind_calibration.wiggling.motion import MoveResult
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_calibration.calibrating.file_ownership import save
+from twind_calibration.proving.load_comparison import LoadComparison
+from twind_calibration.proving.observable_pose import wanted_pose
+from twind_calibration.proving.proof_plan import best
+from twind_calibration.proving.proof_records import recorded
+from twind_calibration.proving.proof_report import ProofVerdict
+from twind_calibration.proving.sign_proof import LoadPrediction, LoadVerdict, ProofContradiction, SignProof
+from twind_calibration.wiggling.joint_move import MoveResult
+from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse
+from twind_calibration.wiggling.posed_model import PosedModel
 
 H24 = load_robot("h24")
 MADE = calibration(specimen(H24))

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_calibration.proving.sweep import LEAST, OVER, sweeps, swept
-from twind_calibration.wiggling.trace import HoldMean
+from twind_calibration.proving.proof_sweep import LEAST, OVER, sweeps, swept
+from twind_calibration.wiggling.state_trace import HoldMean
 
 ANGLES = st.floats(-2.0, 2.0)
 

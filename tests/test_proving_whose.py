@@ -13,11 +13,11 @@ from proving_world import ANY, BASES, FRICTION, H24, PLACES, body, measured_by, 
 
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.proving.expected import strained
-from twind_calibration.proving.expected import swept as at_places
-from twind_calibration.proving.judge import ProofContradiction, SignProof
-from twind_calibration.proving.weighed import LoadComparison, weigh
-from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.proving.expected_loads import strained
+from twind_calibration.proving.expected_loads import swept as at_places
+from twind_calibration.proving.load_comparison import LoadComparison, weigh
+from twind_calibration.proving.sign_proof import ProofContradiction, SignProof
+from twind_calibration.wiggling.posed_model import PosedModel
 
 MIRRORED = re.compile(r"r_(\w+_pitch|knee|elbow)")
 PITCHES = re.compile(r'(<joint name="r_(?:\w+_pitch|knee|elbow)" axis="0 )1( 0" range=")(\S+) (\S+)"')

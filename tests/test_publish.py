@@ -10,7 +10,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.modes import Mode
-from twind.safety.health import COMMAND, READING
+from twind.telemetry.timing_monitor import COMMAND, READING
 
 N = 24
 

@@ -8,14 +8,14 @@ import pytest
 from test_hot import files
 
 from twind.briefing import Briefing, ReloadResult
-from twind.config.files import ConfigSources, describe, packed, unpacked
-from twind.config.hot import RestartRequired
-from twind.front.reading import read_again
-from twind.front.told import BY_CLIENT, with_settings
+from twind.config.config_files import ConfigSources, describe, packed, unpacked
+from twind.config.hot_changes import RestartRequired
+from twind.front.next_config import BY_CLIENT, with_settings
+from twind.front.reload_worker import read_again
 from twind.loop import assembly
-from twind.loop.described import BoundRobot
+from twind.loop.bound_robot import BoundRobot
 from twind.memfd import unseal
-from twind.twin import handover
+from twind.twin import binding_transfer
 from twind.twin.binding import bind
 
 YAW_ID = "head_yaw:         {id: 1, "
@@ -63,7 +63,7 @@ def test_hot_keys_are_in_the_next_briefing_for_whoever_judges_by_it(start: tuple
     assert list(reading.needs_restart) == ["rate_hz"]
     then = reading.briefing
     assert then is not None
-    old, new = (handover.unpacked(told.binding) for told in (before, then))
+    old, new = (binding_transfer.unpacked(told.binding) for told in (before, then))
     joint = old.joint_map.place("head_yaw")
     assert (new.limits.velocity[joint], new.robot.joints[joint].velocity_limit) == (0.5, 0.5)
     assert np.array_equal(np.delete(new.limits.velocity, joint), np.delete(old.limits.velocity, joint))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_buses import JOINTS, PERIOD, TURN, TwoBuses
 
-from twind.loop.readings import JointReadings, ticks, where
+from twind.loop.joint_readings import JointReadings, ticks, where
 from twind_drivers.bus import BusSample
 
 ANGLES = st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6).map(np.array)

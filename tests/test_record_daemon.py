@@ -11,12 +11,12 @@ from recorded import JOINTS, event, joint, state
 
 from twind.client import Disconnected
 from twind.observe import record
-from twind.observe.recording.columns import open_recording
-from twind.observe.writing import daemon as record_daemon
-from twind.observe.writing.course import Recorder
-from twind.observe.writing.daemon import RecordSubscriber
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.recording.recording_columns import open_recording
+from twind.observe.writing import record_subscriber as record_daemon
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_subscriber import RecordSubscriber
+from twind.observe.writing.record_writer import RecordWriter
+from twind.observe.writing.recorder import Recorder
 
 RUBBISH = {"topic": "state", "time": 101.0, "dropped": 0, "joints": [{"name": "hip"}]}
 
@@ -84,7 +84,7 @@ def test_what_nobody_understands_ends_the_listening_and_counts_as_lost(tmp_path:
 def test_the_recorder_connects_again_and_tells_the_error_once(
     tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("twind.observe.writing.course.AGAIN", 0.01)
+    monkeypatch.setattr("twind.observe.writing.recorder.AGAIN", 0.01)
     robot.says = {"state": [RUBBISH]}
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", action="store_true")

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded import CLOCKS, JOINTS, event, joint, state, status
 
-from twind.client.clocks import STEP, ClockPair
-from twind.observe.writing.lines import RecordEncoder, RecordLine, note, shifted
-from twind.observe.writing.schemas import ROS, json_schemas
+from twind.client.clock_pair import STEP, ClockPair
+from twind.observe.writing.record_encoder import RecordEncoder, RecordLine, note, shifted
+from twind.observe.writing.record_schemas import ROS, json_schemas
 from twind.protocol import CONTROL, load
 from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 

@@ -25,8 +25,8 @@ from processes import Daemon, daemon, favour, patiently, robot, until
 from rosbags.highlevel import AnyReader
 
 from twind.client import Client, ClientError
-from twind.client.clocks import ClockPair
-from twind.observe.recording.columns import RobotRecording, open_recording
+from twind.client.clock_pair import ClockPair
+from twind.observe.recording.recording_columns import RobotRecording, open_recording
 from twind.observe.recover import recover
 
 pytestmark = pytest.mark.realtime
@@ -67,7 +67,7 @@ class RecordProcess:
             if most is not None:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets), "--json"]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "--json"]
         self.process = subprocess.Popen(
             [*command, "record", "--out", str(out), "--free", "0", *options],
             stdout=subprocess.PIPE,
@@ -294,6 +294,6 @@ def test_it_stops_by_itself_after_the_seconds_it_was_given(story: Story) -> None
 
 
 def test_without_a_daemon_it_says_so(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path), "record"]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "record"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3 and "no daemon" in done.stderr and not done.stdout

@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 from recorded import CLOCKS, SESSION, Told
 
-from twind.client.clocks import ClockPair
+from twind.client.clock_pair import ClockPair
 from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import UsageError
 from twind.observe import record
-from twind.observe.recording.columns import open_recording
-from twind.observe.recording.topics import NOTES
-from twind.observe.writing import course as record_run
-from twind.observe.writing.course import Recorder, line, summary
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.schemas import json_schemas
-from twind.observe.writing.writer import OpenEpisode, RecordCounts, RecordWriter
+from twind.observe.recording.recording_columns import open_recording
+from twind.observe.recording.recording_topics import NOTES
+from twind.observe.writing import recorder as record_run
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_schemas import json_schemas
+from twind.observe.writing.record_writer import OpenEpisode, RecordCounts, RecordWriter
+from twind.observe.writing.recorder import Recorder, line, summary
 
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
 

@@ -12,14 +12,14 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from recorded import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 
-from twind.client.clocks import ClockPair
-from twind.observe.recording.columns import Unreadable, open_recording
+from twind.client.clock_pair import ClockPair
+from twind.observe.recording.recording_columns import Unreadable, open_recording
 from twind.observe.recover import recover
-from twind.observe.writing import writer as record_writer
-from twind.observe.writing.file import BufferedFile, RecordFile
-from twind.observe.writing.folder import DiskQuota, fresh, make_room
-from twind.observe.writing.lines import RecordEncoder
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.writing import record_writer
+from twind.observe.writing.record_encoder import RecordEncoder
+from twind.observe.writing.record_file import BufferedFile, RecordFile
+from twind.observe.writing.record_folder import DiskQuota, fresh, make_room
+from twind.observe.writing.record_writer import RecordWriter
 
 WIDE = DiskQuota(keep=1 << 40, free=0, file=1 << 40)
 

@@ -15,18 +15,18 @@ from rosbags.highlevel import AnyReader
 from twind.ctl.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
-from twind.observe.recording.columns import (
+from twind.observe.recording.mcap_records import McapMessage, McapScanner
+from twind.observe.recording.recording_columns import (
     RecordedMessage,
     RobotRecording,
     Unreadable,
     marked,
     open_recording,
 )
-from twind.observe.recording.mcap_records import McapMessage, McapScanner
-from twind.observe.recording.topics import WIRE
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.schemas import json_schemas
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.recording.recording_topics import WIRE
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_schemas import json_schemas
+from twind.observe.writing.record_writer import RecordWriter
 from twind.ros import JOINT_STATE, definition_text, encode, stamp
 
 START = 1_700_000_000_000_000_000

@@ -13,12 +13,12 @@ from rosbags.highlevel import AnyReader
 
 from twind.ctl.verb import Rejected
 from twind.observe import recover as verb
-from twind.observe.recording.columns import open_recording
 from twind.observe.recording.mcap_records import McapMessage, McapScanner
+from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
-from twind.observe.writing.file import RecordFile
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.writing.record_file import RecordFile
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_writer import RecordWriter
 
 
 def count(path: Path) -> int:

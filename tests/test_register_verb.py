@@ -10,7 +10,7 @@ from stand_in import StandIn
 
 from twind import link
 from twind.client import CallError
-from twind.ctl.devices import REGISTER
+from twind.ctl.device_commands import REGISTER
 from twind.ctl.verb import DONE
 
 WRITTEN = {"name": "Homing Offset", "address": 20, "size": 4, "value": 0}

@@ -43,7 +43,7 @@ def simulated(folder: Path, **environment: str) -> Iterator[Daemon]:
 
 
 def ctl(running: Daemon, *words: str) -> tuple[int, str]:
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets), *words]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
     return done.returncode, done.stdout + done.stderr
 
@@ -116,7 +116,7 @@ def test_reloads_wait_for_each_other_and_all_are_answered(tmp_path: Path) -> Non
         command = [
             sys.executable,
             "-m",
-            "twind.ctl.main",
+            "twind.ctl.ctl_main",
             "--socket",
             str(running.sockets),
             "--json",

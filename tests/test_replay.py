@@ -17,9 +17,15 @@ from rig import CLIENT, Rig
 
 from twind import link
 from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load
-from twind.observe.replaying.bus import ReplayBus
-from twind.observe.replaying.outcome import CommandOutcome, ReplayOutcome, differences, outcome_of, uncompared
-from twind.observe.replaying.score import score
+from twind.observe.replaying.replay_bus import ReplayBus
+from twind.observe.replaying.replay_outcome import (
+    CommandOutcome,
+    ReplayOutcome,
+    differences,
+    outcome_of,
+    uncompared,
+)
+from twind.observe.replaying.replay_script import score
 from twind.robot.modes import Mode
 from twind_drivers.dynamixel import packet
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from twind import link
-from twind.observe.replaying import conductor
-from twind.observe.replaying.calls import Reply
-from twind.observe.replaying.conductor import ReplayClient
-from twind.observe.replaying.outcome import ReplayOutcome
-from twind.observe.replaying.score import STAY, Heard, RecordedCommand, ReplayScript
-from twind.observe.replaying.servos import ReplayPosition
+from twind.observe.replaying import replay_client
+from twind.observe.replaying.replay_calls import Reply
+from twind.observe.replaying.replay_client import ReplayClient
+from twind.observe.replaying.replay_outcome import ReplayOutcome
+from twind.observe.replaying.replay_script import STAY, Heard, RecordedCommand, ReplayScript
+from twind.observe.replaying.replay_servos import ReplayPosition
 from twind.robot.trajectory import Trajectory
 from twind_drivers.clock import FakeClock
 
@@ -88,8 +88,8 @@ def played(
     """What came of the calls, and what the daemon heard: s since the beginning."""
     clock = FakeClock(500.0)
     daemon = Daemon(clock, late)
-    monkeypatch.setattr(conductor, "ReplayConnection", lambda _: Line(daemon))
-    monkeypatch.setattr(conductor, "wait", daemon.wait)
+    monkeypatch.setattr(replay_client, "ReplayConnection", lambda _: Line(daemon))
+    monkeypatch.setattr(replay_client, "wait", daemon.wait)
     asked = tuple(RecordedCommand(BEGIN + time, command, link.pack_path(PATH)) for time, command in SCENE)
     recorded = ReplayOutcome((), {}, "armed", "live", True)
     score = ReplayScript(

@@ -13,7 +13,7 @@ from captures import HERE, Hand, expected, record, silent
 from twind.flight import load
 from twind.loop.realtime import PRIORITY as ROBOT
 from twind.observe.replaying import priority
-from twind.observe.replaying.outcome import outcome_of
+from twind.observe.replaying.replay_outcome import outcome_of
 
 pytestmark = pytest.mark.realtime
 
@@ -27,7 +27,16 @@ def replayed(file: Path, folder: Path, *options: str) -> dict[str, Any]:
     said: dict[str, Any] = {}
     for _ in range(TRIES):
         done = subprocess.run(
-            [sys.executable, "-m", "twind.ctl.main", "replay", "--json", "--realtime", *options, str(file)],
+            [
+                sys.executable,
+                "-m",
+                "twind.ctl.ctl_main",
+                "replay",
+                "--json",
+                "--realtime",
+                *options,
+                str(file),
+            ],
             capture_output=True,
             text=True,
             timeout=120,
@@ -49,7 +58,7 @@ def moved_and_silent(hand: Hand) -> None:
     """A client moves the robot and is gone; in the next motion a servo falls silent."""
     hand.ask("ReleaseLease")
     move = ["--socket", str(hand.running.sockets), "move", "head_yaw=0.1", "--time", "1"]
-    subprocess.run([sys.executable, "-m", "twind.ctl.main", *move], timeout=30, check=True)
+    subprocess.run([sys.executable, "-m", "twind.ctl.ctl_main", *move], timeout=30, check=True)
     silent(hand)
 
 

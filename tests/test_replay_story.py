@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from twind.flight import EntryKind, FlightContents, FlightEntry
-from twind.observe.replaying.story import (
+from twind.observe.replaying.device_timeline import (
     CHANGED,
     DAMAGED,
     HEARD,
@@ -16,7 +16,7 @@ from twind.observe.replaying.story import (
     story,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.tables import number_of
+from twind_drivers.dynamixel.control_tables import number_of
 
 ID, MODEL = 5, number_of("XM430-W350")
 TORQUE, FAULT, DOG, POSITION = 64, 70, 98, 132

@@ -12,15 +12,15 @@ from captures import HERE, cut, expected
 
 from twind import link
 from twind.briefing import Briefing
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind.ctl.verb import DONE, REFUSED, USAGE
 from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing
-from twind.observe.recording.columns import open_recording
-from twind.observe.replaying.calls import call
-from twind.observe.replaying.score import NotReplayable, score
-from twind.observe.replaying.shown import messages
-from twind.observe.replaying.stage import lay_out
+from twind.observe.recording.recording_columns import open_recording
+from twind.observe.replaying.recorded_states import messages
+from twind.observe.replaying.replay_calls import call
+from twind.observe.replaying.replay_files import lay_out
+from twind.observe.replaying.replay_script import NotReplayable, score
 from twind_drivers.clock import FakeClock
 
 

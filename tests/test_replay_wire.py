@@ -3,7 +3,7 @@
 import pytest
 
 from twind.flight import EntryKind, FlightEntry
-from twind.observe.replaying.wire import DeviceReply, asks, exchanges, packets
+from twind.observe.replaying.recorded_exchanges import DeviceReply, asks, exchanges, packets
 from twind_drivers.dynamixel import packet
 
 ASK = packet.sync_read((1, 2), 128, 4)

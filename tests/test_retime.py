@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import TrajectoryRequest
 from twind.safety.retime import changed, needed

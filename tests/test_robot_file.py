@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.located import ConfigError
 from twind.config.robot_file import built_in_robots, load_robot, read_robot
 from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
 
 SMALL = """\
 format: twind-robot/1

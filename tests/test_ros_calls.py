@@ -10,8 +10,7 @@ import pytest
 from processes import until
 from told_line import ToldDaemon
 
-from twind.bridge.ros.calls import MODE_PACE, STOP_PACE, RosServiceCalls, denied
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     E_STOP,
     GET_STATUS,
     SERVICES,
@@ -23,6 +22,7 @@ from twind.bridge.ros.endpoints import (
     TO_STOP,
     RosTopic,
 )
+from twind.bridge.ros.ros_service_calls import MODE_PACE, STOP_PACE, RosServiceCalls, denied
 from twind.ros import STRING, encode
 
 

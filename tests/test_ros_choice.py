@@ -4,7 +4,7 @@ import pytest
 
 from twind.bridge.ros import choice
 from twind.bridge.ros.choice import usual, without_ros
-from twind.bridge.ros.launcher import RosDistribution
+from twind.bridge.ros.rclpy_launcher import RosDistribution
 from twind.ctl.verb import UsageError
 
 ZENOH = {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}

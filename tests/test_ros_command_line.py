@@ -51,7 +51,7 @@ def answers(log: Path, topic: tuple[str, str]) -> int:
 def main(sockets: str, folder: str, count: str, *backend: str) -> None:
     """Start the bridge, publish each command `count` times, print the outcome as JSON."""
     log = Path(folder) / "bridge"
-    words = [sys.executable, "-m", "twind.ctl.main", "--socket", sockets, "ros", *backend]
+    words = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", sockets, "ros", *backend]
     outcomes = []
     with log.open("wb") as file:
         bridge = subprocess.Popen(words, stderr=file, stdout=file, stdin=subprocess.DEVNULL)

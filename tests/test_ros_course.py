@@ -16,8 +16,9 @@ import pytest
 from processes import until
 from stand_in import StandIn
 
-from twind.bridge.ros.course import AGAIN, RosBridge
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_bridge import AGAIN, RosBridge
+from twind.bridge.ros.ros_diagnostics import ERROR
+from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
     E_STOP,
     HW_JOINTS,
@@ -35,8 +36,7 @@ from twind.bridge.ros.endpoints import (
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.report import ERROR
-from twind.bridge.ros.transport import Asked, Heard, TransportError
+from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
 from twind.ros import JOINT_STATE, STRING, decode, encode
 
 pytestmark = pytest.mark.realtime
@@ -215,7 +215,7 @@ def test_without_the_right_to_command_it_takes_nothing_that_does(loop: StandIn, 
 def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
     loop: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("twind.bridge.ros.course.latencies", lambda hops: hops["none"])
+    monkeypatch.setattr("twind.bridge.ros.ros_bridge.latencies", lambda hops: hops["none"])
     with Run(loop.directory) as run:
         until(lambda: run.lines, 10.0, "it is told")
         assert "cannot be understood: TypeError" in run.lines[0]
@@ -280,7 +280,7 @@ def test_a_loop_that_stands_still_is_not_said_to_be_well(tmp_path: Path) -> None
 def test_a_status_that_is_not_understood_costs_the_diagnostics_and_no_more(
     loop: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("twind.bridge.ros.report._robot", lambda status: status["none"])
+    monkeypatch.setattr("twind.bridge.ros.ros_diagnostics._robot", lambda status: status["none"])
     with Run(loop.directory) as run:
         until(lambda: run.lines, 10.0, "it is told")
         assert run.lines[0] == "KeyError: 'none'; tried again"

@@ -17,14 +17,14 @@ import ros_peer
 from dds_domain import free_domain
 
 from twind.bridge.ros.dds import DdsTransport
-from twind.bridge.ros.dds.config import configuration, participants
-from twind.bridge.ros.dds.ends import BLOCKING
-from twind.bridge.ros.dds.library import KNOWN
-from twind.bridge.ros.dds.loopback import keep_here, sockets
-from twind.bridge.ros.dds.names import GRAPH, dds_name, user_data
+from twind.bridge.ros.dds.dds_config import configuration, participants
+from twind.bridge.ros.dds.dds_endpoints import BLOCKING
+from twind.bridge.ros.dds.dds_library import KNOWN
+from twind.bridge.ros.dds.dds_names import GRAPH, dds_name, user_data
+from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
-from twind.bridge.ros.endpoints import SERVICES, RosTopic
-from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.ros_endpoints import SERVICES, RosTopic
+from twind.bridge.ros.ros_transport import TransportError
 from twind.ctl.extras import how_to_add
 from twind.ros import JOINT_STATE, STRING
 
@@ -154,7 +154,7 @@ def test_on_this_machine_alone_no_socket_hears_a_network(reach: DiscoveryRange) 
 
 def test_a_socket_that_cannot_be_closed_to_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
-    monkeypatch.setattr("twind.bridge.ros.dds.loopback._LOOPBACK", b"no-such\0")
+    monkeypatch.setattr("twind.bridge.ros.dds.loopback_only._LOOPBACK", b"no-such\0")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket(socket.AF_UNIX) as other:
         keep_here([one.fileno(), other.fileno()], told.append)
     assert len(told) == 1 and "a firewall closes it" in told[0]
@@ -198,7 +198,7 @@ def test_messages_that_found_no_room_are_counted_and_told_ever_more_rarely(
     with free_domain() as domain:
         node = DdsTransport(DiscoverySettings(domain=domain), told.append)
         node.open((OUT,), (), nothing, nothing)
-        monkeypatch.setattr("twind.bridge.ros.dds.ends.DdsWriter.write", lambda *_: False)
+        monkeypatch.setattr("twind.bridge.ros.dds.dds_endpoints.DdsWriter.write", lambda *_: False)
         for _ in range(120):
             node.publish(OUT, b"\x00\x01\x00\x00abcd")
         node.close()
@@ -234,7 +234,7 @@ import sys, time
 from pathlib import Path
 from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.discovery import discovery
-from twind.bridge.ros.endpoints import STATUS, TOPICS
+from twind.bridge.ros.ros_endpoints import STATUS, TOPICS
 from twind.ros import STRING, encode
 
 def sent():
@@ -265,7 +265,7 @@ import sys
 import time
 from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.discovery import discovery
-from twind.bridge.ros.endpoints import STATUS, TOPICS
+from twind.bridge.ros.ros_endpoints import STATUS, TOPICS
 from twind.ros import STRING, encode
 
 node = Dds(discovery({}), print)

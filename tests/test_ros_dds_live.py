@@ -17,9 +17,9 @@ from processes import until
 from rosbags.typesys import Stores, get_typestore
 
 from twind.bridge.ros.dds import DdsTransport
-from twind.bridge.ros.dds.names import GRAPH, dds_name
+from twind.bridge.ros.dds.dds_names import GRAPH, dds_name
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, STATUS, TOPICS
+from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TOPICS
 from twind.ros import (
     JOINT_STATE,
     PARTICIPANT_ENTITIES,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.goal import (
+from twind.bridge.ros.ros_trajectory import (
     AHEAD,
     FRAME,
     FRONT,
@@ -20,11 +20,11 @@ from twind.bridge.ros.goal import (
     heading,
     trajectory,
 )
-from twind.bridge.ros.orders import MORE
-from twind.front.server import LIMITS
+from twind.bridge.ros.trajectory_dispatcher import MORE
+from twind.front.front_server import LIMITS
 from twind.ros import JOINT_TRAJECTORY, encode, stamp
 from twind.ros.cdr import CdrReader
-from twind.ros.joint_state import SECOND
+from twind.ros.joint_state_message import SECOND
 
 NOW = 1_795_000_000_000_000_000  # ns since 1970
 DAY = 86_400 * SECOND
@@ -151,7 +151,7 @@ def test_points_that_say_nothing_are_not_read_beyond_those_that_the_gate_takes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     many = command(*[point(place / 1000.0, []) for place in range(POINTS + 1)])
-    monkeypatch.setattr("twind.bridge.ros.goal.decode", None)
+    monkeypatch.setattr("twind.bridge.ros.ros_trajectory.decode", None)
     assert code_of(many) == "FRAME_TOO_LARGE"
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from twind.bridge.ros.endpoints import SERVICES, TOPICS
+from twind.bridge.ros.ros_endpoints import SERVICES, TOPICS
 from twind.ros import (
     PARTICIPANT_ENTITIES,
     DefinitionError,
@@ -15,8 +15,8 @@ from twind.ros import (
     dds_type,
     participant_entities,
 )
-from twind.ros.definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
-from twind.ros.hashes import type_hash
+from twind.ros.message_definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
+from twind.ros.type_hashes import type_hash
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # Of bytes of the type `char`, which rosbags hashes as another one.

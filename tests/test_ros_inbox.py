@@ -6,8 +6,8 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.goal import CommandHeader
-from twind.bridge.ros.inbox import PACE, ROOM, RosCommand, RosCommandQueue
+from twind.bridge.ros.ros_command_queue import PACE, ROOM, RosCommand, RosCommandQueue
+from twind.bridge.ros.ros_trajectory import CommandHeader
 
 NAMES = st.sets(st.sampled_from("abcd"), min_size=1).map(lambda joints: tuple(sorted(joints)))
 

@@ -4,7 +4,7 @@ import threading
 
 from processes import until
 
-from twind.bridge.ros.journal import ROOM, CommandJournal, line
+from twind.bridge.ros.command_journal import ROOM, CommandJournal, line
 
 
 def test_a_line_has_what_whose_and_why() -> None:

@@ -14,7 +14,7 @@ import pytest
 from processes import Daemon, until
 from zenoh_router import Router
 
-from twind.bridge.ros.inbox import PACE
+from twind.bridge.ros.ros_command_queue import PACE
 
 pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
 from ros_bytes_peer import Peer
@@ -26,7 +26,7 @@ SHIFTED = f"""
 import sys, time
 right = time.time_ns
 time.time_ns = lambda: right() - {DAY} * 10**9
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 sys.exit(main())
 """
 COMMAND, PASSED = "/cmd/joint_trajectory", "/hw/joint_trajectory"
@@ -40,7 +40,7 @@ class Graph:
         self.folder = folder
         self.router = router
         self.daemon = daemon
-        self._program = program or ("-m", "twind.ctl.main")
+        self._program = program or ("-m", "twind.ctl.ctl_main")
         self._said: list[dict[str, Any]] = []
         self.bridge = self.begin()
         try:

@@ -31,7 +31,7 @@ from twind.ros import (
     participant_entities,
     stamp,
 )
-from twind.ros.definitions import KNOWN, DefinitionError
+from twind.ros.message_definitions import KNOWN, DefinitionError
 
 STORE: Typestore = get_typestore(Stores.ROS2_JAZZY)
 # rosbags' own bytes of a small JointState, by hand annotated on the page of facts.

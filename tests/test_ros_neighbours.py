@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from twind.bridge.ros.neighbours import MOST, SILENT, PeerBridges
+from twind.bridge.ros.peer_bridges import MOST, SILENT, PeerBridges
 from twind.ros import STRING, encode
 
 

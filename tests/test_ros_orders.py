@@ -7,10 +7,10 @@ import pytest
 from test_ros_goal import NOW, command, point
 from told_line import ToldDaemon, ended, ended_in_words, moving
 
-from twind.bridge.ros import orders
-from twind.bridge.ros.goal import LONGEST
-from twind.bridge.ros.inbox import PACE, ROOM
-from twind.bridge.ros.orders import MORE, PATIENT, TrajectoryDispatcher
+from twind.bridge.ros import trajectory_dispatcher
+from twind.bridge.ros.ros_command_queue import PACE, ROOM
+from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.trajectory_dispatcher import MORE, PATIENT, TrajectoryDispatcher
 
 FAR: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "joint": "l_knee", "message": "l_knee: 9 rad"}]})
 HELD: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
@@ -299,7 +299,7 @@ def test_whatever_breaks_on_a_command_its_sender_hears_of_it(
 ) -> None:
     desk.orders.put(GOOD)
     desk.after()
-    monkeypatch.setattr(orders, "trajectory", lambda data, now: [][1])
+    monkeypatch.setattr(trajectory_dispatcher, "trajectory", lambda data, now: [][1])
     phases, _ = followed(desk)
     assert desk.after() == ["refused"] and phases == ["refused"]
     assert "IndexError" in desk.results[-1]["message"]

@@ -9,8 +9,8 @@ from pathlib import Path
 import interpreters
 import pytest
 
-from twind.bridge.ros import launcher
-from twind.bridge.ros.launcher import command, distribution, graph
+from twind.bridge.ros import rclpy_launcher
+from twind.bridge.ros.rclpy_launcher import command, distribution, graph
 from twind.ctl.verb import UsageError
 
 OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
@@ -81,7 +81,7 @@ def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_p
 
 
 def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launcher.sys, "prefix", str(tmp_path / "nothing built"))
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path / "nothing built"))
     with pytest.raises(UsageError, match="--backend zenoh, which needs none, or dds, which only publishes"):
         distribution(PATH, None, tmp_path)
     (tmp_path / "bare").mkdir()
@@ -107,14 +107,14 @@ def built(folder: Path) -> Path:
 def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distribution(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(launcher.sys, "prefix", str(tmp_path))
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path))
     nowhere = tmp_path / "nowhere"
-    assert launcher.installed(PATH, None, nowhere) is None
+    assert rclpy_launcher.installed(PATH, None, nowhere) is None
     python = built(tmp_path)
     assert distribution(PATH, None, nowhere).python == str(python)
     assert distribution(PATH | {"ROS_DISTRO": "kilted"}, None, nowhere).python == str(python)
-    assert launcher.installed(PATH, "jazzy", nowhere) is None
-    assert launcher.installed(PATH | {"ROS_DISTRO": "jazzy"}, None, nowhere) is None
+    assert rclpy_launcher.installed(PATH, "jazzy", nowhere) is None
+    assert rclpy_launcher.installed(PATH | {"ROS_DISTRO": "jazzy"}, None, nowhere) is None
     place = installed(tmp_path / "opt", "kilted", "3.12")
     assert distribution(PATH, None, tmp_path / "opt").python == str(place / "bin" / "python3.12")
 
@@ -122,17 +122,17 @@ def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distrib
 def test_an_rclpy_that_loads_has_no_fault_and_one_that_does_not_has_a_reason(tmp_path: Path) -> None:
     python = interpreters.python("3.12")
     stand_in = Path(__file__).parent / "ros_stand_in"
-    loads = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(stand_in)})
-    assert launcher.fault(loads) == ""
-    assert "rclpy does not load under" in launcher.fault(launcher.RosDistribution(python, PATH))
+    loads = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(stand_in)})
+    assert rclpy_launcher.fault(loads) == ""
+    assert "rclpy does not load under" in rclpy_launcher.fault(rclpy_launcher.RosDistribution(python, PATH))
     ends = "import os, sys; print('a library is old', file=sys.stderr, flush=True); os._exit(102)"
     for package in ("rclpy", "rcl_interfaces"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text(ends)
-    broken = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
-    assert launcher.fault(broken) == f"rclpy of {python} is not used: a library is old"
-    missing = launcher.RosDistribution(str(tmp_path / "python"), PATH)
-    assert "No such file" in launcher.fault(missing)
+    broken = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert rclpy_launcher.fault(broken) == f"rclpy of {python} is not used: a library is old"
+    missing = rclpy_launcher.RosDistribution(str(tmp_path / "python"), PATH)
+    assert "No such file" in rclpy_launcher.fault(missing)
 
 
 def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(tmp_path: Path) -> None:
@@ -140,8 +140,8 @@ def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(
     for each in (Path(__file__).parent / "ros_stand_in").iterdir():
         if each.name != "diagnostic_msgs":
             (tmp_path / each.name).symlink_to(each)
-    found = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
-    assert "no diagnostic_msgs/msg/DiagnosticArray" in launcher.fault(found)
+    found = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert "no diagnostic_msgs/msg/DiagnosticArray" in rclpy_launcher.fault(found)
 
 
 def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,7 +150,7 @@ def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.
         (each / "bin").mkdir(parents=True)
         (each / "bin" / "python3.10").symlink_to(sys.executable)
     place = prefix(tmp_path / "ros", interpreter=False)
-    monkeypatch.setattr(launcher.sys, "prefix", str(ours))
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(ours))
     sourced = {"PATH": f"{ours}/bin:{theirs}/bin", "AMENT_PREFIX_PATH": str(place)}
     assert distribution(sourced, None).python == str(theirs / "bin" / "python3.10")
 
@@ -222,6 +222,6 @@ def test_of_our_installation_it_sees_twind_alone(tmp_path: Path) -> None:
     begin = words[2].partition("try:")[0] + "\nimport twind; print(twind.__file__, *sys.path, sep='\\n')"
     done = subprocess.run([words[0], "-c", begin, words[3]], cwd=tmp_path, capture_output=True, text=True)
     package, *path = done.stdout.splitlines()
-    assert package == str(Path(launcher.__file__).parents[2] / "__init__.py")
+    assert package == str(Path(rclpy_launcher.__file__).parents[2] / "__init__.py")
     assert sysconfig.get_path("purelib") not in path
     assert not {"", str(tmp_path)} & set(path)

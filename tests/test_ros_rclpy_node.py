@@ -15,9 +15,9 @@ pytestmark = pytest.mark.realtime
 HOST = """
 import json, os, sys, time
 from twind.bridge.ros.discovery import discovery
-from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
+from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
 from twind.bridge.ros.rclpy_node import RclpyTransport
-from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.ros_transport import TransportError
 from twind.ros import JOINT_STATE, STRING, encode
 
 heard, told = [], []
@@ -124,7 +124,7 @@ from types import SimpleNamespace
 import rclpy
 from control_msgs.action import FollowJointTrajectory
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from twind.bridge.ros.rclpy_follow import TrajectoryActionServer
+from twind.bridge.ros.rclpy_action_server import TrajectoryActionServer
 rclpy.init()
 follow = TrajectoryActionServer(rclpy.create_node("feedback"), FollowJointTrajectory, None, None)
 told = []

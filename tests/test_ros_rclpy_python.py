@@ -37,7 +37,7 @@ def loaded(python: str) -> dict[str, str]:
 def test_it_loads_the_standard_library_rclpy_and_twind_alone(version: str) -> None:
     found = loaded(interpreters.python(version))
     ours = {name for name in found if name.partition(".")[0] == "twind"}
-    assert {"twind.bridge.ros.course", "twind.bridge.ros.rclpy_node"} <= ours
+    assert {"twind.bridge.ros.ros_bridge", "twind.bridge.ros.rclpy_node"} <= ours
     # Where a module is no stand-in's and none of ours, it came without site-packages: the library's.
     foreign = [name for name in ours if name.startswith(("twind.bridge.ros.dds", "twind.bridge.ros.zenoh"))]
     assert foreign == []

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from picture_world import HOPS, bus, hop, joints, loop, status
 
-from twind.bridge.ros.report import ERROR, FIELDS, OK, WARN, Diagnostics, latencies, words
+from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, latencies, words
 from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from picture_world import NAMES, joint, joints
 from rosbags.typesys import Stores, get_typestore
 
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     ACCEPTED,
     HW_JOINTS,
     INERTIAL,
@@ -18,10 +18,10 @@ from twind.bridge.ros.endpoints import (
     SIM_JOINTS,
     RosTopic,
 )
-from twind.bridge.ros.speech import SHAPES, Message, RosStateMessages
-from twind.client.clocks import SECOND, ClockPair
+from twind.bridge.ros.ros_state_messages import SHAPES, Message, RosStateMessages
+from twind.client.clock_pair import SECOND, ClockPair
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
-from twind.ros.joint_state import LAST
+from twind.ros.joint_state_message import LAST
 
 CLOCKS = ClockPair(100.0, 1_795_000_000_000_000_000)
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from twind.bridge.ros import choice, verb
+from twind.bridge.ros import choice, ros_command
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
+from twind.ctl.ctl_main import main
 from twind.ctl.extras import how_to_add
-from twind.ctl.main import main
 from twind.ctl.verb import UsageError
 
 
@@ -27,7 +27,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def options(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    verb.add_arguments(parser)
+    ros_command.add_arguments(parser)
     return parser.parse_args(words)
 
 
@@ -66,20 +66,20 @@ def test_a_middleware_that_nobody_knows_is_usage(
     assert "RMW_IMPLEMENTATION='foo': must be one of rmw_zenoh_cpp" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", verb.BACK_ENDS)
+@pytest.mark.parametrize("name", ros_command.BACK_ENDS)
 def test_a_package_that_is_missing_is_named_with_its_remedy(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verb, "find_spec", lambda name: None)
-    module = verb.BACK_ENDS[name][1][0]
+    monkeypatch.setattr(ros_command, "find_spec", lambda name: None)
+    module = ros_command.BACK_ENDS[name][1][0]
     with pytest.raises(UsageError, match=rf"needs {module}.*{re.escape(how_to_add('ros'))}"):
-        verb.made(options("--backend", name), DiscoverySettings())
+        ros_command.made(options("--backend", name), DiscoverySettings())
 
 
-@pytest.mark.parametrize("name", verb.BACK_ENDS)
+@pytest.mark.parametrize("name", ros_command.BACK_ENDS)
 def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str) -> None:
-    pytest.importorskip(verb.BACK_ENDS[name][1][0], reason="no wheel for this machine")
-    assert bool(verb.made(options("--backend", name), DiscoverySettings()).refuses) == (name == "dds")
+    pytest.importorskip(ros_command.BACK_ENDS[name][1][0], reason="no wheel for this machine")
+    assert bool(ros_command.made(options("--backend", name), DiscoverySettings()).refuses) == (name == "dds")
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_it_says_first_who_may_do_what(
 ) -> None:
     given: Any = options("--backend", "rclpy", *words)
     given.socket = str(tmp_path)
-    assert said in verb._headline(given, graph)
+    assert said in ros_command._headline(given, graph)
 
 
 def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back_ends_it_is(
@@ -112,11 +112,11 @@ def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back
 ) -> None:
     pytest.importorskip("cyclonedds", reason="no wheel for this machine")
     lines: list[str] = []
-    monkeypatch.setattr(verb, "tell", lines.append)
-    monkeypatch.setattr("twind.bridge.ros.course.RosBridge.run", lambda course: 0)
+    monkeypatch.setattr(ros_command, "tell", lines.append)
+    monkeypatch.setattr("twind.bridge.ros.ros_bridge.RosBridge.run", lambda course: 0)
     given: Any = options("--backend", "dds")
     given.socket = str(tmp_path)
-    assert verb._bridge(given, DiscoverySettings(5), threading.Event()) == 0
+    assert ros_command._bridge(given, DiscoverySettings(5), threading.Event()) == 0
     assert lines[0].startswith(
         "ROS 2 by dds, domain 5: this machine; look only: DDS without ROS takes no commands"
     )
@@ -128,8 +128,8 @@ def test_a_reader_of_standard_error_that_is_gone_ends_nothing(monkeypatch: pytes
     os.close(reading)
     with monkeypatch.context() as patched, os.fdopen(writing, "w", closefd=False) as gone:
         patched.setattr(sys, "stderr", gone)
-        verb.tell("one")
-        verb.tell("another")
+        ros_command.tell("one")
+        ros_command.tell("another")
         with suppress(BrokenPipeError):
             gone.close()
     os.close(writing)

@@ -18,7 +18,7 @@ from ros_zenoh_us import Us, joined
 from zenoh_router import Router
 
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
     HW_JOINTS,
     LATENCY,
@@ -30,12 +30,12 @@ from twind.bridge.ros.endpoints import (
     TRAJECTORY,
     RosTopic,
 )
-from twind.bridge.ros.goal import LONGEST
-from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.ros_transport import TransportError
 from twind.bridge.ros.zenoh import ZenohTransport
-from twind.bridge.ros.zenoh.attachment import attachment
-from twind.bridge.ros.zenoh.names import gid
-from twind.bridge.ros.zenoh.node import ZenohWriter
+from twind.bridge.ros.zenoh.zenoh_attachment import attachment
+from twind.bridge.ros.zenoh.zenoh_names import gid
+from twind.bridge.ros.zenoh.zenoh_node import ZenohWriter
 from twind.ros import FLOATS, JOINT_TRAJECTORY, STRING, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")

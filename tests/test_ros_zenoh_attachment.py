@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.zenoh.attachment import AttachmentError, ZenohAttachment, attachment
+from twind.bridge.ros.zenoh.zenoh_attachment import AttachmentError, ZenohAttachment, attachment
 
 numbers = st.integers(0, 2**63 - 1)
 gids = st.binary(min_size=16, max_size=16)

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.goal import LONGEST
-from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.ros_transport import TransportError
 from twind.bridge.ros.zenoh import ZenohTransport
-from twind.bridge.ros.zenoh.config import CONFIG, OVERRIDE, session_config
+from twind.bridge.ros.zenoh.zenoh_config import CONFIG, OVERRIDE, session_config
 
 
 def said(*keys: str, environment: dict[str, str] | None = None, **given: Any) -> list[Any]:

@@ -14,7 +14,15 @@ from processes import PATIENCE, Daemon, until
 from ros_zenoh_peer import Peer
 from zenoh_router import Router
 
-from twind.bridge.ros.endpoints import GET_STATUS, RESULTS, SIM_JOINTS, STATUS, TO_E_STOP, TO_STOP, TRAJECTORY
+from twind.bridge.ros.ros_endpoints import (
+    GET_STATUS,
+    RESULTS,
+    SIM_JOINTS,
+    STATUS,
+    TO_E_STOP,
+    TO_STOP,
+    TRAJECTORY,
+)
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, TRIGGER
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
@@ -84,7 +92,7 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
         daemon.reach(mode="sim")
         with Router(gossip=True) as router, Peer(router.endpoint) as peer:
             bridge = subprocess.Popen(
-                [sys.executable, "-m", "twind.ctl.main", *words, router.endpoint],
+                [sys.executable, "-m", "twind.ctl.ctl_main", *words, router.endpoint],
                 stderr=subprocess.PIPE,
                 text=True,
             )

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     HW_JOINTS,
     SERVICES,
     SET_LIVE,
@@ -14,7 +14,7 @@ from twind.bridge.ros.endpoints import (
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.zenoh.names import ZenohNames, gid
+from twind.bridge.ros.zenoh.zenoh_names import ZenohNames, gid
 from twind.ros import type_hash
 
 ZID = "fd92a319fe4fc447f778cdc2607d8327"

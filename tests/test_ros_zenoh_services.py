@@ -9,7 +9,7 @@ from ros_zenoh_peer import Peer
 from ros_zenoh_us import Us, joined
 from zenoh_router import Router
 
-from twind.bridge.ros.endpoints import (
+from twind.bridge.ros.ros_endpoints import (
     GET_STATUS,
     SET_LIVE,
     TO_E_STOP,
@@ -17,7 +17,7 @@ from twind.bridge.ros.endpoints import (
     TRAJECTORY,
     RosService,
 )
-from twind.bridge.ros.zenoh.attachment import ZenohAttachment, attachment
+from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment, attachment
 from twind.ros import JOINT_TRAJECTORY, SET_BOOL, TRIGGER, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")

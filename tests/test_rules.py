@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.curve_rules import CurveSubject, GateThresholds, judge, relaxed, some, start
 from twind.safety.gate import TrajectoryRequest, check
-from twind.safety.rules import CurveSubject, GateThresholds, judge, relaxed, some, start
 
 CURVE = {ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE}
 LIMITS = st.sampled_from(

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
-from twind.safety.stream import LONGEST, SetpointResult, judge
+from twind.robot.joint_limits import JointLimits
+from twind.safety.setpoint_gate import LONGEST, SetpointResult, judge
 
 N = 4
 LIMITS = JointLimits(

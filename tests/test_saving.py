@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from twind.config import saving
-from twind.config.located import ConfigError
-from twind.config.saving import save_text
+from twind.config import atomic_save
+from twind.config.atomic_save import save_text
+from twind.config.yaml_tree import ConfigError
 
 OLD, NEW = "old\n" * 500, "new\n" * 700
 CALLS = ("open", "write", "fsync", "pread", "link", "replace", "unlink", "listdir", "close")
@@ -70,7 +70,7 @@ class Disk:
 def calls_of_a_save(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     disk = Disk(folder, -1)
     with monkeypatch.context() as patch:
-        patch.setattr(saving, "os", disk)
+        patch.setattr(atomic_save, "os", disk)
         save_text(folder, "h24", NEW, 20)
     return disk.order
 
@@ -88,7 +88,7 @@ def test_a_power_cut_at_any_call_leaves_the_old_or_the_new_file(
         folder.mkdir()
         save_text(folder, "h24", OLD, 20)
         with monkeypatch.context() as patch:
-            patch.setattr(saving, "os", Disk(folder, calls))
+            patch.setattr(atomic_save, "os", Disk(folder, calls))
             with pytest.raises(PowerCut):
                 save_text(folder, "h24", NEW, 20)
         text = (folder / "h24.yaml").read_text()

@@ -13,7 +13,7 @@ from dxl_responder import PtyServos, Servos
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.ctl.main import main
+from twind.ctl.ctl_main import main
 from twind_calibration.scan import ids_of
 from twind_drivers.dynamixel.serial_port import SerialTransport
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from twind.config.located import ConfigError, parse
-from twind.config.section import ConfigSection
+from twind.config.config_section import ConfigSection
+from twind.config.yaml_tree import ConfigError, parse
 
 
 def section(text: str) -> ConfigSection:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import Guard, Reaction
-from twind.safety.senses import PlausibilityFilter
+from twind.safety.plausibility_filter import PlausibilityFilter
 
 FASTEST, PERIOD = 3000.0, 0.01  # ticks/s, s
 TRIP = 0.0021  # s, from the question to the end of the answer

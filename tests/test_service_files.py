@@ -26,16 +26,16 @@ from unit_files import (
 )
 
 from twind import cli
-from twind.bridge.zenoh import session
-from twind.client.places import socket_path
-from twind.config.settings import places
-from twind.ctl import main as ctl
-from twind.learn.streaming import stream
+from twind.bridge.zenoh import zenoh_session
+from twind.client.find_socket import socket_path
+from twind.config.daemon_settings import places
+from twind.ctl import ctl_main as ctl
+from twind.learn.streaming import stream_command
+from twind.listening_sockets import GROUPS, NAMES
 from twind.loop import failsafe, realtime
-from twind.loop.release import LETTING_GO
+from twind.loop.torque_release import LETTING_GO
 from twind.observe import metrics
-from twind.protocol.places import SYSTEM
-from twind.sockets import GROUPS, NAMES
+from twind.protocol.socket_paths import SYSTEM
 
 INSTALL = SYSTEMD.parent / "packaging" / "install.sh"
 EXAMPLES = SYSTEMD / "examples"
@@ -256,7 +256,7 @@ def test_readings_are_sent_by_nobody_that_has_a_device_or_anything_of_the_daemon
     assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
     assert (value(lines, "PrivateDevices"), value(lines, "DevicePolicy")) == ("yes", "closed")
     assert (values(lines, "IPAddressDeny"), values(lines, "IPAddressAllow")) == (["any"], ["localhost"])
-    assert f"URL={stream.URL}" in value(lines, "Environment").split()
+    assert f"URL={stream_command.URL}" in value(lines, "Environment").split()
     assert value(lines, "StateDirectory") != value(unit("twind.service"), "StateDirectory")
     assert not [key for _, key, _ in lines if key in ("Requires", "BindsTo", "PartOf", "ReadWritePaths")]
     assert cage(lines) == cage(unit(METRICS[0]))
@@ -293,7 +293,7 @@ def test_a_bridge_has_no_device_sees_this_machine_alone_and_commands_nothing_unt
 
 
 def test_an_uplink_looks_for_the_router_that_the_verb_looks_for() -> None:
-    assert f"CONNECT={session.LOCAL}" in value(unit(UPLINK[0]), "Environment").split()
+    assert f"CONNECT={zenoh_session.LOCAL}" in value(unit(UPLINK[0]), "Environment").split()
 
 
 @pytest.mark.parametrize("name", ["ros", "uplink"])

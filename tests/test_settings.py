@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from twind.config.located import ConfigError
-from twind.config.settings import DaemonSettings, load_settings, places
+from twind.config.daemon_settings import DaemonSettings, load_settings, places
+from twind.config.yaml_tree import ConfigError
 
 ENVIRON = {"HOME": "/home/ada", "XDG_RUNTIME_DIR": "/run/user/1000"}
 FILE = """\

@@ -5,7 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from twind.motion.settle import settle
-from twind.motion.stops import stopping_point
+from twind.motion.stop_profiles import stopping_point
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from twind.loop.handed_over import InheritedDescriptors, handed_over
-from twind.sockets import GROUPS, Listener, SocketError, group_of, listen
+from twind.listening_sockets import GROUPS, Listener, SocketError, group_of, listen
+from twind.loop.inherited_descriptors import InheritedDescriptors, handed_over
 
 
 @contextmanager
@@ -137,7 +137,7 @@ def test_the_mode_is_0660_whatever_the_umask(tmp_path: Path, keep: ExitStack, ma
 BIRTH = """
 import os, socket, stat, sys
 from pathlib import Path
-from twind.sockets import listen
+from twind.listening_sockets import listen
 
 folder, seen = Path(sys.argv[1]), []
 
@@ -308,7 +308,7 @@ def test_an_abstract_socket_has_no_file_to_lose(keep: ExitStack) -> None:
 
 HANDED = """
 import fcntl, json, os, socket, sys
-from twind.loop.handed_over import handed_over
+from twind.loop.inherited_descriptors import handed_over
 
 def inheritable(fd):
     return os.path.exists(f"/proc/self/fd/{fd}") and os.get_inheritable(fd)

@@ -21,7 +21,7 @@ import pytest
 from processes import Daemon, Virtual, arm, go, patiently, robot, until
 
 from twind.client import Client, NoDaemon, Refused
-from twind.sockets import listen
+from twind.listening_sockets import listen
 
 pytestmark = pytest.mark.realtime
 
@@ -87,7 +87,7 @@ def logged(running: Daemon, text: str, seconds: float = NOTICED) -> None:
 
 
 def estop(running: Daemon, *words: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(running.sockets), "estop", *words]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "estop", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
 
 
@@ -269,7 +269,7 @@ def test_a_socket_of_the_service_manager_is_not_bound_again_but_reported_with_wh
         assert "`systemctl restart twind-control.socket" in fault["message"]
         assert not folder.exists()
         done = subprocess.run(
-            [sys.executable, "-m", "twind.ctl.main", "--socket", str(folder), "estop"], check=False
+            [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(folder), "estop"], check=False
         )
         assert (done.returncode, process.wait(10)) == (0, 0)
     finally:
@@ -326,7 +326,7 @@ def test_estop_where_no_daemon_is_says_so_at_once(tmp_path: Path) -> None:
     with serving(tmp_path / "other", *SIM) as other:
         other.reach(mode="sim")
         begun = time.monotonic()
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path / "none"), "estop"]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path / "none"), "estop"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
         assert (done.returncode, "there is no such socket" in done.stderr) == (3, True)
         assert time.monotonic() - begun < 2.0
@@ -386,7 +386,7 @@ def test_a_process_that_only_resembles_a_daemon_is_never_signalled(tmp_path: Pat
     command = [sys.executable, "-c", DECOY, str(tmp_path / "control.sock"), kind]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as decoy:
         assert decoy.stdout is not None and decoy.stdout.readline() == "ready\n"
-        words = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path), "estop"]
+        words = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "estop"]
         done = subprocess.run(words, capture_output=True, text=True, timeout=20.0, check=False)
         assert done.returncode == 3, done.stdout
         assert decoy.poll() is None

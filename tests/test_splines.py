@@ -7,8 +7,8 @@ from hypothesis import given, settings
 
 from twind.robot.splines import curve, hold, interpolate, knots, passed
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.bounds import evaluate
-from twind.safety.rules import smooth
+from twind.safety.curve_rules import smooth
+from twind.safety.polynomial_bounds import evaluate
 
 
 @settings(max_examples=60, deadline=None)

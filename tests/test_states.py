@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.states import LATCHED, TABLE, EventNotAllowed, RobotEvent, StateLatch, mode_change, step
+from twind.safety.state_machine import (
+    LATCHED,
+    TABLE,
+    EventNotAllowed,
+    RobotEvent,
+    StateLatch,
+    mode_change,
+    step,
+)
 
 S, E = RobotState, RobotEvent
 NO = None  # not allowed

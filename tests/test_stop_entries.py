@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from test_robot_file import read
 
-from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import ConfigError
 
 TEXT = """\
 format: twind-robot/1

@@ -6,7 +6,7 @@ from gate_world import at_rest, limits
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.motion.stops import LimitedFollower, StopRamp, still, stopping_point
+from twind.motion.stop_profiles import LimitedFollower, StopRamp, still, stopping_point
 from twind.robot.trajectory import Reference
 
 PERIOD = 0.01

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.client.once import TransitionReporter
-from twind.learn.streaming.answers import FIRST, LONGEST, PATIENT, Backoff, DeliveryOutcome, fate, retry_after
+from twind.client.transition_reporter import TransitionReporter
+from twind.learn.streaming.delivery_outcome import (
+    FIRST,
+    LONGEST,
+    PATIENT,
+    Backoff,
+    DeliveryOutcome,
+    fate,
+    retry_after,
+)
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204, 299])

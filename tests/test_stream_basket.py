@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_stream_samples import ROBOT, some
 
-from twind.client.clocks import ClockPair
-from twind.learn.streaming.basket import SampleBatcher
-from twind.learn.streaming.samples import PostMessage, SampleBatch, StreamedRobot
+from twind.client.clock_pair import ClockPair
+from twind.learn.streaming.sample_batcher import SampleBatcher
+from twind.learn.streaming.stream_samples import PostMessage, SampleBatch, StreamedRobot
 
 
 class Watch:

@@ -14,9 +14,9 @@ from PIL import Image
 from test_stream_live import begun, run, streamer
 
 from twind.client import Client
-from twind.learn.picture import RendererUnavailable
-from twind.learn.streaming.camera import CameraScene
-from twind.learn.streaming.samples import ROWS, StreamSample
+from twind.learn.camera_renderer import RendererUnavailable
+from twind.learn.streaming.picture_streamer import CameraScene
+from twind.learn.streaming.stream_samples import ROWS, StreamSample
 
 __all__ = ["run"]
 pytestmark = pytest.mark.realtime

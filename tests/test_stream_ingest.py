@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from twind.learn.streaming.ingesting import (
+from twind.learn.streaming.ingest_server import (
     LINES,
     LONGEST,
     IngestFaults,

@@ -8,10 +8,10 @@ from processes import until
 from test_stream_samples import ROBOT, some
 from test_stream_spool import WIDE, folder
 
-from twind.client.clocks import clocks
-from twind.learn.streaming.basket import SampleBatcher
-from twind.learn.streaming.keeping import SpoolWriter
+from twind.client.clock_pair import clocks
+from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool
+from twind.learn.streaming.spool_writer import SpoolWriter
 
 pytestmark = pytest.mark.realtime
 ROOM = 3

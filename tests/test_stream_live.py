@@ -21,7 +21,7 @@ from test_stream_sender import Odd
 
 from twind.client import Client, ClientError
 from twind.ctl.verb import UsageError
-from twind.learn.streaming import stream as verb
+from twind.learn.streaming import stream_command as verb
 from twind.learn.streaming.spool import dead_letters
 
 pytestmark = pytest.mark.realtime
@@ -46,7 +46,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def ctl(*words: str) -> list[str]:
-    return [sys.executable, "-m", "twind.ctl.main", *words]
+    return [sys.executable, "-m", "twind.ctl.ctl_main", *words]
 
 
 class Process:

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from twind.client import CallError, ClientError
-from twind.client.clocks import ClockPair
-from twind.learn.streaming.samples import (
+from twind.client.clock_pair import ClockPair
+from twind.learn.streaming.stream_samples import (
     JSON,
     NDJSON,
     ROWS,

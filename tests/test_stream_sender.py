@@ -14,10 +14,10 @@ import pytest
 from processes import until
 from test_stream_spool import WIDE, carrying, folder
 
-from twind.learn.streaming import sender as sending
-from twind.learn.streaming.endpoint import HttpEndpoint
-from twind.learn.streaming.sender import SpoolSender
+from twind.learn.streaming import spool_sender as sending
+from twind.learn.streaming.http_endpoint import HttpEndpoint
 from twind.learn.streaming.spool import Spool, dead_letters
+from twind.learn.streaming.spool_sender import SpoolSender
 
 pytestmark = pytest.mark.realtime
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.streaming.samples import PostMessage
 from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolInUse, SpoolLimits, dead_letters
+from twind.learn.streaming.stream_samples import PostMessage
 
 MEMORY = Path("/dev/shm")  # a thousand syncs to a disk would take minutes, and show nothing more
 WIDE = SpoolLimits(1 << 30, 1e9)

@@ -12,7 +12,7 @@ import pytest
 from processes import until
 
 from twind.client import Client, ClientError
-from twind.streams import at_journal, lines, tell
+from twind.standard_streams import at_journal, lines, tell
 
 
 @pytest.fixture

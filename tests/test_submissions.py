@@ -10,7 +10,7 @@ from twind import link, memfd
 from twind.loop.reactions import react
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.facts import GuardDecision, Reaction
+from twind.safety.guard_types import GuardDecision, Reaction
 
 JOINT = "l_elbow"
 

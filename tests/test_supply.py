@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from pages import ROOT
 
-from twind.config.located import ConfigError, parse
+from twind.config.config_section import ConfigSection
 from twind.config.robot_file import load_robot, read_robot
-from twind.config.section import ConfigSection
-from twind.config.supply import SupplyLimits, ThermalLimits, full_counts, heat, supply
+from twind.config.supply_limits import SupplyLimits, ThermalLimits, full_counts, heat, supply
+from twind.config.yaml_tree import ConfigError, parse
 from twind.twin.binding import bind
-from twind_drivers.dynamixel.factory import FACTORY
-from twind_drivers.dynamixel.tables import models, number_of, table
+from twind_drivers.dynamixel.control_tables import models, number_of, table
+from twind_drivers.dynamixel.factory_defaults import FACTORY
 
 
 def section(text: str = "{}") -> ConfigSection:

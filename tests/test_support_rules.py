@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from guard_world import LIMITS, N, codes, facts, reading
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.safety.guard import Guard, GuardDecision, Reaction
 
 HOLD, SETTLE, DAMP, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.NONE

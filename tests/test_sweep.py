@@ -9,9 +9,9 @@ from clearance_world import Oracle, arm, at, finished, h24, line, still, wander
 from twind.robot.finding import ReasonCode
 from twind.robot.splines import Spline, hold, interpolate
 from twind.robot.trajectory import Trajectory
-from twind.twin import sweep
-from twind.twin.collision import CollisionModel
-from twind.twin.sweep import BAND, CHUNK, SLACK, CurveSweep, SweepResult
+from twind.twin import curve_sweep
+from twind.twin.collision_model import CollisionModel
+from twind.twin.curve_sweep import BAND, CHUNK, SLACK, CurveSweep, SweepResult
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
 OPEN = "{allow: [[base, middle]]}"  # so that the tip alone comes back to the base
@@ -169,7 +169,7 @@ def test_what_is_no_number_is_never_proved(tmp_path: Path, wrong: float) -> None
 
 
 def test_the_work_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweep, "MOST", 200)
+    monkeypatch.setattr(curve_sweep, "MOST", 200)
     bodies = CollisionModel(arm(tmp_path))
     rows = [[0.0, 1.0 * (k % 2), 0.0] for k in range(200)]
     found = swept(bodies, line(*rows, seconds=0.5))

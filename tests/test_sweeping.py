@@ -7,19 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.config.atomic_save import draft_of
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
 from twind.config.device_record import DeviceRecord
-from twind.config.homing import JointEndstops
-from twind.config.located import ConfigError
+from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
-from twind.config.saving import draft_of
+from twind.config.yaml_tree import ConfigError
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating.board import bar
-from twind_calibration.calibrating.draft import CalibrationDraft, DraftTravel
-from twind_calibration.calibrating.ground import CalibrationContext
-from twind_calibration.calibrating.placing import (
+from twind_calibration.calibrating import calibration_draft as drafts
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext
+from twind_calibration.calibrating.calibration_draft import CalibrationDraft, DraftTravel
+from twind_calibration.calibrating.encoder_unwrap import EncoderSample, framed
+from twind_calibration.calibrating.entry_writer import merged
+from twind_calibration.calibrating.sweep_display import bar
+from twind_calibration.calibrating.sweep_tracker import SweepStage, SweepTracker
+from twind_calibration.calibrating.travel_verdict import judge
+from twind_calibration.calibrating.zero_placement import (
     TOLERANCE,
     ZeroOffset,
     by_ends,
@@ -29,11 +34,6 @@ from twind_calibration.calibrating.placing import (
     spread,
     whole,
 )
-from twind_calibration.calibrating.slots import CalibrationActuator, slots
-from twind_calibration.calibrating.travel import judge
-from twind_calibration.calibrating.travels import SweepStage, SweepTracker
-from twind_calibration.calibrating.unwrap import EncoderSample, framed
-from twind_calibration.calibrating.writing import merged
 
 ROBOT = load_robot("h24")
 SLOTS = slots(ROBOT)

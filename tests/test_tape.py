@@ -11,7 +11,7 @@ from rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
-from twind.loop.tape import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
+from twind.loop.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
 from twind.robot.modes import Mode
 from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.can.frame import FRAME

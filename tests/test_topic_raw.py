@@ -10,7 +10,7 @@ from stand_in import NAMES, briefing, overview, tick
 
 from twind import link
 from twind.briefing import JointInfo
-from twind.front.world import StateCache
+from twind.front.state_cache import StateCache
 from twind.robot.modes import Mode
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.linkage import LinkageTable
+from twind.robot.linkage_table import LinkageTable
 from twind.robot.modes import Motion
 from twind.robot.trajectory import Reference
 from twind.robot.transmission import Differential, MappedTransmission, Transmission

@@ -8,8 +8,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from laws import placed, tables
 
-from twind.robot.cells import TableCell
-from twind.robot.linkage import LinkageTable
+from twind.robot.linkage_table import LinkageTable
+from twind.robot.table_cells import TableCell
 from twind.robot.transmission import (
     Differential,
     Transmission,

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from laws import placed, tables
 
-from twind.robot.linkage import LinkageTable
+from twind.robot.linkage_table import LinkageTable
 from twind.robot.transmission import Differential, Transmission, span
 
 SHARES = st.floats(0.0, 1.0)

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from twind.config.counts import joint_angles, slot_angles
-from twind.config.located import ConfigError
-from twind.config.report import check_robot
 from twind.config.robot_file import read_robot
+from twind.config.robot_report import check_robot
 from twind.config.robot_spec import RobotFile
-from twind.robot.linkage import LinkageTable
+from twind.config.yaml_tree import ConfigError
+from twind.robot.linkage_table import LinkageTable
 
 
 @pytest.fixture(scope="module")

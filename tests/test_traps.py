@@ -10,15 +10,15 @@ from typing import Any
 import pytest
 
 from twind.config.calibration_file import dump_calibration, load_calibration, text_hash
-from twind.config.located import MAX_BYTES, ConfigError
+from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import RobotFile, load_robot, read_robot
-from twind.config.settings import load_settings
-from twind.ctl.motions import LARGEST, read_trajectory
+from twind.config.yaml_tree import MAX_BYTES, ConfigError
+from twind.ctl.trajectory_files import LARGEST, read_trajectory
 from twind.ctl.verb import Rejected, UsageError
 from twind.protocol.interfaces import CONTROL, load
 from twind.protocol.plain_file import read_plain
-from twind.protocol.strict import BadJson, loads
-from twind.virtual.specimen import calibration, specimen
+from twind.protocol.strict_json import BadJson, loads
+from twind.virtual.virtual_robot_spec import calibration, specimen
 
 H24 = load_robot("h24")
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_buses import JOINTS, LOWER, PERIOD, UPPER, TwoBuses
 
-from twind.loop.readings import JointReadings
+from twind.loop.joint_readings import JointReadings
 from twind_drivers.bus import BusSample, WireClamp
 
 WHOLE = 4096

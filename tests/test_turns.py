@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from twind.config.calibration_file import turn_band
 from twind.robot.finding import ReasonCode
-from twind.robot.turns import TurnRange
-from twind.safety.turns import chosen, expected, inside, strayed, unfit
+from twind.robot.turn_range import TurnRange
+from twind.safety.multiturn import chosen, expected, inside, strayed, unfit
 
 WHOLE, FIRST, LAST, SLACK = 4096, 1500, 2600, 98
 MANY = 1_048_575

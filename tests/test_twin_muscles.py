@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind.config.robot_file import load_robot
-from twind.twin.muscles import BusPhysics, MujocoPhysics, PhysicsDiverged, ServoMotor, body_of
-from twind_drivers.virtual.muscles import DriveState
+from twind.twin.mujoco_physics import BusPhysics, MujocoPhysics, PhysicsDiverged, ServoMotor, body_of
+from twind_drivers.virtual.servo_physics import DriveState
 
 TICKS = 4096 / (2 * pi)
 # 0.5 kg at 0.2 m: 0.98 N·m when level. Two arms side by side, so that one can be on another bus.

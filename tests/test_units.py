@@ -4,10 +4,10 @@ from math import nan, pi
 
 import pytest
 
-from twind.config.located import ConfigError, parse
-from twind.config.section import ConfigSection
-from twind.config.units import ServoUnits, units
-from twind_drivers.dynamixel.tables import models, number_of, table
+from twind.config.config_section import ConfigSection
+from twind.config.servo_units import ServoUnits, units
+from twind.config.yaml_tree import ConfigError, parse
+from twind_drivers.dynamixel.control_tables import models, number_of, table
 
 
 def of(device: str, text: str = "name: x") -> ServoUnits:

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.config.calibration_file import seam_margin, turn_band
-from twind_calibration.calibrating.captures import capture
-from twind_calibration.calibrating.unwrap import (
+from twind_calibration.calibrating.encoder_unwrap import (
     DWELL,
     FAST,
     FASTEST,
@@ -21,6 +20,7 @@ from twind_calibration.calibrating.unwrap import (
     on_turn,
     shortest,
 )
+from twind_calibration.calibrating.joint_capture import capture
 
 TURN = 4096
 PERIOD = 0.010

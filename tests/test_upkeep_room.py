@@ -9,11 +9,11 @@ from can_driver import BITRATE, CanRig
 from rig import Rig
 
 from twind import link
+from twind.loop.bus_port import PATIENCE, BusPort
 from twind.loop.hardware import SPARE, SPARE_SHARE
-from twind.loop.ports import PATIENCE, BusPort
-from twind_drivers.can.budget import budget
-from twind_drivers.can.models import model
-from twind_drivers.upkeep import upkeep_stride
+from twind_drivers.can.can_cycle_budget import budget
+from twind_drivers.can.can_models import model
+from twind_drivers.slow_read_rate import upkeep_stride
 
 STALE = 0.5  # s: torque is read at least so often however little room there is
 

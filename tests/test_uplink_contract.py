@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink import contract
-from twind.bridge.uplink.contract import HOLDER, MOST, SMALL, question
-from twind.bridge.zenoh.keys import ASKED, STOPS
+from twind.bridge.uplink import remote_contract
+from twind.bridge.uplink.remote_contract import HOLDER, MOST, SMALL, question
+from twind.bridge.zenoh.zenoh_keys import ASKED, STOPS
 from twind.client import CallError
 
 METHODS = (*ASKED, *STOPS, "Check", "Lease", "Goal")
@@ -71,5 +71,5 @@ def test_a_holders_name_is_cut_before_anybody_keeps_or_tells_it() -> None:
 
 
 def test_a_finding_of_ours_has_the_fields_of_the_daemons() -> None:
-    said = contract.refused("CMD_EXPIRED", "late", 0.5, 0.0).parameters["findings"][0]
-    contract.load(contract.CONTROL).types["Finding"].check(said, "finding")
+    said = remote_contract.refused("CMD_EXPIRED", "late", 0.5, 0.0).parameters["findings"][0]
+    remote_contract.load(remote_contract.CONTROL).types["Finding"].check(said, "finding")

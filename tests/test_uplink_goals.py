@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.contract import refused
-from twind.bridge.uplink.goals import AHEAD, MOST, UplinkGoalTable
+from twind.bridge.uplink.remote_contract import refused
+from twind.bridge.uplink.uplink_goals import AHEAD, MOST, UplinkGoalTable
 from twind.client import CallError, Refused
 
 

@@ -6,7 +6,7 @@ import time
 import pytest
 from processes import until
 
-from twind.bridge.uplink.lanes import WorkerQueue
+from twind.bridge.uplink.worker_queue import WorkerQueue
 
 pytestmark = pytest.mark.realtime
 

@@ -15,8 +15,8 @@ from doctor_world import way_to
 from processes import until
 from uplinked import JOINT, PATIENCE, Far, NetworkConfig, Site, Uplink, ended, phases, site, up
 
-from twind.bridge.uplink.contract import MOST
-from twind.bridge.zenoh.keys import ASKED, STOPS
+from twind.bridge.uplink.remote_contract import MOST
+from twind.bridge.zenoh.zenoh_keys import ASKED, STOPS
 from twind.client import Client
 from twind.protocol import CONTROL, load
 
@@ -27,14 +27,14 @@ Brief = Callable[[Uplink], Uplink]
 # Once all is read: nobody may enter the folders of a Python that is root's.
 AS_NOBODY = """
 import argparse, os, sys
-from twind.bridge.uplink import course, verb
-from twind.ctl.main import common
+from twind.bridge.uplink import robot_uplink, uplink_command
+from twind.ctl.ctl_main import common
 parser = argparse.ArgumentParser()
 common(parser, None)
-verb.add_arguments(parser)
+uplink_command.add_arguments(parser)
 options = parser.parse_args([word for word in sys.argv[1:] if word != "uplink"])
 os.setgroups([]), os.setegid(65534), os.seteuid(65534)
-sys.exit(verb.run(options))
+sys.exit(uplink_command.run(options))
 """
 
 

@@ -150,7 +150,7 @@ def test_a_sender_that_is_killed_lets_go(here: Site) -> None:
     watched = Watched(here)
     words = ["--remote", "robot", "move", f"{JOINT}={here.far.knee() + 0.5}", "--time", str(LONG)]
     sender = subprocess.Popen(
-        [sys.executable, "-m", "twind.ctl.main", *words],
+        [sys.executable, "-m", "twind.ctl.ctl_main", *words],
         env=os.environ | {"TWIND_ZENOH": here.router.endpoint},
     )
     try:

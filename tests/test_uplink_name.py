@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.name import robot_name
-from twind.bridge.zenoh.keys import robot_key, robot_of
+from twind.bridge.uplink.robot_name import robot_name
+from twind.bridge.zenoh.zenoh_keys import robot_key, robot_of
 
 
 @given(st.text(), st.one_of(st.none(), st.text()))

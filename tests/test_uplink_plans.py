@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twind.bridge.uplink.plans import KEPT, MOST, PlannedDurations
+from twind.bridge.uplink.planned_durations import KEPT, MOST, PlannedDurations
 
 
 def accepted(name: str, time: float, lasts: float, start_in: float | None = None) -> dict[str, Any]:

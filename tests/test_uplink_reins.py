@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from told_line import ToldDaemon, ended, ended_in_words
 
-from twind.bridge.driving import MotionSession
-from twind.bridge.uplink.plans import PlannedDurations
-from twind.bridge.uplink.reins import LeaseKeeper
-from twind.bridge.uplink.tenancy import RemoteLease
-from twind.bridge.zenoh.keys import LEASE_S
+from twind.bridge.motion_session import MotionSession
+from twind.bridge.uplink.lease_keeper import LeaseKeeper
+from twind.bridge.uplink.planned_durations import PlannedDurations
+from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client import CallError, Refused
 
 PATH = {"joint_names": ["l_knee"], "points": [{"positions": [0.5], "time_from_start": 9.0}]}
@@ -189,7 +189,9 @@ def test_the_clock_that_is_told_afar_goes_on_while_the_robot_sleeps() -> None:
     asleep = ["unshare", "--time", "--boottime", "5000"]
     if subprocess.run([*asleep, "true"], capture_output=True, check=False).returncode != 0:
         pytest.skip("no namespace of times here")
-    said = "import time; from twind.bridge.uplink.reins import clock; print(clock() - time.monotonic())"
+    said = (
+        "import time; from twind.bridge.uplink.lease_keeper import clock; print(clock() - time.monotonic())"
+    )
     done = subprocess.run([*asleep, sys.executable, "-c", said], capture_output=True, check=True, text=True)
     assert float(done.stdout) > 4999.0
 

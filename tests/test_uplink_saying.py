@@ -1,6 +1,6 @@
 """What an uplink says: all of it, unless somebody far away makes it say too much."""
 
-from twind.bridge.uplink.saying import AT_ONCE, EACH, RateLimitedLog
+from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
 
 
 def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:

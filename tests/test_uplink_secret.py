@@ -14,7 +14,7 @@ from processes import Daemon, until
 from uplinked import PATIENCE, Far, Uplink, ended, phases, up
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import NetworkConfig, SessionError, open_now
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, SessionError, open_now
 
 pytestmark = pytest.mark.realtime
 EXAMPLES = Path(__file__).parent.parent / "systemd" / "examples"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.tenancy import RemoteLease
-from twind.bridge.zenoh.keys import LEASE_S
+from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client import CallError, Refused
 from twind.safety.lease import TRAJECTORY
 

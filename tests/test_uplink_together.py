@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from processes import until
 
-from twind.bridge.uplink.door import Outcome, Serve
-from twind.bridge.uplink.together import WAITING, CoalescedStop
+from twind.bridge.uplink.coalesced_stop import WAITING, CoalescedStop
+from twind.bridge.uplink.query_server import Outcome, Serve
 from twind.client import NoDaemon
 
 pytestmark = pytest.mark.realtime

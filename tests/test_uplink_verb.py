@@ -5,18 +5,18 @@ import sys
 
 import pytest
 
-from twind.bridge.uplink import verb
-from twind.bridge.zenoh import session as zenoh_session
+from twind.bridge.uplink import uplink_command
+from twind.bridge.zenoh import zenoh_session
+from twind.ctl.ctl_main import common
 from twind.ctl.extras import how_to_add
-from twind.ctl.main import common
 from twind.ctl.verb import UsageError
 
 
 def run(*words: str) -> int:
     parser = argparse.ArgumentParser()
     common(parser, None)
-    verb.add_arguments(parser)
-    return verb.run(parser.parse_args(words))
+    uplink_command.add_arguments(parser)
+    return uplink_command.run(parser.parse_args(words))
 
 
 @pytest.mark.parametrize(

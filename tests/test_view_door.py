@@ -16,7 +16,7 @@ from viser import _messages
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from twind.observe.viewing.door import ViewerAccess, ViewerServerError, ViewerSite, opened
+from twind.observe.viewing.viewer_access import ViewerAccess, ViewerServerError, ViewerSite, opened
 
 pytestmark = pytest.mark.realtime
 
@@ -137,7 +137,7 @@ def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.Monkey
     """The one place that is not its interface: how it starts its server."""
     import websockets.asyncio.server as websockets
 
-    from twind.observe.viewing import door
+    from twind.observe.viewing import viewer_access
 
     before = websockets.serve
 
@@ -146,6 +146,6 @@ def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.Monkey
         assert websockets.serve is before
         yield []
 
-    monkeypatch.setattr(door, "_guarded", unguarded)
+    monkeypatch.setattr(viewer_access, "_guarded", unguarded)
     with pytest.raises(ViewerServerError, match="cannot be guarded"), opened(None, "test"):
         pass

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from viewed import GROUP_THREE, h24, other, status
 
-from twind.observe.viewing import words
-from twind.observe.viewing.figure import shown_geoms
-from twind.observe.viewing.likeness import NoRobotModel, RobotModel
-from twind.observe.viewing.news import ViewerState
-from twind.observe.viewing.scene import AUTO, BOTH, NONE, ghosts
+from twind.observe.viewing import status_html
+from twind.observe.viewing.robot_figure import shown_geoms
+from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_scene import AUTO, BOTH, NONE, ghosts
+from twind.observe.viewing.viewer_state import ViewerState
 
 
 def test_every_joint_turns_its_own_body_of_the_model() -> None:
@@ -61,7 +61,7 @@ def test_meshes_that_cannot_be_read_have_a_stand_in_and_it_is_said() -> None:
     assert likeness.meshes_missing
     known = ViewerState()
     known.take(status())
-    assert "balls stand for them" in words.page(known.now(), likeness, None, 0)
+    assert "balls stand for them" in status_html.page(known.now(), likeness, None, 0)
 
 
 def test_a_model_that_is_none_is_told() -> None:

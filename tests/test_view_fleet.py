@@ -17,20 +17,20 @@ from processes import until
 from viewed import h24, other, state, status
 
 from twind.client import ClientError
-from twind.observe.viewing import news as news_module
-from twind.observe.viewing import words
-from twind.observe.viewing.fleet import company as company_module
-from twind.observe.viewing.fleet import show as show_module
-from twind.observe.viewing.fleet.chorus import Broadcast
-from twind.observe.viewing.fleet.company import RobotRegistry, Whose
-from twind.observe.viewing.fleet.page import FleetPage
-from twind.observe.viewing.fleet.show import FleetViewer
-from twind.observe.viewing.fleet.stand import FADED, RobotPlate, camera, spots
-from twind.observe.viewing.fleet.standing import GREY, HealthLevel, described, page, standing, summary
-from twind.observe.viewing.news import DaemonLost, News, RobotAnnounced, ViewerState
-from twind.observe.viewing.scene import UNHEARD
-from twind.observe.viewing.stops import StopOutcome, StopThreads, Tell
-from twind.observe.viewing.ways import RobotConnections, local
+from twind.observe.viewing import status_html
+from twind.observe.viewing import viewer_state as news_module
+from twind.observe.viewing.fleet import fleet_viewer as show_module
+from twind.observe.viewing.fleet import robot_registry as company_module
+from twind.observe.viewing.fleet.broadcast import Broadcast
+from twind.observe.viewing.fleet.fleet_page import FleetPage
+from twind.observe.viewing.fleet.fleet_viewer import FleetViewer
+from twind.observe.viewing.fleet.robot_health import GREY, HealthLevel, described, page, standing, summary
+from twind.observe.viewing.fleet.robot_plate import FADED, RobotPlate, camera, spots
+from twind.observe.viewing.fleet.robot_registry import RobotRegistry, Whose
+from twind.observe.viewing.robot_connections import RobotConnections, local
+from twind.observe.viewing.robot_scene import UNHEARD
+from twind.observe.viewing.stop_threads import StopOutcome, StopThreads, Tell
+from twind.observe.viewing.viewer_state import DaemonLost, News, RobotAnnounced, ViewerState
 from twind_drivers.clock import FakeClock
 
 SILENT = {"heard": False, "age_ms": 900.0}
@@ -85,9 +85,9 @@ def test_the_most_urgent_of_a_robot_is_what_is_said_of_it(
 def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last() -> None:
     clock = FakeClock()
     robot = known(status(faults=[FAULT]), state(h24()), clock=clock)
-    clock.time = words.OLD - 0.1
+    clock.time = status_html.OLD - 0.1
     assert standing(robot.now()).kind is HealthLevel.FAULT
-    clock.time = words.OLD
+    clock.time = status_html.OLD
     assert standing(robot.now()).kind is HealthLevel.OLD
     robot.take(state(h24(), 1.0))
     assert standing(robot.now()).kind is HealthLevel.FAULT
@@ -140,16 +140,16 @@ def test_no_word_of_any_robot_becomes_markup() -> None:
 def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard() -> None:
     robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT))
     said = page(robot.now(), standing(robot.now()), "")
-    assert words.row("joints", "23 of 24 heard") in said
-    assert words.row("not heard", "l_knee", words.RED) in said
-    assert words.row("fault", "FOLLOW_ERR: l_knee: too far off", words.RED) in said
+    assert status_html.row("joints", "23 of 24 heard") in said
+    assert status_html.row("not heard", "l_knee", status_html.RED) in said
+    assert status_html.row("fault", "FOLLOW_ERR: l_knee: too far off", status_html.RED) in said
 
 
 def test_of_a_robot_that_is_lost_only_its_last_words_are_told_as_such() -> None:
     robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), DaemonLost("the link is cut"))
     said = page(robot.now(), standing(robot.now()), "")
-    assert words.row("now", "the link is cut", words.RED) in said
-    assert words.row("said last", "live, armed, holding", words.GREY) in said
+    assert status_html.row("now", "the link is cut", status_html.RED) in said
+    assert status_html.row("said last", "live, armed, holding", status_html.GREY) in said
     assert "heard" not in said and "FOLLOW_ERR" in said
 
 
@@ -319,7 +319,7 @@ def test_a_page_has_room_for_so_many_robots_and_says_that_there_are_more(
 @pytest.fixture(scope="module")
 def server() -> Iterator[Any]:
     pytest.importorskip("mjviser", reason="the extra `view` is not installed")
-    from twind.observe.viewing.door import opened
+    from twind.observe.viewing.viewer_access import opened
 
     with opened(None, "test") as site:
         yield site.server
@@ -382,7 +382,7 @@ class Robots:
 class Said(FleetPage):
     """A page whose words a test reads."""
 
-    words: dict[str | None, str]
+    status_html: dict[str | None, str]
 
     def say(self, words: str, of: str | None = None) -> None:
         """What the page says now."""

@@ -13,7 +13,7 @@ import pytest
 from browser import browser, missing, opened
 from processes import Daemon, Moving, arm, daemon, go, robot, simulated, until
 
-from twind.observe.viewing.operate import ANSWER
+from twind.observe.viewing.operator_lease import ANSWER
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 LONG = {
@@ -29,7 +29,7 @@ class Viewing:
     """A `twindctl view` that runs, and its address."""
 
     def __init__(self, folder: Path, *options: str) -> None:
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(folder), "view", *options]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(folder), "view", *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().decode().split()[1]
@@ -174,7 +174,7 @@ def test_the_page_outlives_the_daemon_and_shows_the_next_ones_robot(chromium: An
 
 
 def test_without_a_daemon_there_is_nothing_to_show(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path), "view"]
+    command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "view"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
     assert done.returncode == 3
     assert "no daemon" in done.stderr

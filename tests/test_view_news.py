@@ -13,13 +13,13 @@ from answering import Daemons, answering, told
 from processes import until
 from viewed import h24, other, state, status
 
-from twind.observe.viewing import viewer, words
-from twind.observe.viewing.door import ViewerSite
-from twind.observe.viewing.live import messages
-from twind.observe.viewing.news import WINDOW, DaemonLost, News, RobotAnnounced, ViewerState
-from twind.observe.viewing.scene import AUTO
-from twind.observe.viewing.stops import StopThreads
-from twind.observe.viewing.ways import local
+from twind.observe.viewing import robot_viewer, status_html
+from twind.observe.viewing.daemon_messages import messages
+from twind.observe.viewing.robot_connections import local
+from twind.observe.viewing.robot_scene import AUTO
+from twind.observe.viewing.stop_threads import StopThreads
+from twind.observe.viewing.viewer_access import ViewerSite
+from twind.observe.viewing.viewer_state import WINDOW, DaemonLost, News, RobotAnnounced, ViewerState
 from twind_drivers.clock import FakeClock
 
 
@@ -51,7 +51,7 @@ def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
             seen.append((known.now().lost, known.now().joints is not None))
         raise OSError("the file is gone")
 
-    viewer.take(known, news())
+    robot_viewer.take(known, news())
     assert seen[0] == (None, False)
     assert "KeyError" in str(seen[1][0]) and not seen[1][1]
     assert seen[2] == (None, True)
@@ -61,15 +61,15 @@ def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
 def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
     clock = FakeClock()
     known, robot = ViewerState(clock.now), h24()
-    assert "s ago" not in words.page(known.now(), None, None, 0)
+    assert "s ago" not in status_html.page(known.now(), None, None, 0)
     known.take(state(robot))
     clock.time = 0.9
-    assert "less than 1 s ago" in words.page(known.now(), None, None, 0)
+    assert "less than 1 s ago" in status_html.page(known.now(), None, None, 0)
     clock.time = 12.0
-    said = words.page(known.now(), None, None, 0)
-    assert words.row("heard", "12 s ago: the picture is old", words.RED) in said
+    said = status_html.page(known.now(), None, None, 0)
+    assert status_html.row("heard", "12 s ago: the picture is old", status_html.RED) in said
     known.take(status())  # says nothing of joints
-    assert "12 s ago" in words.page(known.now(), None, None, 0)
+    assert "12 s ago" in status_html.page(known.now(), None, None, 0)
 
 
 class Canvas:
@@ -94,15 +94,15 @@ class Canvas:
 def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     daemons: Daemons, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
-    monkeypatch.setattr(viewer, "RobotScene", lambda *_: SimpleNamespace(remove=lambda: None))
-    monkeypatch.setattr(viewer, broken, lambda told: {}["no such pose"])
+    monkeypatch.setattr(robot_viewer, "RobotScene", lambda *_: SimpleNamespace(remove=lambda: None))
+    monkeypatch.setattr(robot_viewer, broken, lambda told: {}["no such pose"])
     daemons("control", lambda method: {"parameters": {"state": "estop"}})
     stops, outcomes, known, canvas = StopThreads(local(str(tmp_path))), queue.Queue(), ViewerState(), Canvas()
     for news in (RobotAnnounced(h24()), status(), state(h24())):
         known.take(news)
     ended = threading.Event()
-    shown = viewer.RobotViewer(ViewerSite(canvas, ""), known, canvas)
-    drawing = threading.Thread(target=viewer.run, args=(shown, known, (), ended))
+    shown = robot_viewer.RobotViewer(ViewerSite(canvas, ""), known, canvas)
+    drawing = threading.Thread(target=robot_viewer.run, args=(shown, known, (), ended))
     drawing.start()
     try:
         until(lambda: any("mode live" in each for each in canvas.words), 5.0, "the words")

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from answering import Daemons, answering, told
 
-from twind.observe.viewing.operate import OperatorThread, arm, look_after
-from twind.observe.viewing.stops import StopOutcome
+from twind.observe.viewing.operator_lease import OperatorThread, arm, look_after
+from twind.observe.viewing.stop_threads import StopOutcome
 
 LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}
 

@@ -9,11 +9,11 @@ import pytest
 from browser import browser, changed, missing, opened, picture
 from viewed import h24, other, state, status
 
-from twind.observe.viewing.door import ViewerSite
-from twind.observe.viewing.door import opened as served
-from twind.observe.viewing.news import RobotAnnounced, ViewerState
-from twind.observe.viewing.page import RobotPage
-from twind.observe.viewing.viewer import RobotViewer, run
+from twind.observe.viewing.robot_page import RobotPage
+from twind.observe.viewing.robot_viewer import RobotViewer, run
+from twind.observe.viewing.viewer_access import ViewerSite
+from twind.observe.viewing.viewer_access import opened as served
+from twind.observe.viewing.viewer_state import RobotAnnounced, ViewerState
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 SEEN = 150  # cells of 12,800 that a robot has at least

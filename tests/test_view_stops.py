@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from answering import Daemons, answering, told
 
-from twind.observe.viewing.stops import StopOutcome, StopThreads
-from twind.observe.viewing.ways import local
+from twind.observe.viewing.robot_connections import local
+from twind.observe.viewing.stop_threads import StopOutcome, StopThreads
 
 
 @pytest.fixture

@@ -3,13 +3,13 @@ from pathlib import Path
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.virtual.bench import BusTiming, VirtualRobotSpecError, bench, by_bus, servo, settings
-from twind.virtual.main import main
-from twind.virtual.specimen import buses, specimen
+from twind.virtual.bench_servos import BusTiming, VirtualRobotSpecError, bench, by_bus, servo, settings
+from twind.virtual.virtual_main import main
+from twind.virtual.virtual_robot_spec import buses, specimen
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.virtual.servos import ServoSpec
-from twind_drivers.virtual.stream import SerialAdapter
+from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 
 def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_twin_muscles import ARMS, power
 
-from twind.twin.muscles import MujocoPhysics, ServoMotor
-from twind_drivers.can.units import COUNT, EFFORT, TURN
-from twind_drivers.virtual.can.muscles import INERTIA, CanMotorPhysics, FirstOrderCanPhysics
+from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor
+from twind_drivers.can.can_units import COUNT, EFFORT, TURN
+from twind_drivers.virtual.can.can_motor_physics import INERTIA, CanMotorPhysics, FirstOrderCanPhysics
 
 LEVEL = 0.5 * 9.81 * 0.2  # N·m of one arm when it is level
 TICKS = 4096 / (2 * pi)

@@ -9,14 +9,14 @@ import can
 import numpy as np
 import pytest
 
-from twind.virtual.orders import FaultCommandSocket
+from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
-from twind.virtual.serve import ServoClock, VirtualBusServer
+from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.pump import PythonCanBridge
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.python_can_bridge import PythonCanBridge
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
 
 NODES = [NodeSpec(1, "DM4310", 0x11), NodeSpec(3, "ODrive"), NodeSpec(0x7F, "RS01")]
 ENABLE = can.Message(arbitration_id=1, data=bytes.fromhex("FFFFFFFFFFFFFFFC"), is_extended_id=False)

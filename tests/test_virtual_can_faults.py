@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from can_host import LIMP, CanHost, mit
 
-from twind.virtual.orders import CAN_FAULTS, FaultCommandError, arguments
+from twind.virtual.fault_commands import CAN_FAULTS, FaultCommandError, arguments
 from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR
-from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.faults import CanFaults
-from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.message import CanMessage, as_frames
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_bus_faults import CanFaults
+from twind_drivers.virtual.can.can_controller import CanAdapter
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.can.can_message import CanMessage, as_frames
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 NODES = [NodeSpec(id, "DM4310", 0x10 + id) for id in (1, 2)]
 

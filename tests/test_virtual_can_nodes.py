@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
-from twind_drivers.virtual.can.fields import fraction, mit_command, mit_state, pack, unpack
-from twind_drivers.virtual.can.message import CanMessage
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.bit_fields import fraction, mit_command, mit_state, pack, unpack
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 SPANS = (12.5, 30.0, 10.0)
 

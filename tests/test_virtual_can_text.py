@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from twind_drivers.bus import PortError
 from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import CanMessage
-from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
-from twind_drivers.virtual.can.spec import NodeSpec
-from twind_drivers.virtual.can.text import KINDS, parsed
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.virtual.can.can_controller import CanAdapter
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.slcan_text import KINDS, parsed
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
+from twind_drivers.virtual.serial_loopback import Loopback
 
 ENABLE = b"t0018FFFFFFFFFFFFFFFC\r"
 TOLD = b"t0118117FFF7FF7FF1919\r"

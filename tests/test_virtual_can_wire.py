@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
-from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import CanMessage, as_frames, bits, messages, rank
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_controller import CanAdapter
+from twind_drivers.virtual.can.can_message import CanMessage, as_frames, bits, messages, rank
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 ids = st.one_of(
     st.integers(0, 0x7FF),

@@ -12,13 +12,13 @@ from processes import until
 
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_child import VirtualRobotError, VirtualRobotProcess
+from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
 
 pytestmark = pytest.mark.realtime
 
 PARENT = """
 import sys, time
-from twind.loop.virtual_child import VirtualRobotProcess
+from twind.loop.virtual_robot_process import VirtualRobotProcess
 
 child = VirtualRobotProcess("h24-split")
 child.__enter__()

@@ -5,9 +5,9 @@ import pytest
 from virtual_host import Host
 
 from twind_drivers.bus import BusSample
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
-from twind_drivers.perform import perform
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.run_script import perform
+from twind_drivers.virtual.serial_loopback import Loopback
 
 IDS = tuple(range(1, 25))
 FIRST, LAST = np.zeros(24, np.int64), np.full(24, 4095, np.int64)

@@ -4,7 +4,7 @@ from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.virtual.history import ReadingHistory
+from twind_drivers.virtual.reading_history import ReadingHistory
 
 IDS = [1, 2, 3, 4]
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from virtual_host import Host
 
 from twind.config.robot_file import load_robot
-from twind.virtual.orders import FaultCommandError
-from twind.virtual.serve import ServoClock, VirtualBusServer
-from twind.virtual.specimen import VirtualRobotSpec, buses, specimen
+from twind.virtual.fault_commands import FaultCommandError
 from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, specimen
+from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.served import ServableBus
+from twind_drivers.virtual.servable_bus import ServableBus
 
 H24 = load_robot("h24")
 PER_RAD = 4096 / math.tau

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.tables import table
-from twind_drivers.virtual.indirect import fields, rows
+from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.virtual.indirect_addresses import fields, rows
 
 
 def point(host: Host, id: int, targets: list[int], *, address: int = 168) -> None:

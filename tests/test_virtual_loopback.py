@@ -3,7 +3,7 @@ from virtual_host import Host
 
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel import packet
-from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.virtual.serial_loopback import Loopback
 
 
 def test_the_clock_jumps_to_the_answer_and_not_beyond() -> None:

@@ -18,7 +18,7 @@ import serial
 
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.virtual.main import main
+from twind.virtual.virtual_main import main
 
 pytestmark = pytest.mark.realtime
 IDS = list(range(1, 25))

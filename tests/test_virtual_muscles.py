@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.muscles import DriveState, FirstOrderPhysics
+from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
 
 ONE = np.ones(1)
 TICKS = 0.229 / 60 * 4096  # ticks/s per raw velocity

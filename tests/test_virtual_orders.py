@@ -8,9 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from twind.virtual.main import parser
-from twind.virtual.orders import BODY_FAULTS, FAULTS, FaultCommandError, FaultCommandSocket, Order, arguments
-from twind_drivers.virtual.faults import SerialBusFaults
+from twind.virtual.fault_commands import (
+    BODY_FAULTS,
+    FAULTS,
+    FaultCommandError,
+    FaultCommandSocket,
+    Order,
+    arguments,
+)
+from twind.virtual.virtual_main import parser
+from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, ServoProfile
+from twind_drivers.virtual.servo_profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, ServoProfile
 
 STEP = 0.002  # s
 VELOCITY, ACCELERATION = 0.229 / 60 * 4096, 214.577 / 3600 * 4096  # ticks/s, ticks/s² per raw value

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.virtual.protection import BEARABLE, ServoProtection, ampere
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.virtual.servo_protection import BEARABLE, ServoProtection, ampere
 
 ALERT = 0x80
 VOLTAGE, HEAT, OVERLOAD = 1, 4, 32

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from virtual_host import Host
 
-from twind.virtual.orders import FaultCommandError
+from twind.virtual.fault_commands import FaultCommandError
 from twind.virtual.pty_port import VirtualPtyPort
-from twind.virtual.serve import PAGE, STALL, ServoClock, VirtualBusServer
+from twind.virtual.virtual_server import PAGE, STALL, ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
 
 

@@ -7,10 +7,10 @@ import pytest
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of, tick_range
 from twind.config.robot_file import load_robot
-from twind.twin.muscles import body_of
-from twind.virtual.bench import servo
-from twind.virtual.specimen import VirtualRobotSpecError, buses, save, specimen
-from twind_drivers.virtual.servos import ServoSpec
+from twind.twin.mujoco_physics import body_of
+from twind.virtual.bench_servos import servo
+from twind.virtual.virtual_robot_spec import VirtualRobotSpecError, buses, save, specimen
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 
 def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:

@@ -10,10 +10,10 @@ from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
-from twind_drivers.virtual.stream import SerialAdapter
+from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 IDS = [1, 2, 3, 4]
 

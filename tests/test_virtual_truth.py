@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of
-from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
-from twind.virtual.bench import VirtualRobotSpecError
-from twind.virtual.specimen import VirtualRobotSpec, buses, calibration, save, specimen
+from twind.config.yaml_tree import ConfigError
+from twind.virtual.bench_servos import VirtualRobotSpecError
 from twind.virtual.truth import PLAIN, JointTruth, Truth, load_truth, random_truth
-from twind_drivers.virtual.servos import VirtualServos
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, save, specimen
+from twind_drivers.virtual.virtual_servos import VirtualServos
 
 H24 = load_robot("h24")
 KNEE = H24.joints[H24.names.index("l_knee")]

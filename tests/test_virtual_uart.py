@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.uart import clash, misheard
+from twind_drivers.virtual.uart_receiver import clash, misheard
 
 MBAUD = 1_000_000
 BYTE = 10 / MBAUD  # s

@@ -5,8 +5,8 @@ import math
 import pytest
 from virtual_host import Host
 
-from twind_drivers.dynamixel import budget, packet
-from twind_drivers.virtual.wire import HalfDuplexWire
+from twind_drivers.dynamixel import packet, serial_cycle_budget
+from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 
 IDS = list(range(1, 25))
 
@@ -27,7 +27,7 @@ def test_a_cycle_of_24_takes_what_the_arithmetic_says(baud_rate: int, delay_us: 
     host.bus.line(baud)
     goals = packet.sync_write(116, {id: (2048).to_bytes(4, "little") for id in IDS})
     read = (packet.fast_sync_read if fast else packet.sync_read)(IDS, 126, 10)
-    plan = budget.budget(24, baud, fast=fast, return_delay_us=delay_us)
+    plan = serial_cycle_budget.budget(24, baud, fast=fast, return_delay_us=delay_us)
     for _ in range(2):  # the first goes the long way, the second is remembered
         assert cycle(host, goals + read) == pytest.approx(plan.seconds, rel=1e-9)
 

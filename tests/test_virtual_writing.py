@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.tables import models, number_of, table
+from twind_drivers.dynamixel.control_tables import models, number_of, table
 
 DRIVEN = [name for name in models() if not table(number_of(name), 60).facts.undriven]
 

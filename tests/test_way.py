@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety.alarm import LatencyAlert
-from twind.safety.health import COMMAND, TimingMonitor
-from twind.safety.way import STREAM, CommandLatencyTracer
+from twind.safety.latency_alarm import LatencyAlert
+from twind.telemetry.command_latency import STREAM, CommandLatencyTracer
+from twind.telemetry.timing_monitor import COMMAND, TimingMonitor
 
 VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/reason-codes.md says
 # Powers of two, so that sums of them are exact.

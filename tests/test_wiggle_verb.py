@@ -15,8 +15,8 @@ import pytest
 from processes import BUSY, Daemon, Virtual, arm, daemon, robot, until
 from processes import go as sent
 
-from twind.ctl.main import main
-from twind_calibration.wiggling.motion import MoveResult, back, go, goal_of
+from twind.ctl.ctl_main import main
+from twind_calibration.wiggling.joint_move import MoveResult, back, go, goal_of
 from twind_drivers.clock import FakeClock, MonotonicClock
 
 pytestmark = pytest.mark.realtime

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Floats
-from twind_calibration.wiggling.body import PosedModel
-from twind_calibration.wiggling.judge import (
+from twind_calibration.wiggling.move_evidence import (
     EncoderObservation,
     EncoderResponse,
     TorqueResponse,
@@ -22,7 +21,8 @@ from twind_calibration.wiggling.judge import (
     came_back,
     weigh,
 )
-from twind_calibration.wiggling.trace import HoldMean, HoldMeans, StateTrace
+from twind_calibration.wiggling.posed_model import PosedModel
+from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans, StateTrace
 
 BODY = PosedModel(H24)
 FRICTION = 0.1  # N·m

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from test_wiggling import FRICTION, WAY, stays_of
 
-from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse, answer, weigh
-from twind_calibration.wiggling.motion import MoveResult
-from twind_calibration.wiggling.told import WiggleVerdict
+from twind_calibration.wiggling.joint_move import MoveResult
+from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, answer, weigh
+from twind_calibration.wiggling.wiggle_report import WiggleVerdict
 
 
 def verdict(**changes: Any) -> WiggleVerdict:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.window import BOUNDS, BOUNDS_MS, SIZE, RecentValues, RollingStats
+from twind.telemetry.rolling_stats import BOUNDS, BOUNDS_MS, SIZE, RecentValues, RollingStats
 
 durations = st.floats(1e-6, 5.0)
 

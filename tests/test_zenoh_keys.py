@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.zenoh.keys import chunk, robot_key, robot_of
+from twind.bridge.zenoh.zenoh_keys import chunk, robot_key, robot_of
 
 
 @given(st.text())

@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from zenoh_router import free_port
 
-from twind.bridge.zenoh import session
-from twind.bridge.zenoh.session import LOCAL, NetworkConfig, SessionError
+from twind.bridge.zenoh import zenoh_session
+from twind.bridge.zenoh.zenoh_session import LOCAL, NetworkConfig, SessionError
 
 pytestmark = pytest.mark.realtime
 
 
 def given(*words: str, **environ: str) -> NetworkConfig:
     parser = argparse.ArgumentParser()
-    session.add_options(parser)
-    return session.place(parser.parse_args(words), environ)
+    zenoh_session.add_options(parser)
+    return zenoh_session.place(parser.parse_args(words), environ)
 
 
 def test_without_a_word_it_is_the_router_of_this_machine() -> None:
@@ -37,7 +37,7 @@ def test_what_others_on_the_way_can_read_is_named() -> None:
         connect=("tcp/localhost:1", "tcp/127.0.0.9:1", "tcp/[::1]:1", "tls/far:1", "quic/far:1", "tcp/far:1"),
         listen=("udp/0.0.0.0:2", "tcp/[::]:2"),
     )
-    assert session.readable(place) == ["tcp/far:1", "udp/0.0.0.0:2", "tcp/[::]:2"]
+    assert zenoh_session.readable(place) == ["tcp/far:1", "udp/0.0.0.0:2", "tcp/[::]:2"]
 
 
 def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> None:
@@ -46,21 +46,25 @@ def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> 
         '{mode: "peer", connect: {endpoints: ["tcp/203.0.113.5:1", "tls/far:1"]},'
         ' listen: {endpoints: {router: ["tcp/[::]:2"], peer: ["tcp/0.0.0.0:2", "tcp/[::1]:2"]}}}'
     )
-    assert session.readable(NetworkConfig(file=said)) == ["tcp/203.0.113.5:1", "tcp/[::]:2", "tcp/0.0.0.0:2"]
-    assert session.readable(NetworkConfig(connect=("tls/near:1",), file=said)) == [
+    assert zenoh_session.readable(NetworkConfig(file=said)) == [
+        "tcp/203.0.113.5:1",
+        "tcp/[::]:2",
+        "tcp/0.0.0.0:2",
+    ]
+    assert zenoh_session.readable(NetworkConfig(connect=("tls/near:1",), file=said)) == [
         "tcp/[::]:2",
         "tcp/0.0.0.0:2",
     ]
     said.write_text("{")
     with pytest.raises(SessionError, match=r"z\.json5"):
-        session.readable(NetworkConfig(file=said))
+        zenoh_session.readable(NetworkConfig(file=said))
 
 
 def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_path: Path) -> None:
     said = tmp_path / "z.json5"
     said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')
     for place in (NetworkConfig(connect=("tcp/a:1",)), NetworkConfig(file=said)):
-        made = session._configuration(place, 1.0)
+        made = zenoh_session._configuration(place, 1.0)
         assert (
             made.get_json("scouting/multicast/enabled") == made.get_json("scouting/gossip/enabled") == "false"
         )
@@ -69,7 +73,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
     said.write_text(
         '{mode: "router", listen: {endpoints: ["tcp/a:2"]}, scouting: {multicast: {enabled: true}}}'
     )
-    made = session._configuration(NetworkConfig(file=said), 1.0)
+    made = zenoh_session._configuration(NetworkConfig(file=said), 1.0)
     assert (made.get_json("mode"), made.get_json("listen/endpoints")) == ('"router"', '["tcp/a:2"]')
     assert made.get_json("scouting/multicast/enabled") == "true"
 
@@ -79,7 +83,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
 )
 def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: NetworkConfig) -> None:
     with pytest.raises(SessionError, match=r"nonsense|nowhere") as told:
-        session.opened(place, threading.Event(), lambda line: None)
+        zenoh_session.opened(place, threading.Event(), lambda line: None)
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
 
@@ -90,16 +94,16 @@ def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> 
         list[str](),
     )
     with pytest.raises(SessionError, match=place.connect[0]):
-        session.open_now(place, 0.2)
+        zenoh_session.open_now(place, 0.2)
     threading.Timer(2.5, stop.set).start()
-    assert session.opened(place, stop, lines.append) is None
+    assert zenoh_session.opened(place, stop, lines.append) is None
     assert len(lines) == 1 and place.connect[0] in lines[0]
 
 
 def test_who_listens_waits_for_nobody() -> None:
     place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",), listen=(f"tcp/127.0.0.1:{free_port()}",))
     begun = time.monotonic()
-    with session.open_now(place, 30.0):
+    with zenoh_session.open_now(place, 30.0):
         assert time.monotonic() - begun < 15.0
         host, port = place.listen[0].removeprefix("tcp/").split(":")
         socket.create_connection((host, int(port)), 5.0).close()
@@ -109,7 +113,7 @@ def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
     """A callback that a daemon thread declared has a daemon thread: one that comes back from compiled code
     while the interpreter ends would abort the process."""
     joined, heard = (
-        session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0),
+        zenoh_session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0),
         list[object](),
     )
 
@@ -119,8 +123,8 @@ def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
     declaring = threading.Thread(target=declare, daemon=True)
     declaring.start()
     declaring.join()
-    mine = [each for each in threading.enumerate() if session.CALLBACK in each.name and each.daemon]
+    mine = [each for each in threading.enumerate() if zenoh_session.CALLBACK in each.name and each.daemon]
     assert mine
-    session.leave(joined)
+    zenoh_session.leave(joined)
     assert not [each for each in mine if each.is_alive()]
     assert joined.is_closed()

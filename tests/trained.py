@@ -12,10 +12,10 @@ import pytest
 
 import twind.learn
 from twind.ctl.progress import ProgressLine
-from twind.learn.training.course import Trainer
-from twind.learn.training.folder import BEST, RUN, read_run, taken
-from twind.learn.training.settings import TrainingSettings, chosen
-from twind.learn.training.told import TrainingReporter
+from twind.learn.training.trainer import Trainer
+from twind.learn.training.training_folder import BEST, RUN, read_run, taken
+from twind.learn.training.training_reporter import TrainingReporter
+from twind.learn.training.training_settings import TrainingSettings, chosen
 
 STEPS = 61_440  # 30 updates; 30 s of CPU
 

@@ -5,18 +5,18 @@ Joints alternate between the buses, signs and gear ratios differ, so that a mixe
 
 import numpy as np
 
+from twind.loop.bus_port import BusPort, PortState
 from twind.loop.hardware import Hardware
-from twind.loop.ports import BusPort, PortState
 from twind.robot.arrays import Floats
 from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import JointState
 from twind_drivers.bus import BusReader, BusWriter, PortError
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 PERIOD = 0.01
 BAUD, BAUD_CODE = 1_000_000, 3

@@ -16,7 +16,7 @@ import zenoh
 from processes import Daemon, until
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import NetworkConfig, open_now
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 
 PATIENCE = 30.0  # s that a busy machine may take
 JOINT = "l_knee"
@@ -25,7 +25,9 @@ JOINT = "l_knee"
 class Uplink:
     """A `twindctl uplink` beside the daemon of these sockets. Whoever begins it ends it: `gone`."""
 
-    def __init__(self, sockets: Path, *words: str, program: Sequence[str] = ("-m", "twind.ctl.main")) -> None:
+    def __init__(
+        self, sockets: Path, *words: str, program: Sequence[str] = ("-m", "twind.ctl.ctl_main")
+    ) -> None:
         command = [sys.executable, *program, "--json", "--socket", str(sockets), "uplink", *words]
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  as long as the process
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)

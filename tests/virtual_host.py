@@ -7,9 +7,9 @@ import numpy as np
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer, Packet
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 FAST = {"baud_rate": 4, "return_delay_time": 0}
 

@@ -12,30 +12,30 @@ from pathlib import Path
 from types import FrameType
 
 from twind.briefing import fingerprint
-from twind.config.files import CommandLineError, ConfigSources, LoadedConfig, describe, packed
-from twind.config.located import ConfigError
-from twind.config.ports import virtual_port
+from twind.config.config_files import CommandLineError, ConfigSources, LoadedConfig, describe, packed
+from twind.config.daemon_settings import DaemonSettings
+from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
-from twind.config.settings import DaemonSettings
+from twind.config.yaml_tree import ConfigError
 from twind.flight import copy
-from twind.front import door
+from twind.front import reserved_descriptors
 from twind.front.flight_folder import FAILSAFE, FlightFolder, meta_of, plain
-from twind.loop import assembly, descriptors, realtime, tape
-from twind.loop.described import BoundRobot
+from twind.listening_sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
+from twind.loop import assembly, bus_tap, descriptors, realtime
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_opener import BusOpener
+from twind.loop.bus_tap import FlightRecorder
+from twind.loop.crash_recording import CrashRecording
 from twind.loop.failsafe import FailsafeRun, HeadlessLink
-from twind.loop.handed_over import WRECK, InheritedDescriptors, handed_over
-from twind.loop.hangups import HangupSignal
-from twind.loop.link import ControlLink
-from twind.loop.notify import Notifier
-from twind.loop.open_bus import BusOpener
-from twind.loop.tape import FlightRecorder
+from twind.loop.front_link import ControlLink
+from twind.loop.hangup_signal import HangupSignal
+from twind.loop.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
+from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop
-from twind.loop.virtual_child import VirtualRobotError, VirtualRobotProcess
-from twind.loop.wreck import CrashRecording
+from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
-from twind.sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
-from twind.streams import lines, stand_in_for_closed, tell
+from twind.standard_streams import lines, stand_in_for_closed, tell
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
 from twind_drivers.bus import PortError, PortInUse
@@ -119,7 +119,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         sources = _with_virtual(sources, stack)
     described = describe(sources)
     settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
-    raised = descriptors.ensure(descriptors.needed(len(robot.buses), door.NEEDED))
+    raised = descriptors.ensure(descriptors.needed(len(robot.buses), reserved_descriptors.NEEDED))
     if raised:
         tell(2, "info", f"twind: {raised}")
     notifier = Notifier()
@@ -140,7 +140,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         described.files,
         packed(sources, described),
     )
-    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
+    recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     if recorder is not None:
         recorder.sign(fingerprint(__version__, described.files))
     folder = _flights(settings, virtual=options.virtual)
@@ -183,7 +183,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     buses.refuse_taken()
     notifier = Notifier()
     stack.callback(notifier.close)
-    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
+    recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     aloud = HeadlessLink(2, None if recorder is None else recorder.link)
     loop = _loop(described, one, buses, aloud, notifier, recorder)
     failsafe = FailsafeRun(loop)

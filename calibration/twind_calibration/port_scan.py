@@ -11,8 +11,8 @@ from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, REFUSED, Rejected
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan
 from twind_drivers.dynamixel.prober import Prober
-from twind_drivers.dynamixel.scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 # Bits of register 70 (e-manual, "Hardware Error Status").

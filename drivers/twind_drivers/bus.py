@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from twind_drivers.clock import ArrivalSource
 
 if TYPE_CHECKING:
-    from twind_drivers.alone import SingleDeviceControl
+    from twind_drivers.single_device import SingleDeviceControl
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

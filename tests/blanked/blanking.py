@@ -93,11 +93,11 @@ def _blanked(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 PATCHES: dict[str, Patch] = {
     "twind.robot.finding": _finding,
-    "twind.loop.voice": _voice,
+    "twind.loop.responder": _voice,
     "twind.loop.realtime": _realtime,
-    "twind.loop.ports": _ports,
-    "twind.front.naming": _naming,
-    "twind.front.calls": _calls,
+    "twind.loop.bus_port": _ports,
+    "twind.front.joint_naming": _naming,
+    "twind.front.client_calls": _calls,
     "twind_drivers.bus": _bus,
 }
 

@@ -12,7 +12,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import save
+from twind.virtual.virtual_robot_spec import save
 
 TICKS = 2000
 

@@ -10,10 +10,10 @@ from busmon.limits import Limits
 from busmon.monitor import Monitor
 
 from evil.good import Good, Over
-from twind.virtual.bench import FIRMWARE, settings
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrderPhysics
-from twind_drivers.virtual.servos import ServoSpec
+from twind.virtual.bench_servos import FIRMWARE, settings
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 BAUD = 2_000_000
 START = {1: 2100, 2: 2300, 5: 1900}  # counts, where the shafts stand

@@ -15,7 +15,7 @@ from faults.robot import CLEAR, TICK
 from faults.world import World
 from twind import link
 from twind.robot.modes import RobotState
-from twind.virtual.orders import CAN_FAULTS, FAULTS, arguments
+from twind.virtual.fault_commands import CAN_FAULTS, FAULTS, arguments
 
 ROBOT = "h24-mixed"
 LEGS = ("l_leg", "r_leg")

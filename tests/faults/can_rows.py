@@ -9,7 +9,7 @@ from faults.fault import Fault
 from faults.world import AWAY
 from twind import link
 from twind.robot.modes import RobotState
-from twind_drivers.virtual.can.controller import CanAdapter
+from twind_drivers.virtual.can.can_controller import CanAdapter
 
 NEXT = 0.03  # s: told in the tick after the one that saw it
 SILENT = 0.1 + 0.01 + 0.02  # s: nobody for 0.1 s, asked every tick, and two ticks

@@ -24,7 +24,7 @@ from faults.fault import Fault, Outcome
 from faults.machine import Machine
 from faults.threads import Keeper, Watcher
 from twind.client import CallError, Client, ClientError
-from twind.config.ports import virtual_port
+from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 
 TRIES = 6  # injections until one is not disturbed

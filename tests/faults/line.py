@@ -8,8 +8,8 @@ from rig import Rig
 from faults.fault import Fault
 from faults.world import AWAY, BRAKE, LONGEST, World
 from twind.robot.modes import RobotState
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
 
 NOISY = ("RX_SHAPE", "BUS_ERRORS")
 SILENT = ("STATE_STALE", "BUS_ERRORS")

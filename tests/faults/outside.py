@@ -13,8 +13,8 @@ import numpy as np
 from faults.fault import Fault
 from faults.world import BRAKE, World
 from twind import link
-from twind.config import saving
-from twind.config.located import ConfigError
+from twind.config import atomic_save
+from twind.config.yaml_tree import ConfigError
 
 CALLS = ("open", "write", "fsync", "link", "replace", "close")
 
@@ -85,23 +85,23 @@ class PowerCut(BaseException):
 def _saved(world: World, error: BaseException) -> tuple[bool, str, str, str]:
     """A file is written over while the disk fails somewhere: did it, and old, new and what is there then."""
     old, new = "old\n" * int(world.random.integers(1, 900)), "new\n" * int(world.random.integers(1, 900))
-    real = saving.os
+    real = atomic_save.os
     with tempfile.TemporaryDirectory(prefix="twind-faults-") as name:
         folder = Path(name)
-        saving.save_text(folder, "h24", old, 20)
+        atomic_save.save_text(folder, "h24", old, 20)
         disk = Disk(int(world.random.integers(1, 14)), error)
-        saving.os = disk  # type: ignore[attr-defined]
+        atomic_save.os = disk  # type: ignore[attr-defined]
         told = False
         try:
-            saving.save_text(folder, "h24", new, 20)
+            atomic_save.save_text(folder, "h24", new, 20)
         except (ConfigError, OSError, PowerCut):
             told = True
         finally:
-            saving.os = real  # type: ignore[attr-defined]
+            atomic_save.os = real  # type: ignore[attr-defined]
         there = (folder / "h24.yaml").read_text() if (folder / "h24.yaml").exists() else ""
         world.claim(told or not disk.failed, "the disk failed, and the save says nothing")
         again = "again\n" * 10
-        saving.save_text(folder, "h24", again, 20)
+        atomic_save.save_text(folder, "h24", again, 20)
         world.claim((folder / "h24.yaml").read_text() == again, "not to be saved again")
         return disk.failed, old, new, there
 

@@ -11,7 +11,7 @@ from rig import Rig
 
 from faults.tap import Tap
 from twind import link
-from twind.ctl.motions import read_trajectory
+from twind.ctl.trajectory_files import read_trajectory
 from twind.robot.modes import RobotState
 from twind.robot.trajectory import Trajectory
 

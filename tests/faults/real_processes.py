@@ -228,7 +228,7 @@ def log_full(ground: Ground) -> None:
 def killed_saving(ground: Ground) -> None:
     """Row 32: killed while it saves, again and again: old or new."""
     code = (
-        "import sys\nfrom pathlib import Path\nfrom twind.config.saving import save_text\n"
+        "import sys\nfrom pathlib import Path\nfrom twind.config.atomic_save import save_text\n"
         "for n in range(10**9): save_text(Path(sys.argv[1]), 'h24', f'{n}\\n' * 4000, 5)\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(ground.folder)])

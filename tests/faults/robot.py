@@ -16,7 +16,7 @@ from faults.trace import Trace
 from twind import link
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
-from twind.virtual.orders import arguments
+from twind.virtual.fault_commands import arguments
 
 TICK = 0.01  # s
 BRAKE = 0.4  # s: from 4 rad/s with 20 rad/s², and the shaft behind it

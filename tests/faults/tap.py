@@ -11,7 +11,7 @@ from busmon.bus import AnyLimits, limits_of, monitor_of
 from busmon.watched import Watched
 from rig import Rig
 
-from twind.virtual.specimen import save
+from twind.virtual.virtual_robot_spec import save
 
 
 @cache

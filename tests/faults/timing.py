@@ -12,9 +12,9 @@ from rig import Rig
 
 from faults.fault import Fault
 from faults.world import AWAY, BRAKE, World
-from twind.loop.notify import Notifier
+from twind.loop.service_notify import Notifier
 from twind.robot.modes import Motion, RobotState
-from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 LATE = 0.03  # s: at once, refresh, 2 ticks
 

@@ -11,8 +11,8 @@ from test_robot_file import SMALL
 
 from fuzz.mangle import mangled
 from twind.config.calibration_file import read_calibration
-from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot, read_robot
+from twind.config.yaml_tree import ConfigError
 
 LONGEST = 2.0  # s of CPU for one file
 VALUES = (

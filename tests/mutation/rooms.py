@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HOME = Path(__file__).parents[2]
-DRIVER = "drivers/twind_drivers/dynamixel"
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,39 +15,108 @@ class Room:
     tests: tuple[str, ...]
 
 
-def _room(name: str, folder: str, modules: str, tests: str) -> Room:
-    return Room(
-        name,
-        tuple(f"{folder}/{each}.py" for each in modules.split()),
-        tuple(f"tests/test_{each}.py" for each in tests.split()),
-    )
-
-
 ROOMS = (
-    _room("states", "twind/safety", "states", "states"),
-    _room("lease", "twind/safety", "lease", "lease"),
-    _room("latency", "twind/safety", "alarm way", "alarm way"),
-    _room(
+    Room(
+        "states",
+        ("twind/safety/state_machine.py",),
+        ("tests/test_states.py",),
+    ),
+    Room(
+        "lease",
+        ("twind/safety/lease.py",),
+        ("tests/test_lease.py",),
+    ),
+    Room(
+        "latency",
+        (
+            "twind/safety/latency_alarm.py",
+            "twind/telemetry/command_latency.py",
+        ),
+        (
+            "tests/test_alarm.py",
+            "tests/test_way.py",
+        ),
+    ),
+    Room(
         "codec",
-        DRIVER,
-        "packet crc goals",
-        "dynamixel_packet dynamixel_framer dynamixel_crc dynamixel_goals",
+        (
+            "drivers/twind_drivers/dynamixel/packet.py",
+            "drivers/twind_drivers/dynamixel/crc.py",
+            "drivers/twind_drivers/dynamixel/goal_packets.py",
+        ),
+        (
+            "tests/test_dynamixel_packet.py",
+            "tests/test_dynamixel_framer.py",
+            "tests/test_dynamixel_crc.py",
+            "tests/test_dynamixel_goals.py",
+        ),
     ),
-    _room(
+    Room(
         "gate",
-        "twind/safety",
-        "gate rules bounds form retime stream headroom",
-        "gate gate_told gate_edges form_edges rules bounds form retime safety_stream headroom",
+        (
+            "twind/safety/gate.py",
+            "twind/safety/curve_rules.py",
+            "twind/safety/polynomial_bounds.py",
+            "twind/safety/trajectory_validation.py",
+            "twind/safety/retime.py",
+            "twind/safety/setpoint_gate.py",
+            "twind/safety/headroom.py",
+        ),
+        (
+            "tests/test_gate.py",
+            "tests/test_gate_told.py",
+            "tests/test_gate_edges.py",
+            "tests/test_form_edges.py",
+            "tests/test_rules.py",
+            "tests/test_bounds.py",
+            "tests/test_form.py",
+            "tests/test_retime.py",
+            "tests/test_safety_stream.py",
+            "tests/test_headroom.py",
+        ),
     ),
-    _room(
+    Room(
         "guard",
-        "twind/safety",
-        "guard facts goal_rules reading_rules bus_rules device_rules senses"
-        " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules",
-        "guard guard_telling goal_rules bus_rules device_rules senses"
-        " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules support_rules",
+        (
+            "twind/safety/guard.py",
+            "twind/safety/guard_types.py",
+            "twind/safety/goal_rules.py",
+            "twind/safety/reading_rules.py",
+            "twind/safety/bus_rules.py",
+            "twind/safety/device_rules.py",
+            "twind/safety/plausibility_filter.py",
+            "twind/safety/heat_rules.py",
+            "twind/safety/can_line_rules.py",
+            "twind/safety/clearance_rules.py",
+            "twind/safety/power_rules.py",
+            "twind/safety/stall_rules.py",
+            "twind/safety/tracking_rules.py",
+        ),
+        (
+            "tests/test_guard.py",
+            "tests/test_guard_telling.py",
+            "tests/test_goal_rules.py",
+            "tests/test_bus_rules.py",
+            "tests/test_device_rules.py",
+            "tests/test_senses.py",
+            "tests/test_heat_rules.py",
+            "tests/test_line_rules.py",
+            "tests/test_outlook_rules.py",
+            "tests/test_power_rules.py",
+            "tests/test_stall_rules.py",
+            "tests/test_tracking_rules.py",
+            "tests/test_support_rules.py",
+        ),
     ),
-    _room("homing", "twind/motion", "homing", "homing homing_edges homing_ends"),
+    Room(
+        "homing",
+        ("twind/motion/endstop_search.py",),
+        (
+            "tests/test_homing.py",
+            "tests/test_homing_edges.py",
+            "tests/test_homing_ends.py",
+        ),
+    ),
 )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
 SAMPLES = 401  # of a segment

@@ -7,7 +7,7 @@ import numpy as np
 
 from oracle.dense import excess
 from twind.robot.finding import ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import TrajectoryRequest
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 from twind.ros import MessageDefinitions, decode, encode
-from twind.ros.definitions import KNOWN, PRIMITIVES
+from twind.ros.message_definitions import KNOWN, PRIMITIVES
 
 TEXTS = dict(KNOWN) | {
     "rcl_interfaces/msg/SetParametersResult": "bool successful\nstring reason",

@@ -19,8 +19,8 @@ from soak.growth import Growth
 from twind import link
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
-from twind.safety.states import LATCHED
-from twind.virtual.orders import arguments
+from twind.safety.state_machine import LATCHED
+from twind.virtual.fault_commands import arguments
 
 IDLE = {"free", "replug", "clear", "seed", "record"}
 LOOK = 60.0  # s between two samples of memory

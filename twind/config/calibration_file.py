@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from twind.config.atomic_save import FileOwnership, save_text
+from twind.config.config_section import ConfigSection, Plain
 from twind.config.counts import ticks_of, turn_start
 from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device, recorded
-from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.saving import FileOwnership, save_text
-from twind.config.section import ConfigSection, Plain
+from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind_drivers.bus import IdentifiedDevice
 
 FORMAT = "twind-calibration/1"

@@ -6,7 +6,7 @@ range is a wrong position, and a wrong torque.
 
 from collections.abc import Iterator
 
-from twind.config.actuator import TAKES_COMMANDS, CanType
+from twind.config.actuator_types import TAKES_COMMANDS, CanType
 from twind_drivers.bus import IdentifiedDevice
 
 # What a driver gives of the ranges that a device told, in thousandths -> key of the robot file, unit.

@@ -7,12 +7,12 @@ what the device tells.
 from collections.abc import Callable, Mapping, Sequence
 from math import inf, isfinite, isnan
 
-from twind.config.actuator import IMPEDANCE, CanType, FrameRanges, Impedance
+from twind.config.actuator_types import IMPEDANCE, CanType, FrameRanges, Impedance
+from twind.config.config_section import ConfigSection
 from twind.config.robot_spec import ActuatorSlot
-from twind.config.section import ConfigSection
-from twind.config.supply import SupplyLimits, ThermalLimits, own_heat, own_supply, usual_heat
-from twind_drivers.can.models import MODELS, CanActuatorModel
-from twind_drivers.can.units import COUNT, TURN
+from twind.config.supply_limits import SupplyLimits, ThermalLimits, own_heat, own_supply, usual_heat
+from twind_drivers.can.can_models import MODELS, CanActuatorModel
+from twind_drivers.can.can_units import COUNT, TURN
 
 MAX_ID, MAX_ODRIVE = 127, 63  # facts of the wire: seven bits; ODrive takes six (its can-protocol page)
 MAX_FEEDBACK = 0x7FE  # 11 bits; 7FF carries the register requests of Damiao

@@ -6,7 +6,7 @@ Registers are compared and named, never written. What is not known refuses, but 
 from collections.abc import Iterator, Mapping
 
 from twind.config import can_check, servo_check
-from twind.config.actuator import CanType, ServoType
+from twind.config.actuator_types import CanType, ServoType
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.device_record import STAMPED, DeviceRecord

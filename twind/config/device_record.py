@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from twind.config.section import ConfigSection, Plain
+from twind.config.config_section import ConfigSection, Plain
 from twind_drivers.bus import IdentifiedDevice
 
 MAX_TICKS = 2**31 - 1

@@ -5,10 +5,10 @@
 
 from collections.abc import Callable, Mapping
 
-from twind.config.actuator import OPERATING_MODES, ServoType
-from twind.config.section import ConfigSection
-from twind_drivers.dynamixel.modes import mode_of
-from twind_drivers.dynamixel.tables import number_of, table
+from twind.config.actuator_types import OPERATING_MODES, ServoType
+from twind.config.config_section import ConfigSection
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.operating_modes import mode_of
 
 CURRENT_BASED = "current_based_position"
 

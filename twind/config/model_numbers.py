@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-from twind.config.located import ConfigError, FilePosition
+from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.protocol.plain_file import NotAFile, read_plain
 
 MAX_MJCF = 8 * 1024 * 1024  # bytes of one file

@@ -11,15 +11,15 @@ from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
-from twind.config.actuator import GainSettings, TypeSpec
-from twind.config.buses import buses
-from twind.config.collision import clearance
-from twind.config.imu import imu_of
-from twind.config.joint_entry import described_joints
-from twind.config.located import ConfigError, parse, read_text
+from twind.config.actuator_types import GainSettings, TypeSpec
+from twind.config.bus_config import buses
+from twind.config.collision_config import clearance
+from twind.config.config_section import ConfigSection, file_error
+from twind.config.imu_config import imu_of
+from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
-from twind.config.section import ConfigSection, file_error
+from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.protocol.plain_file import NotAFile, read_plain
 
 FORMAT = "twind-robot/1"

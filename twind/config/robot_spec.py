@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from twind.config.actuator import TypeSpec
-from twind.config.collision import Clearance
-from twind.config.homing import HomingSettings, JointEndstops
+from twind.config.actuator_types import TypeSpec
+from twind.config.collision_config import Clearance
+from twind.config.homing_config import HomingSettings, JointEndstops
 from twind.robot.transmission import Transmission
 
 

@@ -6,7 +6,7 @@ Registers are compared and named, never written. What is not known refuses, but 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from twind.config.actuator import ServoType
+from twind.config.actuator_types import ServoType
 from twind.config.robot_spec import JointSpec
 from twind_drivers.bus import IdentifiedDevice
 

@@ -5,12 +5,12 @@ import re
 from collections.abc import Callable
 from difflib import get_close_matches
 
-from twind.config.actuator import GainSettings, ServoType
+from twind.config.actuator_types import GainSettings, ServoType
+from twind.config.config_section import ConfigSection
 from twind.config.drive_mode import joint_mode, type_mode
-from twind.config.section import ConfigSection
-from twind.config.supply import heat, supply
-from twind.config.units import units
-from twind_drivers.dynamixel.tables import ControlTable, number_of, table
+from twind.config.servo_units import units
+from twind.config.supply_limits import heat, supply
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 
 MAX_ID = 252  # e-manual, "ID (7)"
 _REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")

@@ -22,8 +22,8 @@ from typing import Any
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
 from twind.ctl.demo_viewer import viewer
-from twind.ctl.motions import load_motion, motion_names
-from twind.ctl.table import latency_text, loop_text
+from twind.ctl.status_table import latency_text, loop_text
+from twind.ctl.trajectory_files import load_motion, motion_names
 from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
@@ -200,7 +200,7 @@ def _fits(name: str, until: float) -> bool:
 
 def _stay(folder: str, client: Client) -> None:
     """Motions in turn behind the live picture of `twindctl monitor`, until q or Ctrl-C."""
-    from twind.ctl.picture.live import show  # rich: only who stays to look needs it
+    from twind.ctl.picture.live_picture import show  # rich: only who stays to look needs it
 
     ended = threading.Event()
     player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)

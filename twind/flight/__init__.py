@@ -4,8 +4,8 @@ The loop appends (`Ring`); the front copies (`copy`) and writes (`save`); whoeve
 Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 """
 
-from twind.flight.file import FlightFile, about, draft, load, save, settle
-from twind.flight.records import (
+from twind.flight.flight_file import FlightFile, about, draft, load, save, settle
+from twind.flight.flight_records import (
     LOST,
     NO_BUS,
     OPENED,
@@ -17,7 +17,7 @@ from twind.flight.records import (
     PackedFlight,
     pack,
 )
-from twind.flight.ring import FlightRing, copy, held, read, signature
+from twind.flight.recorder_ring import FlightRing, copy, held, read, signature
 
 __all__ = [
     "LOST",

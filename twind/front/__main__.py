@@ -16,13 +16,13 @@ from pathlib import Path
 import msgspec
 
 from twind.briefing import Briefing
-from twind.front.flight import RecorderHandover
-from twind.front.journal import SOCKET
-from twind.front.log import DaemonLog, LogWriter
-from twind.front.server import FrontServer
+from twind.front.daemon_log import DaemonLog, LogWriter
+from twind.front.flight_dumper import RecorderHandover
+from twind.front.front_server import FrontServer
+from twind.front.systemd_journal import SOCKET
+from twind.listening_sockets import Listener
 from twind.memfd import unseal
-from twind.sockets import Listener
-from twind.streams import at_journal
+from twind.standard_streams import at_journal
 
 
 def main() -> int:

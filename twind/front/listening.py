@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from twind.link import Reachable, Rebound
-from twind.sockets import Listener, SocketError, listen
+from twind.listening_sockets import Listener, SocketError, listen
 
 if TYPE_CHECKING:
-    from twind.front.loop_end import LoopConnection
+    from twind.front.loop_connection import LoopConnection
 
 ROLES = {"control": "operator", "observe": "observer"}
 ONLY_MANAGER = (

@@ -7,23 +7,24 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.config.edited import edited
-from twind.front import marks, submit
-from twind.front.accepted import AcceptedTrajectory, kept
-from twind.front.calls import STOPS, ClientCall
-from twind.front.foreseen import TrajectoryCheck
-from twind.front.log import printable
-from twind.front.loop_end import CommandTooLarge
-from twind.front.reload import PARAMETERS
-from twind.front.streams import wrong
-from twind.front.telemetry import TOPICS
-from twind.front.tickets import ESTOPS
-from twind.front.world import encode
+from twind.config.file_changes import edited
+from twind.front import annotations as marks
+from twind.front import trajectory_submission
+from twind.front.accepted_trajectories import AcceptedTrajectory, kept
+from twind.front.client_calls import STOPS, ClientCall
+from twind.front.daemon_log import printable
+from twind.front.loop_connection import CommandTooLarge
+from twind.front.monitor_subscribers import TOPICS
+from twind.front.reload_queue import PARAMETERS
+from twind.front.state_cache import encode
+from twind.front.streamer_reports import wrong
+from twind.front.ticket_table import ESTOPS
+from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
 from twind.robot.finding import Finding, ReasonCode, Verdict
 
 if TYPE_CHECKING:
-    from twind.front.server import FrontServer
+    from twind.front.front_server import FrontServer
 
 # What observe.sock may call: what only reads what is known, a word of streamers, and the stop. Not Check:
 # it takes the loop's time, and a second one is refused while the first is judged.
@@ -179,21 +180,21 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
     if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
-        policy = submit.policy(message, front.world.briefing.description)
-    except submit.ToleranceTooLoose as error:
+        policy = trajectory_submission.policy(message, front.world.briefing.description)
+    except trajectory_submission.ToleranceTooLoose as error:
         call.invalid(error.field, error.reason)
         return
-    path, wrong = submit.judge(message, names)
+    path, wrong = trajectory_submission.judge(message, names)
     if path is None:
         _turned_down(front, call, wrong, check_only=check_only)
         return
-    fields = submit.fields(message, path, names)
+    fields = trajectory_submission.fields(message, path, names)
 
     def send(found: Verdict, as_of: float) -> None:
         asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
         judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
         judged["generation"] = front.world.briefing.generation
-        with submit.SealedTrajectory(path) as fd:
+        with trajectory_submission.SealedTrajectory(path) as fd:
             sent = forward(front, call, link.Submit, fd, **asked, **judged)
         if sent and not check_only:
             front.submitted.wait(AcceptedTrajectory(fields["id"], call.caller.holder, path, kept(message)))

@@ -3,16 +3,16 @@
 import numpy as np
 
 from twind.client import Client, Refused
-from twind.learn.live.beat import RateTimer, in_step
-from twind.learn.live.clock import SystemClock
-from twind.learn.live.estimate import BaseEstimator
-from twind.learn.live.heard import STALE
-from twind.learn.live.reins import SetpointSession
-from twind.learn.live.robot import require_armed, require_mode, require_same
-from twind.learn.live.senses import StateSubscriber
-from twind.learn.model import Plant
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
+from twind.learn.live.rate_timer import RateTimer, in_step
+from twind.learn.live.setpoint_session import SetpointSession
+from twind.learn.live.state_message import STALE
+from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.observation import BodyReading
-from twind.learn.shaping import ActionShaping
+from twind.learn.plant_model import Plant
 from twind.robot.arrays import Floats
 
 

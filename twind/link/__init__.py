@@ -7,7 +7,15 @@ datagram; the arrays of a trajectory travel as a sealed memfd beside it (SCM_RIG
 Joints are indices here; the front names them. Times are the loop's monotonic seconds.
 """
 
-from twind.link.commands import (
+from twind.link.link_codec import (
+    DATAGRAM,
+    decode_command,
+    decode_news,
+    encode,
+    pack_path,
+    unpack_path,
+)
+from twind.link.link_commands import (
     AcquireLease,
     Annotation,
     ApplyChanges,
@@ -39,7 +47,7 @@ from twind.link.commands import (
     Submit,
     WriteRegister,
 )
-from twind.link.news import (
+from twind.link.link_reports import (
     Bucket,
     BusInfo,
     Event,
@@ -52,14 +60,6 @@ from twind.link.news import (
     Reply,
     Tick,
     VerdictReport,
-)
-from twind.link.wire import (
-    DATAGRAM,
-    decode_command,
-    decode_news,
-    encode,
-    pack_path,
-    unpack_path,
 )
 
 __all__ = [

@@ -18,8 +18,8 @@ from twind.loop.procedures import Procedure, all_of, ticks
 from twind.loop.torque import loosen, say_unconfirmed, spelled, take
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety.states import RobotEvent
-from twind.safety.turns import expected
+from twind.safety.multiturn import expected
+from twind.safety.state_machine import RobotEvent
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:

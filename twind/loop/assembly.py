@@ -10,33 +10,33 @@ import msgspec
 import numpy as np
 
 from twind.briefing import Briefing, JointInfo
-from twind.config.edited import texts
+from twind.config.file_changes import texts
 from twind.config.robot_file import RobotFile
-from twind.loop.described import BoundRobot
+from twind.listening_sockets import Listener
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_port import BusPort, Enabler, Opener
+from twind.loop.bus_tap import BusTap, FlightRecorder
+from twind.loop.collision_lookahead import NEAR, CollisionLookahead
+from twind.loop.crash_recording import CrashRecording
+from twind.loop.front_link import ControlLink, FrontLink
 from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
-from twind.loop.inertial import ImuPoller
-from twind.loop.link import ControlLink, FrontLink
-from twind.loop.notify import Notifier
-from twind.loop.outlook import NEAR, CollisionLookahead
-from twind.loop.ports import BusPort, Enabler, Opener
+from twind.loop.imu_poller import ImuPoller
 from twind.loop.realtime import Granted
-from twind.loop.tape import BusTap, FlightRecorder
+from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop, LoopParts
-from twind.loop.wreck import CrashRecording
 from twind.memfd import seal
-from twind.motion.executor import TrajectoryExecutor
+from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
 from twind.safety.guard import GuardThresholds as Bounds
-from twind.safety.health import TimingMonitor
 from twind.safety.lease import Lease
-from twind.sockets import Listener
+from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
-from twind.twin.collision import CollisionModel
-from twind.twin.handover import packed
+from twind.twin.binding_transfer import packed
+from twind.twin.collision_model import CollisionModel
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.ports import ScriptRun
+from twind.loop.bus_port import ScriptRun
 from twind.loop.procedures import Procedure
 from twind.robot.finding import Finding
 

@@ -23,16 +23,16 @@ from typing import TYPE_CHECKING
 
 from twind import link
 from twind.flight import EntryKind
-from twind.loop.link import ReceivedCommand, Record
-from twind.loop.ports import PortState as Stage
+from twind.loop.bus_port import PortState as Stage
+from twind.loop.front_link import ReceivedCommand, Record
 from twind.loop.procedures import Priority, Procedure
-from twind.loop.release import LETTING_GO, SettleProfile, release
 from twind.loop.torque import named, past
+from twind.loop.torque_release import LETTING_GO, SettleProfile, release
 from twind.robot.arrays import Bools, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.states import RobotEvent
-from twind.streams import tell
+from twind.safety.state_machine import RobotEvent
+from twind.standard_streams import tell
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:

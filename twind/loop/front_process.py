@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twind.loop.wreck import CrashRecording
-from twind.sockets import Listener
+from twind.listening_sockets import Listener
+from twind.loop.crash_recording import CrashRecording
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life

@@ -11,18 +11,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from twind.loop.inertial import ImuPoller
-from twind.loop.ports import BusPort, PortState, ScriptRun
+from twind.loop.bus_port import BusPort, PortState, ScriptRun
+from twind.loop.bus_wait import ripe
+from twind.loop.imu_poller import ImuPoller
+from twind.loop.joint_readings import JointReadings, radians, reach, resolution, ticks
 from twind.loop.procedures import all_of
-from twind.loop.readings import JointReadings, radians, reach, resolution, ticks
-from twind.loop.ripe import ripe
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import JointState
-from twind.safety.facts import BusTraffic
+from twind.safety.guard_types import BusTraffic
 from twind_drivers.bus import BusSample, BusWriter, PortError, Script, WireClamp
 from twind_drivers.clock import Clock
-from twind_drivers.upkeep import upkeep_stride
+from twind_drivers.slow_read_rate import upkeep_stride
 
 T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterable
 from enum import IntEnum
 from typing import Any
 
-from twind.loop.ports import ScriptRun
+from twind.loop.bus_port import ScriptRun
 
 Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import damping, release
-from twind.loop.contacts import with_contact
+from twind.loop import damping, torque_release
+from twind.loop.blocking_contacts import with_contact
 from twind.loop.procedures import Priority
 from twind.robot.arrays import Floats, whole
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference
-from twind.safety.facts import MOVING, GuardDecision, Reaction
-from twind.safety.states import RobotEvent
+from twind.safety.guard_types import MOVING, GuardDecision, Reaction
+from twind.safety.state_machine import RobotEvent
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -66,7 +66,7 @@ def _act(loop: Loop, judgement: GuardDecision, now: float) -> None:
     elif judgement.reaction >= Reaction.SETTLE and loop.armed:
         if judgement.reaction >= Reaction.DAMP:
             damping.demand(loop, causes, now)  # a way to the rest pose under way ends by it
-        loop.procedures.own(Priority.FAULT, lambda: release.fault(loop, now, causes))
+        loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))
     elif judgement.here and loop.procedures.rank is None:
         target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
         loop.executor.give_in(_all_of(loop, judgement.here), loop.hardware.reachable(target.position), causes)

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.loop import arming, devices, release
-from twind.loop.link import ReceivedCommand
+from twind.loop import arming, device_procedures, torque_release
+from twind.loop.front_link import ReceivedCommand
 from twind.loop.procedures import Priority, Procedure
-from twind.loop.submissions import SubmissionTracker
+from twind.loop.submission_tracker import SubmissionTracker
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.states import RobotEvent, mode_change
+from twind.safety.state_machine import RobotEvent, mode_change
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -35,7 +35,9 @@ def serve(loop: Loop, now: float) -> None:
         front_lost(loop)
     loop.calibrating.tend(now)
     loop.reloads.serve(now)
-    if loop.stop_wanted and loop.procedures.own(Priority.SHUTDOWN, lambda: release.shutdown(loop, now)):
+    if loop.stop_wanted and loop.procedures.own(
+        Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
+    ):
         loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
 
 
@@ -192,19 +194,19 @@ def _disarm(loop: Loop, command: link.Disarm, now: float) -> None:
         message = f"mode {loop.mode} has nothing that writes: torque was found on; disarm in mode live"
         loop.say.refuse(command, (Finding(ReasonCode.MODE_DENIES, message=message),))
         return
-    _own(loop, command, Priority.DISARM, lambda: release.disarm(loop, command, now))
+    _own(loop, command, Priority.DISARM, lambda: torque_release.disarm(loop, command, now))
 
 
 def _estop(loop: Loop, command: link.EStop, now: float) -> None:
-    if command.level not in release.RANKS:
-        known = list(release.RANKS)
+    if command.level not in torque_release.RANKS:
+        known = list(torque_release.RANKS)
         loop.say.error(command, "NotFound", what="level", name=command.level, known=known)
         return
     loop.latch(Finding(ReasonCode.ESTOP, message=command.reason or f"e-stop ({command.level})"))
     loop.stops.ask(command)
     if loop.stop_wanted and loop.torque_off:
         return  # nothing is left to stop, and the end of the daemon must not be put off for ever
-    release.stop(loop, command.level, now)
+    torque_release.stop(loop, command.level, now)
 
 
 def _own(loop: Loop, command: link.Command, rank: Priority, start: Callable[[], Procedure]) -> None:
@@ -292,8 +294,8 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Mark: _mark,
     link.Cancel: _cancel,
     link.Setpoint: _setpoint,
-    link.ReadRegister: devices.read,
-    link.WriteRegister: devices.write,
-    link.Reboot: devices.reboot,
-    link.Scan: devices.scan,
+    link.ReadRegister: device_procedures.read,
+    link.WriteRegister: device_procedures.write,
+    link.Reboot: device_procedures.reboot,
+    link.Scan: device_procedures.scan,
 }

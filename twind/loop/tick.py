@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.loop import arming, requests
-from twind.loop.calibrating import CalibratingState
-from twind.loop.figures import LoopFigures
-from twind.loop.homing import HomingProcedure
-from twind.loop.identity import IdentificationState, Judge
+from twind.loop.calibrating_state import CalibratingState
+from twind.loop.estop_replies import EStopReplies
+from twind.loop.guard_input import facts
+from twind.loop.homing_procedure import HomingProcedure
+from twind.loop.identification import IdentificationState, Judge
+from twind.loop.loop_figures import LoopFigures
 from twind.loop.procedures import Priority, ProcedureRunner
-from twind.loop.publish import StatePublisher
 from twind.loop.reactions import react
 from twind.loop.realtime import Granted
-from twind.loop.reload import ReloadCoordinator
-from twind.loop.stops import EStopReplies
-from twind.loop.voice import Responder
-from twind.loop.watch import facts
+from twind.loop.reload_coordinator import ReloadCoordinator
+from twind.loop.responder import Responder
+from twind.loop.state_publisher import StatePublisher
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
@@ -34,22 +34,22 @@ from twind.robot.trajectory import Reference
 from twind.safety import gate
 from twind.safety.guard import Guard
 from twind.safety.headroom import JointCondition
-from twind.safety.states import LATCHED, TABLE, RobotEvent, StateLatch
-from twind.safety.way import STREAM, CommandLatencyTracer
+from twind.safety.state_machine import LATCHED, TABLE, RobotEvent, StateLatch
+from twind.telemetry.command_latency import STREAM, CommandLatencyTracer
 
 if TYPE_CHECKING:
-    from twind.loop.described import BoundRobot
+    from twind.loop.bound_robot import BoundRobot
+    from twind.loop.bus_port import Enabler
+    from twind.loop.collision_lookahead import CollisionLookahead
+    from twind.loop.front_link import ControlLink
     from twind.loop.hardware import Hardware
-    from twind.loop.link import ControlLink
-    from twind.loop.notify import Notifier
-    from twind.loop.outlook import CollisionLookahead
-    from twind.loop.ports import Enabler
-    from twind.motion.executor import TrajectoryExecutor
+    from twind.loop.service_notify import Notifier
+    from twind.motion.trajectory_executor import TrajectoryExecutor
+    from twind.robot.actuator_ratings import ActuatorRatings
+    from twind.robot.joint_limits import JointLimits
     from twind.robot.joints import JointMap
-    from twind.robot.limits import JointLimits
-    from twind.robot.ratings import ActuatorRatings
-    from twind.safety.health import TimingMonitor
     from twind.safety.lease import Lease
+    from twind.telemetry.timing_monitor import TimingMonitor
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 

@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
 SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it and nobody asks for another

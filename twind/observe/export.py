@@ -10,18 +10,18 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind.client.clocks import ClockPair
+from twind.client.clock_pair import ClockPair
 from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, Rejected, show
 from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightError, FlightFile, load
 from twind.link import Tick
-from twind.observe.recording.flight_news import answers, news, wire
-from twind.observe.recording.of_flight import wall_offset
-from twind.observe.recording.topics import WIRE
+from twind.observe.recording.flight_messages import answers, news, wire
+from twind.observe.recording.flight_reader import wall_offset
+from twind.observe.recording.recording_topics import WIRE
 from twind.observe.recover import recover
-from twind.observe.writing.file import RecordFile
-from twind.observe.writing.head import attachments, clock_words
-from twind.observe.writing.lines import RecordEncoder, RecordLine
+from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
+from twind.observe.writing.record_file import RecordFile
+from twind.observe.writing.record_header import attachments, clock_words
 
 _NAMES = {EntryKind.OUT: "out", EntryKind.IN: "in", EntryKind.PORT: "port"}
 

@@ -9,12 +9,12 @@ import os
 import time
 from pathlib import Path
 
-from twind.client.clocks import clocks
-from twind.ctl.stopping import told_to_stop
+from twind.client.clock_pair import clocks
+from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import UsageError, observer
-from twind.observe.writing.course import Recorder
-from twind.observe.writing.folder import DiskQuota
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_writer import RecordWriter
+from twind.observe.writing.recorder import Recorder
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
 
 def usual_folder(options: argparse.Namespace) -> Path:
     """`recordings` below the daemon's state folder, or below this user's own where that is not for us."""
-    from twind.config.settings import places
+    from twind.config.daemon_settings import places
 
     with observer(options) as client:
         state = client.call("GetParameters")["parameters"].get("state_dir")

@@ -23,8 +23,8 @@ from twind.observe.recording.mcap_records import (
     McapSchema,
     NotMcap,
 )
-from twind.observe.recording.topics import RECOVERED
-from twind.observe.writing.file import CHUNK, as_text
+from twind.observe.recording.recording_topics import RECOVERED
+from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
 from twind.version import __version__
 

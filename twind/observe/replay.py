@@ -12,10 +12,10 @@ from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 
 if TYPE_CHECKING:
     from twind.flight import FlightFile
-    from twind.observe.replaying.bus import ReplayBus
-    from twind.observe.replaying.outcome import ReplayOutcome
-    from twind.observe.replaying.score import ReplayScript
-    from twind.observe.replaying.servos import ReplayPosition
+    from twind.observe.replaying.replay_bus import ReplayBus
+    from twind.observe.replaying.replay_outcome import ReplayOutcome
+    from twind.observe.replaying.replay_script import ReplayScript
+    from twind.observe.replaying.replay_servos import ReplayPosition
 
 TOLERANCE = 0.25  # s that a fault may come earlier or later than it was recorded
 LONGEST = 60  # characters of a folder in which sockets can lie in folders
@@ -102,13 +102,13 @@ def _load(path: Path) -> "FlightFile":
 
 def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
     """Raises Rejected."""
-    from twind.observe.replaying.conductor import ReplayClient
-    from twind.observe.replaying.daemon import ReplayDaemon
-    from twind.observe.replaying.ports import ReplayPorts
-    from twind.observe.replaying.score import NotReplayable, score
-    from twind.observe.replaying.servos import ReplayPosition
-    from twind.observe.replaying.stage import lay_out
-    from twind.observe.replaying.story import IncompleteRecording
+    from twind.observe.replaying.device_timeline import IncompleteRecording
+    from twind.observe.replaying.replay_client import ReplayClient
+    from twind.observe.replaying.replay_daemon import ReplayDaemon
+    from twind.observe.replaying.replay_files import lay_out
+    from twind.observe.replaying.replay_ports import ReplayPorts
+    from twind.observe.replaying.replay_script import NotReplayable, score
+    from twind.observe.replaying.replay_servos import ReplayPosition
     from twind_drivers.clock import MonotonicClock
 
     clock = MonotonicClock()
@@ -141,7 +141,7 @@ def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bo
 
 def _require_serial(flight: "FlightFile") -> None:
     """Raises Unplayable: a bus that is not serial."""
-    from twind.observe.replaying.score import VIEW, NotReplayable
+    from twind.observe.replaying.replay_script import VIEW, NotReplayable
 
     for bus in flight.briefing.description["buses"]:
         if bus["kind"] == "can":
@@ -151,9 +151,9 @@ def _require_serial(flight: "FlightFile") -> None:
 def _buses(
     flight: "FlightFile", asked: "ReplayScript", passage: "ReplayPosition", now: Any
 ) -> Iterator["ReplayBus"]:
-    from twind.observe.replaying.bus import ReplayBus
-    from twind.observe.replaying.score import SIM
-    from twind.observe.replaying.story import story
+    from twind.observe.replaying.device_timeline import story
+    from twind.observe.replaying.replay_bus import ReplayBus
+    from twind.observe.replaying.replay_script import SIM
 
     for place, bus in enumerate(flight.briefing.description["buses"]):
         if asked.mode == SIM:  # its port is given a name all the same, behind which there is nothing
@@ -174,7 +174,7 @@ def _buses(
 
 
 def _report(options: argparse.Namespace, flight: "FlightFile", played: ReplayResult) -> int:
-    from twind.observe.replaying.outcome import differences, uncompared
+    from twind.observe.replaying.replay_outcome import differences, uncompared
 
     score = played.asked
     found = list(differences(score.recorded, played.outcome, TOLERANCE))
@@ -200,7 +200,7 @@ def _report(options: argparse.Namespace, flight: "FlightFile", played: ReplayRes
 
 def _doubts(played: ReplayResult) -> Iterator[str]:
     """Why it proves nothing that the same came out."""
-    from twind.observe.replaying.score import SIM
+    from twind.observe.replaying.replay_script import SIM
 
     if not played.asked.whole:
         yield "not all was asked again that may have changed what came out"
@@ -253,10 +253,10 @@ def _outcome(what: str, outcome: "ReplayOutcome") -> Iterator[str]:
 
 def _view(options: argparse.Namespace) -> int:
     """The states in the viewer, until Ctrl-C."""
-    from twind.observe.recording.columns import open_recording
-    from twind.observe.replaying.shown import messages
+    from twind.observe.recording.recording_columns import open_recording
+    from twind.observe.replaying.recorded_states import messages
     from twind.observe.viewing import show as show_in_browser
-    from twind.observe.viewing.likeness import NoRobotModel, RobotModel
+    from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
     from twind_drivers.clock import MonotonicClock
 
     recording = open_recording(Path(options.file))

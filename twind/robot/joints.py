@@ -6,7 +6,7 @@ from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
 from twind.robot.transmission import MappedTransmission
-from twind.robot.turns import TurnRange
+from twind.robot.turn_range import TurnRange
 
 
 @dataclass(frozen=True)

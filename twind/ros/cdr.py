@@ -8,7 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twind.ros.definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
+from twind.ros.message_definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
 
 HEAD = b"\x00\x01\x00\x00"  # XCDR1, little endian
 _COUNT = struct.Struct("<I")

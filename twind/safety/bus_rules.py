@@ -5,7 +5,16 @@ from collections.abc import Iterator, Sequence
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
-from twind.safety.facts import BusTraffic, GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.guard_types import (
+    BusTraffic,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    held,
+    hold,
+    ours,
+)
 
 WINDOW = 1.0  # s that are looked back
 ROUNDING = 1e-9  # of a share

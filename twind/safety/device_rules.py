@@ -8,7 +8,7 @@ import numpy as np
 from twind.robot.arrays import Bools, same, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.facts import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
 
 ALERT = 0x80  # of a status's error byte: the hardware error bits say more
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
@@ -19,7 +19,7 @@ CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 
 
 def words(bits: int, *, can: bool = False) -> str:
     """The names of the bits of a hardware error: of register 70 (e-manual, Hardware Error Status), and what
-    else a CAN actuator may say (`twind_drivers.can.family`)."""
+    else a CAN actuator may say (`twind_drivers.can.actuator_family`)."""
     if bits <= 0:  # -1 unknown; 0 was read before the alert
         return "which one was not read yet"
     names = BITS | ON_CAN if can else BITS

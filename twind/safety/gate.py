@@ -13,14 +13,23 @@ import numpy as np
 from twind.robot import splines
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import retime
-from twind.safety.form import wellformed
+from twind.safety.curve_rules import (
+    CurveSubject,
+    GateThresholds,
+    WorstPoint,
+    judge,
+    relaxed,
+    resting,
+    some,
+    start,
+)
 from twind.safety.headroom import JointCondition, headroom
-from twind.safety.rules import CurveSubject, GateThresholds, WorstPoint, judge, relaxed, resting, some, start
+from twind.safety.trajectory_validation import wellformed
 
 __all__ = [
     "GateResult",

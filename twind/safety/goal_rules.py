@@ -7,10 +7,10 @@ import numpy as np
 
 from twind.robot.arrays import Floats, every
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.facts import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
-from twind.safety.states import LATCHED
+from twind.safety.guard_types import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, hold
+from twind.safety.state_machine import LATCHED
 
 UNWRITABLE = (
     RobotState.IDENTIFYING,

@@ -8,14 +8,17 @@ counters and hysteresis alone: what was bad, what was said when.
 from collections.abc import Mapping, Sequence
 from math import inf
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import Finding
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import RobotState
-from twind.robot.ratings import ActuatorRatings
 from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
+from twind.safety.can_line_rules import LineRules
+from twind.safety.clearance_rules import ahead
 from twind.safety.device_rules import DeviceRules
-from twind.safety.facts import (
+from twind.safety.goal_rules import UNWRITABLE, GoalRules
+from twind.safety.guard_types import (
     MOVING,
     REACTING,
     BusTraffic,
@@ -26,14 +29,11 @@ from twind.safety.facts import (
     Reaction,
     RuleResult,
 )
-from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.heat_rules import HeatRules
-from twind.safety.line_rules import LineRules
-from twind.safety.outlook_rules import ahead
 from twind.safety.power_rules import CurrentRules, VoltageRules
 from twind.safety.reading_rules import ReadingRules
 from twind.safety.stall_rules import HoldRules, TimeGapRules
-from twind.safety.states import LATCHED
+from twind.safety.state_machine import LATCHED
 from twind.safety.tracking_rules import TrackingRules
 
 __all__ = [

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, Ints, whole
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.ratings import ActuatorRatings
 
 UNREAD = "not read yet; ask again in half a second"
 

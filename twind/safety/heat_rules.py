@@ -9,11 +9,11 @@ from math import inf
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Ints, same
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.ratings import ActuatorRatings
-from twind.safety.facts import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, held
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, held
 
 EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a case warms slowly
 

@@ -10,11 +10,11 @@ from math import inf, isfinite
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, every, same
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.ratings import ActuatorRatings
-from twind.safety.facts import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, hold_here
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, hold_here
 
 LONGEST = 0.5  # s: of a tick that came later no more is summed up
 

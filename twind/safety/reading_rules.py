@@ -6,9 +6,9 @@ import numpy as np
 
 from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.limits import JointLimits
-from twind.safety.facts import MOVING, GuardInput, GuardThresholds, Reaction, RuleResult, held, hold
+from twind.robot.joint_limits import JointLimits
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import MOVING, GuardInput, GuardThresholds, Reaction, RuleResult, held, hold
 
 
 class ReadingRules:

@@ -7,9 +7,9 @@ from math import inf, isnan, sqrt
 import numpy as np
 
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Trajectory
-from twind.safety.rules import GateThresholds
+from twind.safety.curve_rules import GateThresholds
 
 HEALED = (
     ReasonCode.VEL_LIMIT,

@@ -6,8 +6,8 @@ from math import inf
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind.safety.facts import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
-from twind.safety.states import LATCHED
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.state_machine import LATCHED
 
 
 class TimeGapRules:

@@ -12,11 +12,12 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Floats, every
 from twind.robot.finding import Finding, ReasonCode
-from twind.robot.limits import JointLimits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.state import JointState
 from twind.robot.transmission import MappedTransmission
 from twind.safety.device_rules import ALERT, TRIPPED
-from twind.safety.facts import (
+from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import (
     MOVING,
     GuardInput,
     GuardThresholds,
@@ -26,7 +27,6 @@ from twind.safety.facts import (
     hold,
     hold_here,
 )
-from twind.safety.goal_rules import ROUNDING
 
 STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
 DRIFT = "rad between the robot and the simulation of its goals"  # what MIRROR_DRIFT measures

@@ -13,19 +13,19 @@ import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
-from twind.config.located import place
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
+from twind.config.yaml_tree import place
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.attitude import Quaternion
+from twind.robot.joint_limits import JointLimits
 from twind.robot.joints import JointBusMap, JointMap
-from twind.robot.limits import JointLimits
-from twind.robot.ratings import ActuatorRatings
 from twind.robot.transmission import MappedTransmission
-from twind.robot.turns import TurnRange
-from twind.twin.inertial import feel, mount, require_site
-from twind.twin.linked import strength
+from twind.robot.turn_range import TurnRange
+from twind.twin.imu_model import feel, mount, require_site
+from twind.twin.joint_range import BindingError, JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
-from twind.twin.reach import BindingError, JointRange, reaches, turn_begin
+from twind.twin.transmission_range import strength
 
 ASTRAY = 0.15  # rad beyond its measured travel that a limp joint may hang at
 TOLERANCE = 1e-9  # rad, when ranges are compared

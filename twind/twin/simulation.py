@@ -9,9 +9,9 @@ from twind.robot.arrays import Bools, Floats, Ints, every
 from twind.robot.state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
-from twind.twin.collision import strangers
+from twind.twin.collision_model import strangers
 from twind.twin.contacts import Contact, deepest_contact
-from twind.twin.inertial import ImuModel
+from twind.twin.imu_model import ImuModel
 from twind.twin.mirror import MAX_ANGLE, index
 
 # MuJoCo answers these by resetting everything to its own default pose and going on.

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
+from twind.config.config_section import ConfigSection
 from twind.config.counts import ticks_of, turn_start
-from twind.config.located import parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.section import ConfigSection
-from twind.twin.muscles import ranges_of
-from twind.virtual.bench import VirtualRobotSpecError
-from twind_drivers.dynamixel.tables import number_of, table
+from twind.config.yaml_tree import parse, read_text
+from twind.twin.mujoco_physics import ranges_of
+from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind_drivers.dynamixel.control_tables import number_of, table
 
 MAX_TICKS = 2**31 - 1
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator

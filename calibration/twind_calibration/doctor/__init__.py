@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from twind.ctl.verb import DONE, REFUSED, UsageError, show
 
 if TYPE_CHECKING:
-    from twind_calibration.doctor.complaint import Check
+    from twind_calibration.doctor.check import Check
     from twind_calibration.doctor.runner import DoctorReport
 
 NICE = 10
@@ -42,18 +42,18 @@ def run(options: argparse.Namespace) -> int:
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
     from twind.ctl.progress import ProgressLine
-    from twind_calibration.again import again
-    from twind_calibration.doctor import report, runner, table
-    from twind_calibration.doctor.examined import CheckContext
-    from twind_calibration.doctor.gather import examine
-    from twind_calibration.doctor.host import HostInspector
-    from twind_calibration.doctor.told import told
+    from twind_calibration.command_hint import again
+    from twind_calibration.doctor import check_table, report, runner
+    from twind_calibration.doctor.check_context import CheckContext
+    from twind_calibration.doctor.context_builder import examine
+    from twind_calibration.doctor.finding_commands import told
+    from twind_calibration.doctor.host_inspector import HostInspector
     from twind_drivers.clock import MonotonicClock
 
     def look() -> CheckContext:
         return examine(options, HostInspector(), MonotonicClock())
 
-    known, checks = table.complaints(), table.checks()
+    known, checks = check_table.complaints(), check_table.checks()
     asks = options.fix and not options.yes
     if asks and (options.json or not sys.stdin.isatty()):
         raise UsageError("--fix asks before it changes anything; where nobody can answer, say --fix --yes")

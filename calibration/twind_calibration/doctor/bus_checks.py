@@ -3,20 +3,20 @@
 from collections.abc import Iterator
 from statistics import median
 
-from twind.config.actuator import ServoType
+from twind.config.actuator_types import ServoType
 from twind.robot.attitude import G
-from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import serial, servos, together
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor import register_fix
+from twind_calibration.doctor.bus_surveys import serial, servos, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, device_of
 from twind_calibration.instances import stop
-from twind_drivers.dynamixel.budget import budget
-from twind_drivers.dynamixel.identity import supports_fast
-from twind_drivers.dynamixel.layout import layout_of
-from twind_drivers.dynamixel.scan import Kind
-from twind_drivers.dynamixel.tables import ControlTable, number_of, table
-from twind_drivers.upkeep import upkeep_stride
+from twind_drivers.dynamixel.bus_scan import Kind
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
+from twind_drivers.dynamixel.device_layout import layout_of
+from twind_drivers.dynamixel.dynamixel_identification import supports_fast
+from twind_drivers.dynamixel.serial_cycle_budget import budget
+from twind_drivers.slow_read_rate import upkeep_stride
 
 FACTORY_BAUD, FACTORY_ID = 57_600, 1  # as delivered (e-manual)
 LOST = 0.01  # of the answers of those who are there: more is no accident
@@ -146,7 +146,7 @@ def _second(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     for name in SECONDARY:
         value = servo.values.get(name, LAST_ID + 1)
         if value <= LAST_ID:
-            how = mend.command(servo, name, 255)
+            how = register_fix.command(servo, name, 255)
             yield DoctorFinding("SECOND_ID", servo.thing, f"{name} (12) is {value}", "255, off", how)
 
 
@@ -170,8 +170,8 @@ def _delays(examined: CheckContext) -> Iterator[DoctorFinding]:
                 servo.thing,
                 f"return delay (9) is {2 * counts} us",
                 f"{described} us",
-                mend.command(servo, "return_delay_time", wanted),
-                mend.register(examined, servo, "return_delay_time", wanted),
+                register_fix.command(servo, "return_delay_time", wanted),
+                register_fix.register(examined, servo, "return_delay_time", wanted),
             )
 
 

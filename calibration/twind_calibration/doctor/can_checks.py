@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor.bench import can, together
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.bus_surveys import can, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import CanSurvey, SurveyedCanActuator, device_of
 
 # What registers say of the frames' ranges, in thousandths -> key of the robot file, unit.

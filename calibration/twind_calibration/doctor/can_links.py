@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twind.config.actuator import CAN
-from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
-from twind_drivers.can import ports as can_ports
-from twind_drivers.can.link import CAN_TYPE, LONG
+from twind.config.actuator_types import CAN
+from twind_calibration.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_drivers.can import can_ports
+from twind_drivers.can.can_interface import CAN_TYPE, LONG
 
 SHORT = 48  # frames: two cycles of 24 actuators
 RESTART_MS = 100

@@ -1,7 +1,7 @@
 """The complaints about CAN buses and their actuators: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import ALONE, OTHER_MASTER, RATED, SUPPORT, UNPLUGGED
-from twind_calibration.doctor.complaint import Check, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 

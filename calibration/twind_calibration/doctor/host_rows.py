@@ -1,7 +1,7 @@
 """The complaints about machine, files and daemon: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import SUPPORT
-from twind_calibration.doctor.complaint import Check, Severity
+from twind_calibration.doctor.check import Check, Severity
 from twind_calibration.doctor.machine_rows import MACHINE
 from twind_calibration.doctor.port_rows import PORTS
 

@@ -2,7 +2,7 @@
 
 from twind.loop.realtime import LIMIT
 from twind_calibration.doctor.cautions import SUPPORT
-from twind_calibration.doctor.complaint import Check, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 

@@ -1,7 +1,7 @@
 """The complaints about ports: serial adapters and CAN interfaces of this machine."""
 
 from twind_calibration.doctor.cautions import BIT_RATE, OTHER_MASTER, OURS, SUPPORT, UNPLUGGED
-from twind_calibration.doctor.complaint import Check, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 

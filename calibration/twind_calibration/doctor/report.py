@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from twind_calibration.doctor.complaint import Check, Devices, DoctorFinding, Fix, Severity
+from twind_calibration.doctor.check import Check, Devices, DoctorFinding, Fix, Severity
 from twind_calibration.doctor.runner import DoctorReport, FixResult
 
 LABEL = {Severity.FAULT: "FAULT", Severity.WARNING: "WARNING", Severity.NOTE: "NOTE"}

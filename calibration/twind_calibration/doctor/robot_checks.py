@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 
 from twind_calibration.doctor import bus_checks, can_checks, servo_checks, supply_checks
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 
 Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 

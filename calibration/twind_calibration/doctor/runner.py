@@ -6,7 +6,7 @@ from typing import Any
 
 from twind.client import ClientError
 from twind.ctl.verb import Rejected
-from twind_calibration.doctor.complaint import (
+from twind_calibration.doctor.check import (
     Check,
     CheckNotApplicable,
     CheckUnavailable,
@@ -14,9 +14,9 @@ from twind_calibration.doctor.complaint import (
     DoctorFinding,
     Severity,
 )
-from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.check_table import CHECK_BROKEN, CheckProbe
 from twind_calibration.doctor.machine_rows import MACHINE
-from twind_calibration.doctor.table import CHECK_BROKEN, CheckProbe
 from twind_drivers.bus import PortError
 
 ORDER = {Severity.FAULT: 0, Severity.WARNING: 1, Severity.NOTE: 2}

@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 
-from twind.config.actuator import ServoType
+from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import servos, together
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor import register_fix
+from twind_calibration.doctor.bus_surveys import servos, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import MAPPED, SurveyedServo
-from twind_drivers.dynamixel.tables import number_of, table
+from twind_drivers.dynamixel.control_tables import number_of, table
 
 # Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).
 REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 1, 4, 8
@@ -59,8 +59,8 @@ def _level(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
             servo.thing,
             f"status return level (68) is {level}",
             "2",
-            mend.command(servo, "status_return_level", 2),
-            mend.register(examined, servo, "status_return_level", 2),
+            register_fix.command(servo, "status_return_level", 2),
+            register_fix.register(examined, servo, "status_return_level", 2),
         )
 
 
@@ -68,11 +68,11 @@ def _mode(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
     mode, wanted = servo.values.get("operating_mode"), servo.joint.operating_mode
     if mode is not None and mode != wanted:
-        how = mend.command(servo, "operating_mode", wanted)
+        how = register_fix.command(servo, "operating_mode", wanted)
         yield DoctorFinding("OPERATING_MODE", servo.thing, f"operating mode (11) is {mode}", f"{wanted}", how)
     offset = servo.values.get("homing_offset", 0)
     if abs(offset) > MAX_OFFSET and servo.joint.mode == "position":
-        how = mend.command(servo, "homing_offset", 0)
+        how = register_fix.command(servo, "homing_offset", 0)
         yield DoctorFinding("OFFSET_IGNORED", servo.thing, f"homing offset (20) is {offset}", "0", how)
 
 
@@ -80,11 +80,11 @@ def _drive(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
     drive = servo.values.get("drive_mode", 0)
     if drive & TORQUE_BY_GOAL:
         wanted = drive & ~TORQUE_BY_GOAL
-        how = mend.command(servo, "drive_mode", wanted)
+        how = register_fix.command(servo, "drive_mode", wanted)
         yield DoctorFinding("TORQUE_BY_GOAL", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
     if drive & TIME_PROFILE:
         wanted = drive & ~TIME_PROFILE
-        how = mend.command(servo, "drive_mode", wanted)
+        how = register_fix.command(servo, "drive_mode", wanted)
         yield DoctorFinding("PROFILE_IN_TIME", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
     entry = _entry(examined, servo.joint)
     adopted = entry is not None and entry.device.drive_mode & REVERSE
@@ -94,7 +94,7 @@ def _drive(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
 
 def _startup(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     startup = servo.values.get("startup_configuration", 0)
-    how = mend.command(servo, "startup_configuration", 0)
+    how = register_fix.command(servo, "startup_configuration", 0)
     measured = f"startup configuration (60) is {startup}"
     if startup & TORQUE_AT_BOOT:
         yield DoctorFinding("TORQUE_AT_BOOT", servo.thing, measured, "0", how)
@@ -107,7 +107,7 @@ def _demanded(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     for name, wanted in servo.joint.registers.items():
         value = servo.values.get(name)
         if value is not None and value != wanted:
-            how = mend.command(servo, name, wanted)
+            how = register_fix.command(servo, name, wanted)
             yield DoctorFinding("REGISTER_DIFFERS", servo.thing, f"{name} is {value}", f"{wanted}", how)
 
 
@@ -132,7 +132,7 @@ def _calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
         for name, was in recorded.items():
             value = servo.values.get(name)
             if value is not None and value != was:
-                how = mend.command(servo, name, was)
+                how = register_fix.command(servo, name, was)
                 yield DoctorFinding(
                     "CALIBRATION_CHANGED", servo.thing, f"{name} is {value}", f"{was}, as calibrated", how
                 )
@@ -178,7 +178,9 @@ def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
         command, advice = "", ""
         if entry is not None:
             then = entry.device.min_ticks, entry.device.max_ticks
-            command = "\n".join(mend.command(servo, *pair) for pair in zip((least, most), then, strict=True))
+            command = "\n".join(
+                register_fix.command(servo, *pair) for pair in zip((least, most), then, strict=True)
+            )
             if then == fence or then[0] > needs[0] or then[1] < needs[1]:
                 command = ""  # another fence than the calibration's would be CALIBRATION_CHANGED
                 advice = f"calibrate {joint.name} anew, or tighten its `limits_rad` in the robot file"
@@ -223,7 +225,7 @@ def _mask(servo: SurveyedServo) -> Iterator[DoctorFinding]:
         servo.thing,
         f"shutdown (63) is {mask}: not for {' and '.join(lacks)}",
         f"{wanted}",
-        mend.command(servo, "shutdown", wanted),
+        register_fix.command(servo, "shutdown", wanted),
     )
 
 
@@ -284,8 +286,8 @@ def _watchdog(
             servo.thing,
             f"bus watchdog (98) is {value}" + (", tripped" if value == TRIPPED else f", {20 * value} ms"),
             "0 while torque is off",
-            mend.command(servo, "bus_watchdog", 0),
-            mend.register(examined, servo, "bus_watchdog", 0),
+            register_fix.command(servo, "bus_watchdog", 0),
+            register_fix.register(examined, servo, "bus_watchdog", 0),
         )
 
 

@@ -2,7 +2,7 @@
 "of cause."""
 
 from twind_calibration.doctor.cautions import MEANING, RAISED, RATED, REBOOT, SUPPORT, ZERO_MOVES
-from twind_calibration.doctor.complaint import Check, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 WRITE = "`twindctl register write BUS ID {0}`, torque off"

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from statistics import median
 
-from twind.config.actuator import TypeSpec
-from twind.config.supply import SupplyLimits, usual_supply
-from twind_calibration.doctor.bench import serial, together
-from twind_calibration.doctor.complaint import DoctorFinding
-from twind_calibration.doctor.examined import CheckContext
+from twind.config.actuator_types import TypeSpec
+from twind.config.supply_limits import SupplyLimits, usual_supply
+from twind_calibration.doctor.bus_surveys import serial, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import SurveyedServo
 
 DROP = 0.6  # V that a servo at rest may be below the others of its model; a sensor's step is 0.1 V

@@ -6,13 +6,13 @@ A value that nobody could tell is missing from `values`, never a zero.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec
-from twind_calibration.doctor.complaint import Devices
-from twind_drivers.dynamixel.identity import SETTINGS
-from twind_drivers.dynamixel.scan import ScannedDevice as Answer
-from twind_drivers.dynamixel.scan import Trouble
-from twind_drivers.dynamixel.tables import number_of
+from twind_calibration.doctor.check import Devices
+from twind_drivers.dynamixel.bus_scan import ScannedDevice as Answer
+from twind_drivers.dynamixel.bus_scan import Trouble
+from twind_drivers.dynamixel.control_tables import number_of
+from twind_drivers.dynamixel.dynamixel_identification import SETTINGS
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
 RAM = (

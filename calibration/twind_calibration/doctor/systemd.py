@@ -4,10 +4,10 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from twind.protocol.places import SYSTEM
-from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable
-from twind_calibration.doctor.examined import CheckContext
-from twind_calibration.doctor.host import HostInspector
+from twind.protocol.socket_paths import SYSTEM
+from twind_calibration.doctor.check import CheckNotApplicable, CheckUnavailable
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.host_inspector import HostInspector
 
 BOOTED = Path("/run/systemd/system")  # sd_booted(3): there only where systemd is the init system
 ASKED = (

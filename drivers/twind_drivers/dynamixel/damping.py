@@ -9,8 +9,8 @@ driven motor brakes too. Not verified on hardware.
 from collections.abc import Iterable, Mapping
 
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, NoReply, Script
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.servo import Rows, ServoCommandState, groups, rows, writes
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.servo_command_state import Rows, ServoCommandState, groups, rows, writes
 
 SHARE = 0.3  # of the output, or of the current cap in mode 5, that is left
 SOFT = 8  # P gain by this

@@ -10,9 +10,9 @@ import numpy as np
 from twind_drivers.bus import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.line import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.broadcast_ping import BroadcastPingReply
+from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
-from twind_drivers.dynamixel.roll_call import BroadcastPingReply
 
 LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
 SLACK = 0.002  # s that an answer may take beyond its wire time

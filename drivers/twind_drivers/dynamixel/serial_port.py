@@ -18,7 +18,7 @@ from pathlib import Path
 import serial
 
 from twind_drivers.bus import BaudRefused, OutputQueueFull, PortError, PortInUse
-from twind_drivers.dynamixel.holder import holder
+from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
 SCRATCH = 4096  # bytes thrown away per read while draining

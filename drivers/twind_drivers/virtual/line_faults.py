@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from twind_drivers.virtual.stream import MOST, PAYLOAD, FaultyByteStream
+from twind_drivers.virtual.faulty_byte_stream import MOST, PAYLOAD, FaultyByteStream
 
 
 class LineFaults:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from twind_drivers.virtual.hinge import ShaftGrip, order
-from twind_drivers.virtual.history import ReadingHistory
-from twind_drivers.virtual.servos import VirtualServos
+from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.virtual_servos import VirtualServos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
 

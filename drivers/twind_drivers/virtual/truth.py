@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from twind_drivers.virtual.servos import VirtualServos
+from twind_drivers.virtual.virtual_servos import VirtualServos
 
 
 def truth(servos: VirtualServos, now: float) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import VARIABLE, NetworkConfig, here, leave, missing, named, open_now
+from twind.bridge.zenoh.zenoh_session import VARIABLE, NetworkConfig, here, leave, missing, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -65,7 +65,7 @@ class SharedSession:
 def client(robot: str, way: PrivateSession | SharedSession, timeout: float = TIMEOUT) -> Client:
     """A connection to `robot`, made at its first call. Raises UsageError: no name of a robot."""
     try:
-        from twind.bridge.fleet.line import ZenohClientLine
+        from twind.bridge.fleet.zenoh_line import ZenohClientLine
     except ImportError:
         raise UsageError(missing()) from None
     try:

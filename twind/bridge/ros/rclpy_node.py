@@ -23,9 +23,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from twind.bridge.ros.discovery import DiscoverySettings
-from twind.bridge.ros.endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
-from twind.bridge.ros.rclpy_follow import GoalConsumer, TrajectoryActionServer
-from twind.bridge.ros.transport import Asked, Heard, TransportError
+from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
+from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
+from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
 from twind.ros import STRING, decode
 
 WAKE = 0.25  # s after which the node's thread looks whether it is to end

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from twind.ctl.progress import ProgressLine
-from twind.ctl.stopping import told_to_stop
+from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 LISTEN = "127.0.0.1:8000"
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Until told to stop; 0."""
-    from twind.learn.streaming.ingesting import IngestFaults, IngestServer, IngestStore, address
+    from twind.learn.streaming.ingest_server import IngestFaults, IngestServer, IngestStore, address
 
     if not (0.0 <= options.fail <= 1.0 and 0.0 <= options.refuse <= 1.0 and 0.0 <= options.slow <= 3600.0):
         raise UsageError("--fail and --refuse are shares from 0 to 1, --slow are seconds from 0 to 3600")

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from twind.learn.streaming.samples import PostMessage
+from twind.learn.streaming.stream_samples import PostMessage
 
 FILE, LOCK, BROKEN = "spool.sqlite", "lock", "spool.sqlite.broken"
 # `reason`: of a dead letter. `run`, `made`: which run of ours wrote it, at which monotonic time of that run.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.batch.core import BatchCore
-from twind.learn.training.settings import TrainingSettings
+from twind.learn.batch.batch_core import BatchCore
+from twind.learn.training.training_settings import TrainingSettings
 
 FIRST_SEED = (
     1_000_000  # training takes seeds drawn from all 32 bits: that these come up is one in a thousand runs

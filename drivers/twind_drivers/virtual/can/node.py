@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any
 
-from twind_drivers.can.units import COUNT, EFFORT
-from twind_drivers.virtual.can.message import CanMessage
-from twind_drivers.virtual.can.motors import CanMotors
-from twind_drivers.virtual.can.shaft import NodeShaft, NodeWatchdog
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.can.can_units import COUNT, EFFORT
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_motors import CanMotors
+from twind_drivers.virtual.can.node_shaft import NodeShaft, NodeWatchdog
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 BOOT = 0.3  # s from power to the first frame (assumed)
 NOMINAL, AMBIENT = 48.0, 25.0  # V, °C

@@ -4,15 +4,15 @@ import struct
 from collections.abc import Mapping
 from math import inf, tau
 
+from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import EXTENDED
-from twind_drivers.can.units import COUNT
-from twind_drivers.virtual.can.controller import VirtualCanController
-from twind_drivers.virtual.can.damiao import VirtualDamiao
-from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.node import VirtualCanNode
 from twind_drivers.virtual.can.nodes import VirtualCanNodes
+from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
 from twind_drivers.virtual.hinge import ShaftGrip, order
-from twind_drivers.virtual.history import ReadingHistory
+from twind_drivers.virtual.reading_history import ReadingHistory
 
 EVERY = 0.01  # s between two commands of another master
 

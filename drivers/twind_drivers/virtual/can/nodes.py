@@ -4,15 +4,15 @@ from collections.abc import Callable, Sequence
 from math import inf
 
 from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
-from twind_drivers.virtual.can.cubemars import VirtualCubeMars
-from twind_drivers.virtual.can.damiao import VirtualDamiao
-from twind_drivers.virtual.can.message import CanMessage
-from twind_drivers.virtual.can.motors import CanMotors
-from twind_drivers.virtual.can.muscles import CanMotorPhysics
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
+from twind_drivers.virtual.can.can_motors import CanMotors
 from twind_drivers.virtual.can.node import BOOT, VirtualCanNode
-from twind_drivers.virtual.can.odrive import VirtualODrive
-from twind_drivers.virtual.can.robstride import VirtualRobStride
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_cubemars import VirtualCubeMars
+from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
+from twind_drivers.virtual.can.virtual_odrive import VirtualODrive
+from twind_drivers.virtual.can.virtual_robstride import VirtualRobStride
 
 KINDS: dict[str, type[VirtualCanNode]] = {
     "damiao": VirtualDamiao,
