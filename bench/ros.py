@@ -23,7 +23,7 @@ from bench.harness import (
     spread,
 )
 from bench.ros_zenoh import RosZenohProcess
-from tests.dds_domain import free_domain
+from tests.support.dds_domain import free_domain
 from twind.ros import JOINT_STATE, dds_type
 
 ROUNDS, SPAN = 5, 4.0  # s of each window

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.ros_zenoh_parts import JOINTS, NAMES, SETTLE, publish
-from tests.ros_dds_peer import types
+from tests.support.ros_dds_peer import types
 from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.dds.dds_config import configuration
 from twind.bridge.ros.discovery import DiscoverySettings
