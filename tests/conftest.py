@@ -39,9 +39,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Add the markers that follow from a test's folder, and run the longest tests first.
 
     Tests below `end_to_end` use real processes or real time. Those in `concurrent` run two at once, beside
-    computation. Those in `wired` use pseudo-terminals, whose bytes a kernel thread carries. Beside computation,
-    these bytes arrive up to 0.8 s late (`.ci/run` has the figures), so two tests run at once and nothing else.
-    Those in `exclusive` run alone.
+    computation. Those in `wired` use pseudo-terminals, whose bytes a kernel thread carries. Beside
+    computation, these bytes arrive up to 0.8 s late (`.ci/run` has the figures), so two tests run at once and
+    nothing else. Those in `exclusive` run alone.
     """
     _one_life_each(items)
     for item in items:

@@ -43,7 +43,8 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What the files hold by now (`config/hot_changes.py`), and the briefing that holds once `changes` are in force.
+    """What the files hold by now (`config/hot_changes.py`), and the briefing that holds once `changes` are in
+    force.
 
     `error`: why they cannot be used; then nothing else counts.
     """

@@ -2,8 +2,9 @@
 
 Each of the fourteen is planted between a calibration and the next start, or in mid-run: no goal leaves that
 would turn a shaft, and torque is off at the end. What no reading can show (a swapped servo whose zero is near
-the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove` (tests/calibration/test_proof_on_servos.py).
-Of files that are half written tests/config/test_atomic_save.py tells; turns and seams are in test_calibration_turns.py.
+the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove`
+(tests/calibration/test_proof_on_servos.py). Of files that are half written tests/config/test_atomic_save.py
+tells; turns and seams are in test_calibration_turns.py.
 """
 
 from dataclasses import replace

@@ -113,7 +113,9 @@ THRESHOLDS = {
     "LATENCY_WARN (state age + bus round trip)": ms(GATE.latency_warn),
     "LATENCY_BLOCK": ms(GATE.latency_block),
     "LATENCY_WARN of one hop": f"{timing_monitor.LATENCY * 1e3:g} ms",
-    "LATENCY_CALM": f"below {latency_alarm.CALM * 100:g} % of the bound for more than {latency_alarm.CALM_FOR:g} s",
+    "LATENCY_CALM": (
+        f"below {latency_alarm.CALM * 100:g} % of the bound for more than {latency_alarm.CALM_FOR:g} s"
+    ),
     "Hop `moved`: visible motion of a resting joint": f"{command_latency.VISIBLE:g} rad",
     "HW_DISCONNECTED: age of a reading": ms(GATE.stale),
     "THERMAL_HEADROOM, VOLTAGE_LOW: age of a reading": f"{GATE.health:g} s",
@@ -173,7 +175,9 @@ THRESHOLDS = {
     "Servo watchdog": "100 ms",  # compared with the register below
     "Torque, hardware error, watchdog are read": f"at {serial_cycle_budget.STATUS_HZ:g} Hz or more",
     "Voltage, temperature are read": f"at {serial_cycle_budget.HEALTH_HZ:g} Hz or more",
-    "Lost port: reopened": f"after {bus_port.REOPEN_FIRST:g} s, then every {bus_port.REOPEN_MOST:g} s or sooner",
+    "Lost port: reopened": (
+        f"after {bus_port.REOPEN_FIRST:g} s, then every {bus_port.REOPEN_MOST:g} s or sooner"
+    ),
     "Missing devices: asked again": f"every {bus_port.IDENTIFY_AGAIN:g} s",
     # loop
     "LOOP_LATE: tick late, warning": ms(GUARD.late),
@@ -204,7 +208,8 @@ THRESHOLDS = {
     "after the signal arrived",
     "Service manager: wait for the fail-safe": f"{unit('TimeoutStartSec', 'twind-failsafe@.service')}; "
     f"{failsafe.LONGEST:g} s from its first tick ({failsafe.AGAIN:g} + {failsafe.WITHIN:g} + "
-    f"{torque_release.LETTING_GO:g} s until torque is off + {failsafe.WAIT:g} s); longer where limits need it",
+    f"{torque_release.LETTING_GO:g} s until torque is off + {failsafe.WAIT:g} s); "
+    "longer where limits need it",
     "Fail-safe: wait for ports and devices": f"{failsafe.WAIT:g} s",
     "Fail-safe: speed, planned duration, DAMP after": f"{failsafe.SPEED * 100:g} % of every limit, "
     f"{failsafe.WAY:g} s, {failsafe.WITHIN:g} s",

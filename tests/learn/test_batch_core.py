@@ -1,4 +1,5 @@
-"""twind.learn.batch.batch_core: many robots are what each would be alone; episodes end and begin in one step."""
+"""twind.learn.batch.batch_core: many robots are what each would be alone; episodes end and begin in one
+step."""
 
 from typing import Any
 

@@ -196,9 +196,11 @@ GROUP = CASES["validate"]
 JOINTS = tuple(GROUP["controller_joints"])
 STRICTER = {
     # id: our code, and why
-    "good": ReasonCode.END_NOT_AT_REST,  # S22: a moving end needs append_stop; the group runs without that check
+    # S22: a moving end needs append_stop; the group runs without that check
+    "good": ReasonCode.END_NOT_AT_REST,
     "ends_in_the_future": ReasonCode.END_NOT_AT_REST,  # S22, as above
-    "integration_no_positions": ReasonCode.BAD_SHAPE,  # S14: the socket takes positions; `integrate` makes them
+    # S14: the socket takes positions; `integrate` makes them
+    "integration_no_positions": ReasonCode.BAD_SHAPE,
 }
 
 

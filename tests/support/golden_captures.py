@@ -1,8 +1,9 @@
 """Golden captures: recordings of injected faults, made from a virtual robot over real pseudo-terminals.
 
-`python tests/support/golden_captures.py make [NAME ...]` makes them anew; `python tests/support/golden_captures.py cut FILE NAME [SECONDS]`
-makes one of a flight file that somebody sent; `python tests/support/golden_captures.py expect [NAME ...]` writes anew what
-must come out. Look at NAME.expected.json before you commit it.
+`python tests/support/golden_captures.py make [NAME ...]` makes them anew;
+`python tests/support/golden_captures.py cut FILE NAME [SECONDS]` makes one of a flight file that somebody
+sent; `python tests/support/golden_captures.py expect [NAME ...]` writes anew what must come out. Look at
+NAME.expected.json before you commit it.
 """
 
 import json

@@ -1,6 +1,7 @@
 """A throw-away copy of this machine to install into: an overlay of `/` in namespaces of its own, no network.
 
-Nothing that is written there outlives it. No service manager runs there; one boots in `tests/support/systemd/`.
+Nothing that is written there outlives it. No service manager runs there; one boots in
+`tests/support/systemd/`.
 """
 
 import os

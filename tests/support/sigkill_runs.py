@@ -1,4 +1,5 @@
-"""SIGKILL of the real daemon at a random phase: `make kills N=100`; a few by `tests/end_to_end/exclusive/test_sigkill_daemon.py`.
+"""SIGKILL of the real daemon at a random phase: `make kills N=100`; a few by
+`tests/end_to_end/exclusive/test_sigkill_daemon.py`.
 
 Real processes over real pseudo-terminals. After each kill: the watchdog of every servo under torque trips by
 its own clock, a new daemon is disarmed, inherits and moves nothing, then arms and runs. What was acknowledged

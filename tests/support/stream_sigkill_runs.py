@@ -1,4 +1,5 @@
-"""A streamer whose endpoint is killed at random: `python tests/support/stream_sigkill_runs.py SECONDS [SEED]`."""
+"""A streamer whose endpoint is killed at random:
+`python tests/support/stream_sigkill_runs.py SECONDS [SEED]`."""
 
 import sys
 import tempfile

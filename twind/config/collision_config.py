@@ -1,6 +1,7 @@
 """`collision:` of the robot file: how close bodies may come, and which pairs are judged (S23, S24, R20).
 
-Knows the file alone: whether the model has these names is found out where it is bound (`twin/collision_model.py`).
+Knows the file alone: whether the model has these names is found out where it is bound
+(`twin/collision_model.py`).
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,5 @@
-"""The files read again: `python -m twind.front.reload_worker`, a process of its own; a briefing on standard input.
+"""The files read again: `python -m twind.front.reload_worker`, a process of its own; a briefing on standard
+input.
 
 Started by the front, which goes on serving: reading YAML and compiling a model takes long, and what breaks
 the compiler breaks nobody else. Checks everything as a start does, changes nothing.

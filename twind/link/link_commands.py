@@ -172,7 +172,8 @@ class Mark(Command, frozen=True, kw_only=True):
 
 
 class ApplyChanges(Command, frozen=True, kw_only=True, tag="Adopt"):
-    """Changes that both sides make at one moment (`config/hot_changes.py`); the next front's briefing in the memfd.
+    """Changes that both sides make at one moment (`config/hot_changes.py`); the next front's briefing in the
+    memfd.
 
     Reply: {applied: [key], needs_restart: [key]}.
     """

@@ -1,8 +1,8 @@
 """What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
 
 Takes the sample of one bus after the other. A joint that was not heard, or not believed (R13), keeps its
-number, and says how old it is. The whole turns by which counts are off (`safety/multiturn.py`) are kept in the
-zeros of a bus, so that a tick pays nothing for them. Does no I/O.
+number, and says how old it is. The whole turns by which counts are off (`safety/multiturn.py`) are kept in
+the zeros of a bus, so that a tick pays nothing for them. Does no I/O.
 """
 
 from math import inf, nan

@@ -1,8 +1,8 @@
 """Changes while the daemon runs: when they may be made, and everything that has to know of them at once.
 
-The front reads the files again (`front/reload_queue.py`) and sends what may change; here it is judged once more and
-put in force between two ticks, whole or not at all. Changes of the robot need it at rest: nothing moves, and
-in live no torque is on. Loop's process.
+The front reads the files again (`front/reload_queue.py`) and sends what may change; here it is judged once
+more and put in force between two ticks, whole or not at all. Changes of the robot need it at rest: nothing
+moves, and in live no torque is on. Loop's process.
 """
 
 from __future__ import annotations

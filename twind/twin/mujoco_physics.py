@@ -1,8 +1,8 @@
 """MuJoCo as the muscles of virtual servos: one body for all buses, torque in servo units, 500 steps a second.
 
 Runs in `twind-virtual` (and in tests); knows neither packets nor registers, only encoder ticks, gains as in
-the registers and raw currents. Keeps `twind_drivers.virtual.servo_physics.ServoPhysics` without importing it: rooms here
-may not.
+the registers and raw currents. Keeps `twind_drivers.virtual.servo_physics.ServoPhysics` without importing it:
+rooms here may not.
 """
 
 import math
@@ -175,7 +175,8 @@ class BusPhysics:
 
 
 class CanBusPhysics:
-    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`. Arrays (m,), SI."""
+    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`.
+    Arrays (m,), SI."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at

@@ -34,7 +34,8 @@ Places = NDArray[np.intp]
 
 
 class MotorDrive(Protocol):
-    """What the firmware tells its motors, as `twind_drivers.virtual.servo_physics.DriveState` says; arrays (m,)."""
+    """What the firmware tells its motors, as `twind_drivers.virtual.servo_physics.DriveState` says; arrays
+    (m,)."""
 
     # ruff: noqa: D102
     @property

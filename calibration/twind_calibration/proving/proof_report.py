@@ -14,12 +14,20 @@ from twind_calibration.wiggling.wiggle_report import CAUSES
 
 SAYS = {
     ProofContradiction.MOTION: "it does not move as it is told to, or not alone",
-    ProofContradiction.SIGN: "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?",
-    ProofContradiction.ZERO: "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)",
+    ProofContradiction.SIGN: (
+        "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?"
+    ),
+    ProofContradiction.ZERO: (
+        "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)"
+    ),
     ProofContradiction.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
-    ProofContradiction.OTHERS: "others' loads change as if its sign were wrong, or theirs: is it the right servo?",
+    ProofContradiction.OTHERS: (
+        "others' loads change as if its sign were wrong, or theirs: is it the right servo?"
+    ),
     ProofContradiction.PLACE: "another joint was moved",
-    ProofContradiction.NEITHER: "the load fits neither sign: joint, gear ratio, mass or another joint's zero is wrong",
+    ProofContradiction.NEITHER: (
+        "the load fits neither sign: joint, gear ratio, mass or another joint's zero is wrong"
+    ),
     ProofContradiction.EYE: "who watched saw something else",
 }
 BLIND = (

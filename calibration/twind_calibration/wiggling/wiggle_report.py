@@ -16,9 +16,13 @@ from twind_calibration.wiggling.move_evidence import (
 
 # Why a joint answers as it does.
 CAUSES = {
-    EncoderResponse.SHORT: "less than the twin does: load, low position gain, a cap on its current, or it is held",
+    EncoderResponse.SHORT: (
+        "less than the twin does: load, low position gain, a cap on its current, or it is held"
+    ),
     EncoderResponse.STILL: "it did not move: something holds it, its torque is off, or its motor is dead",
-    EncoderResponse.BACKWARDS: "its encoder goes against its goal: look at its drive mode (10), then at its encoder",
+    EncoderResponse.BACKWARDS: (
+        "its encoder goes against its goal: look at its drive mode (10), then at its encoder"
+    ),
     EncoderResponse.FAR: "further than the twin does: something else moves it, or its encoder slips",
     EncoderResponse.UNHEARD: "its readings are missing: look at `twindctl monitor`",
 }
@@ -140,8 +144,12 @@ class WiggleVerdict:
         felt = f"measured {w.measured:+.2f} N·m, model {w.model:+.2f}, with the other sign {w.reversed:+.2f}"
         says = {
             TorqueResponse.AGREES: f"     by load: sign and joint agree: {felt}",
-            TorqueResponse.REVERSED: f"     by load: THE SIGN LOOKS WRONG, or another joint's servo answers: {felt}",
-            TorqueResponse.NEITHER: f"     by load: it fits neither sign: zero, joint or model is wrong: {felt}",
+            TorqueResponse.REVERSED: (
+                f"     by load: THE SIGN LOOKS WRONG, or another joint's servo answers: {felt}"
+            ),
+            TorqueResponse.NEITHER: (
+                f"     by load: it fits neither sign: zero, joint or model is wrong: {felt}"
+            ),
             TorqueResponse.UNOBSERVABLE: f"     by load: the sign cannot be told in this pose: {felt}",
         }
         like = f"     it measures what {' or '.join(self._named(w.like))} should: are their servos exchanged?"

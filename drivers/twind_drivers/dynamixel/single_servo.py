@@ -44,7 +44,8 @@ class SavedSettings:
 
 
 class SingleServoControl:
-    """Implements `twind_drivers.single_device.SingleDeviceControl`. Counts are the servo's own, as it tells them in mode 5."""
+    """Implements `twind_drivers.single_device.SingleDeviceControl`. Counts are the servo's own, as it tells
+    them in mode 5."""
 
     def __init__(
         self,

@@ -11,7 +11,10 @@ LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
 
 def test_who_owns_an_interface_is_named_though_it_has_no_node() -> None:
     name = f"doct{os.getpid()}"
-    program = f"from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = CanInterfaceLock({name!r}); print(flush=True); input()"
+    program = (
+        "from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = "
+        f"CanInterfaceLock({name!r}); print(flush=True); input()"
+    )
     words = (*LEGS[:2], "--port", f"l_leg=can:socketcan:{name}")
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -23,7 +23,10 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
 
 
 def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
-    program = f"from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
+    program = (
+        "from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = "
+        f"CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:

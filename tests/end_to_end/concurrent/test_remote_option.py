@@ -169,7 +169,10 @@ def test_somebody_who_is_not_there_and_a_network_that_is_not_are_no_daemon() -> 
 
 @pytest.mark.parametrize("words", [("--remote", "afar", "status"), ("--remote", "afar@", "status")])
 def test_without_zenoh_and_without_a_place_it_says_what_to_do(words: tuple[str, ...]) -> None:
-    code = f"import sys; sys.modules['zenoh'] = None; from twind.ctl.ctl_main import main; sys.exit(main({words!r}))"
+    code = (
+        "import sys; sys.modules['zenoh'] = None; from twind.ctl.ctl_main import main; "
+        f"sys.exit(main({words!r}))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE)
     said = "ROBOT@tcp/HOST:PORT" if words[1].endswith("@") else how_to_add("zenoh")
     assert done.returncode == 2 and said in done.stderr, done.stderr

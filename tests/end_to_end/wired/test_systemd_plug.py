@@ -4,7 +4,6 @@ The rules say `SYSTEMD_WANTS`, the drop-in `BindsTo`; PID 1 hears of the device 
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""`python -m tests.proof.busmon --servos PORT --link PATH --robot FILE --calibration FILE`: relay and monitor.
+"""`python -m tests.proof.busmon --servos PORT --link PATH --robot FILE --calibration FILE`: relay and
+monitor.
 
 Prints `relay PATH` when the daemon's port is there. Lines of JSON on standard input tell what bytes do not:
 {"pid": N} whose death to watch, {"level": "cut"} of the next e-stop, {"told": "state", ...} and the

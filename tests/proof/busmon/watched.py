@@ -1,4 +1,5 @@
-"""A monitor on every bus of a daemon that runs in this process: what `tests/support/daemon_rig.py` gives is enough.
+"""A monitor on every bus of a daemon that runs in this process: what `tests/support/daemon_rig.py` gives is
+enough.
 
 Takes any rig by its parts (robot, virtual, loop, clock), so it imports nothing of what it watches.
 """

@@ -4,7 +4,6 @@ import argparse
 import random
 import sys
 import time
-from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis.stateful import run_state_machine_as_test

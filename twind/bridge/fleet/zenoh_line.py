@@ -47,7 +47,8 @@ class SessionProvider(Protocol):
 
 
 class ZenohClientLine:
-    """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space. Raises ValueError: it is none."""
+    """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space. Raises ValueError: it is
+    none."""
 
     def __init__(self, robot: str, way: SessionProvider) -> None:
         robot_key(robot)

@@ -20,8 +20,8 @@ from twind.version import __version__
 FORMAT = "twind-policy/1"
 LARGEST = 1 << 20  # bytes of JSON
 MOST_JOINTS = 256
-# Steps a second, least and most. A setpoint is followed for at most 0.1 s (`live/setpoint_session.py`), and the next
-# one has to reach a tick before that.
+# Steps a second, least and most. A setpoint is followed for at most 0.1 s (`live/setpoint_session.py`), and
+# the next one has to reach a tick before that.
 RATES = (12.5, 1000.0)
 CLOSE = 1e-6  # rad, rad/s, rad/s²: figures nearer than this are the same
 

@@ -1,8 +1,8 @@
 """A stand-in for rclpy where there is none: the names and arguments of the real one, over UDP on 127.0.0.1.
 
 What twind and the peers of its tests use of it, no more; who takes part finds the others by files in the
-folder $ROS_STAND_IN. Standard library and `twind.ros`; any Python from 3.10 on. `tests/bridge/test_rclpy_stand_in.py`
-holds its signatures against the real ones.
+folder $ROS_STAND_IN. Standard library and `twind.ros`; any Python from 3.10 on.
+`tests/bridge/test_rclpy_stand_in.py` holds its signatures against the real ones.
 """
 
 from rclpy.context import Context
