@@ -63,6 +63,7 @@ format: $(VENV)/.ready
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .
+	$(BIN)/python tools/check_names.py
 
 types: $(VENV)/.ready
 	$(BIN)/mypy
