@@ -27,16 +27,16 @@ demo: $(VENV)/.ready
 
 # Whose claim is timing has the machine to itself; the others share it.
 test: $(VENV)/.ready
-	$(BIN)/pytest -n auto -m 'not slow and not realtime'
-	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone and not slow'
-	$(BIN)/pytest -m 'alone and not slow'
+	$(BIN)/pytest -n auto --ignore tests/end_to_end
+	$(BIN)/pytest -n 2 --dist loadfile tests/end_to_end/concurrent tests/end_to_end/wired
+	$(BIN)/pytest tests/end_to_end/exclusive
 
 test-fast: $(VENV)/.ready
-	$(BIN)/pytest -n auto -m 'not slow and not realtime'
+	$(BIN)/pytest -n auto --ignore tests/end_to_end
 
 test-slow: $(VENV)/.ready
-	$(BIN)/pytest -n auto -m 'slow and not realtime'
-	$(BIN)/pytest -m 'slow and realtime'
+	$(BIN)/pytest -n auto -m slow --ignore tests/end_to_end
+	$(BIN)/pytest -m slow tests/end_to_end
 
 # All tests, fast and slow together, so that they are collected no more often than they must. What learning needs, and
 # the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has
@@ -46,23 +46,24 @@ check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) --no-print-directory docs
 	$(MAKE) $(TWO) imports computed lived
-	$(BIN)/pytest -n 2 --dist loadfile -m wired
-	$(BIN)/pytest -m alone
+	$(BIN)/pytest -n 2 --dist loadfile -m '' tests/end_to_end/wired
+	$(BIN)/pytest -m '' tests/end_to_end/exclusive
 
 TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 
 computed: $(VENV)/.ready
-	$(IDLE) $(BIN)/pytest -n auto -m 'not realtime'
+	$(IDLE) $(BIN)/pytest -n auto -m '' --ignore tests/end_to_end
 
 lived: $(VENV)/.ready
-	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone and not wired'
+	$(BIN)/pytest -n 2 --dist loadfile -m '' tests/end_to_end/concurrent
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .
+	$(BIN)/python tools/check_names.py
 
 types: $(VENV)/.ready
 	$(BIN)/mypy
@@ -75,13 +76,13 @@ bench: $(VENV)/.bench $(VENV)/.learn
 
 coverage: $(VENV)/.ready
 	$(BIN)/coverage erase
-	$(BIN)/python -m tests.mutation.coverage
+	$(BIN)/python -m tests.proof.mutation.coverage
 
 oracle: $(VENV)/.ready
-	$(BIN)/python tests/oracle $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST))
+	$(BIN)/python -m tests.proof.oracle $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST))
 
 fuzz: $(VENV)/.ready
-	$(BIN)/python tests/fuzz $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST)) \
+	$(BIN)/python -m tests.proof.fuzz $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST)) \
 		$(foreach each,$(WHAT),--what $(each))
 
 mutate: $(VENV)/.ready
@@ -89,30 +90,30 @@ mutate: $(VENV)/.ready
 		$(if $(CHANGED),--changed $(CHANGED)) $(if $(SECONDS),--seconds $(SECONDS))
 
 faults: $(VENV)/.ready
-	cd tests && ../$(BIN)/python -m faults.run $(if $(N),--number $(N)) $(if $(ROW),--rows $(ROW)) \
+	$(BIN)/python -m tests.proof.faults.run $(if $(N),--number $(N)) $(if $(ROW),--rows $(ROW)) \
 		$(if $(SEED),--seed $(SEED)) $(if $(REAL),--real $(REAL)) $(if $(HOURS),--hours $(HOURS)) \
 		$(if $(FIRST),--first $(FIRST))
 
 soak: $(VENV)/.ready
-	cd tests && ../$(BIN)/python -m soak.run $(if $(HOURS),--hours $(HOURS)) $(if $(JOBS),--jobs $(JOBS)) \
+	$(BIN)/python -m tests.proof.soak.run $(if $(HOURS),--hours $(HOURS)) $(if $(JOBS),--jobs $(JOBS)) \
 		$(if $(SEED),--seed $(SEED)) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(REAL),--real)
 
 kills: $(VENV)/.ready
-	$(BIN)/python tests/kills.py $(N) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m tests.support.sigkill_runs $(N) $(if $(SEED),--seed $(SEED))
 
 model: $(VENV)/.ready
-	$(BIN)/python tests/model $(N) $(if $(SEED),--seed $(SEED))
+	$(BIN)/python -m tests.proof.model $(N) $(if $(SEED),--seed $(SEED))
 
 # A terminal recorded: docs/calibration.cast, and what it shows in calibration/README.md.
 cast: $(VENV)/.ready
-	$(BIN)/python tests/calibration_cast.py
+	$(BIN)/python -m tests.support.make_calibration_cast
 
 # docs/pictures: browser, terminal and page of a virtual robot that waves; several on one page; a learner's robot, and
 # how it learns. Needs Chromium, and a machine that is calm.
 pictures: $(VENV)/.learn
-	$(BIN)/python tests/pictures.py
-	$(BIN)/python tests/pictures_fleet.py
-	$(BIN)/python tests/pictures_learn.py
+	$(BIN)/python -m tests.support.make_pictures
+	$(BIN)/python -m tests.support.make_fleet_picture
+	$(BIN)/python -m tests.support.make_learn_pictures
 
 # A searchable site of all pages, in site/. A dead link or anchor fails.
 docs: $(VENV)/.docs

@@ -18,7 +18,6 @@ from bench import (
     ctl,
     fleet,
     gate,
-    hour,
     learn,
     loop,
     observe,
@@ -29,8 +28,17 @@ from bench import (
     stream,
     twin,
     view,
+    virtual_hour,
 )
-from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
+from bench.harness import (
+    RESULTS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    save,
+    table,
+)
 from bench.machine import describe
 
 MEASUREMENTS: tuple[Measurement, ...] = (
@@ -39,7 +47,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *can_bus.MEASUREMENTS,
     *can_loop.MEASUREMENTS,
     *loop.MEASUREMENTS,
-    *hour.MEASUREMENTS,
+    *virtual_hour.MEASUREMENTS,
     *twin.MEASUREMENTS,
     *gate.MEASUREMENTS,
     *control.MEASUREMENTS,
@@ -54,7 +62,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *stream.MEASUREMENTS,
     *learn.MEASUREMENTS,
 )
-KEYS: dict[str, Key] = {name: key for one in MEASUREMENTS for name, key in one.keys.items()}
+KEYS: dict[str, FigureSpec] = {name: key for one in MEASUREMENTS for name, key in one.keys.items()}
 DOCS = Path(__file__).parents[1] / "docs" / "bench.md"
 BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
 
@@ -82,16 +90,16 @@ def main() -> int:
     return int(failed)
 
 
-def _take(one: Measurement) -> tuple[dict[str, Figure], bool]:
+def _take(one: Measurement) -> tuple[dict[str, MeasuredFigure], bool]:
     """The figures of one measurement, whatever happens; whether it broke."""
     names, since = ", ".join(one.keys), time.monotonic()
     print(f"taking {names}", file=sys.stderr, flush=True)
     try:
         figures, broke = dict(one.take()), False
-    except CannotTake as reason:
-        figures, broke = dict.fromkeys(one.keys, Figure(None, f"not taken: {reason}")), False
+    except MeasurementUnavailable as reason:
+        figures, broke = dict.fromkeys(one.keys, MeasuredFigure(None, f"not taken: {reason}")), False
     except Exception as error:  # noqa: BLE001 - one broken figure must not lose the others
-        figures, broke = dict.fromkeys(one.keys, Figure(None, f"failed: {error!r}")), True
+        figures, broke = dict.fromkeys(one.keys, MeasuredFigure(None, f"failed: {error!r}")), True
     for name in one.keys:
         print(f"  {name} = {figures[name].value} {one.keys[name].unit}", file=sys.stderr)
     print(f"  {time.monotonic() - since:.0f} s", file=sys.stderr, flush=True)

@@ -18,19 +18,19 @@ import numpy as np
 from bench import peers
 from bench.harness import (
     ROUNDS,
-    CannotTake,
-    Figure,
-    Key,
+    FigureSpec,
+    MeasuredFigure,
     Measurement,
+    MeasurementUnavailable,
     as_in_the_loop,
     interleaved,
     medians,
     spread,
 )
-from bench.peers import Cycle
+from bench.peers import ControlCycle
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.dynamixel.budget import budget
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 COUNT, MODEL = 24, 1020
@@ -53,14 +53,14 @@ def servos(*arguments: str) -> Iterator[str]:
         assert process.stdout is not None
         path = process.stdout.readline().strip()
         if not path:
-            raise CannotTake("the responder did not start")
+            raise MeasurementUnavailable("the responder did not start")
         yield path
     finally:
         process.kill()
         process.wait()
 
 
-class Ours:
+class DynamixelDriverCycle:
     """Our driver as the loop uses it, on one port."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int = 4_000_000) -> None:
@@ -98,28 +98,32 @@ class Ours:
         self.transport.close()
 
 
-def cycles(path: str, count: int, *, fast: bool, baud: int = 4_000_000) -> dict[str, Callable[[], Cycle]]:
+def cycles(
+    path: str, count: int, *, fast: bool, baud: int = 4_000_000
+) -> dict[str, Callable[[], ControlCycle]]:
     """Who can do a cycle on this port, by name. A peer that is not installed is left out."""
-    found: dict[str, Callable[[], Cycle]] = {
-        "twind": lambda: Ours(path, count, fast=fast, baud=baud),
-        "dynamixel_sdk": lambda: peers.Sdk(path, count, fast=fast, baud=baud),
-        "bare syscalls": lambda: peers.Bare(path, count, fast=fast),
+    found: dict[str, Callable[[], ControlCycle]] = {
+        "twind": lambda: DynamixelDriverCycle(path, count, fast=fast, baud=baud),
+        "dynamixel_sdk": lambda: peers.DynamixelSdkCycle(path, count, fast=fast, baud=baud),
+        "bare syscalls": lambda: peers.SyscallCycle(path, count, fast=fast),
     }
     if peers.rustypot is not None:
-        found["rustypot"] = lambda: peers.Rustypot(path, count, fast=fast, baud=baud)
+        found["rustypot"] = lambda: peers.RustypotCycle(path, count, fast=fast, baud=baud)
     return found
 
 
 # ------------------------------------------------------------------------------------------ CPU
 
 
-def _cpu(make: Callable[[], Cycle], count: int) -> float:
+def _cpu(make: Callable[[], ControlCycle], count: int) -> float:
     """CPU (µs) of one cycle, averaged over a round. Raises CannotTake when a cycle is not whole."""
     cycle = make()
     try:
         for i in range(WARM):
             if cycle(i) != count:
-                raise CannotTake(f"{type(cycle).__name__}: a cycle of {count} servos was not whole")
+                raise MeasurementUnavailable(
+                    f"{type(cycle).__name__}: a cycle of {count} servos was not whole"
+                )
         with as_in_the_loop():
             before = time.process_time()
             for i in range(CYCLES):
@@ -140,7 +144,7 @@ def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]
         return interleaved(ROUNDS, takes)
 
 
-def take_cpu() -> Mapping[str, Figure]:
+def take_cpu() -> Mapping[str, MeasuredFigure]:
     """CPU of a cycle of 24 servos, fast and plain, and how it grows from 6 to 48."""
     fast, plain = _cpu_rounds((6, COUNT, 48), fast=True), _cpu_rounds((COUNT,), fast=False)
     figures = {}
@@ -150,20 +154,22 @@ def take_cpu() -> Mapping[str, Figure]:
         own = beside.pop("twind")
         how = f"read 10 B of {COUNT}, write {COUNT} goals, {way} sync read, answers at once"
         note = f"{how}; {spread(rounds[f'twind {COUNT}'], 'µs')}{peers.missing()}"
-        figures[f"bus.cycle_cpu_{way}_24"] = Figure(own, note, beside)
+        figures[f"bus.cycle_cpu_{way}_24"] = MeasuredFigure(own, note, beside)
     middle = medians(fast)
     names = sorted({name.rpartition(" ")[0] for name in middle} - {"bare syscalls"})
     growth = {name: middle[f"{name} 48"] / middle[f"{name} 6"] for name in names}
     own = growth.pop("twind")
     ends = f"{middle['twind 6']:.1f} and {middle['twind 48']:.1f} µs"
-    figures["bus.cycle_cpu_48_over_6"] = Figure(own, f"fast sync read, {ends}; medians of {ROUNDS}", growth)
+    figures["bus.cycle_cpu_48_over_6"] = MeasuredFigure(
+        own, f"fast sync read, {ends}; medians of {ROUNDS}", growth
+    )
     return figures
 
 
 # ------------------------------------------------------------------------------------------ the wire
 
 
-def _rate(make: Callable[[], Cycle], count: int, ideal: float) -> float:
+def _rate(make: Callable[[], ControlCycle], count: int, ideal: float) -> float:
     """Whole cycles a second, as a share of `ideal`."""
     cycle = make()
     try:
@@ -180,7 +186,7 @@ def _rate(make: Callable[[], Cycle], count: int, ideal: float) -> float:
         cycle.close()
 
 
-def take_wire() -> Mapping[str, Figure]:
+def take_wire() -> Mapping[str, MeasuredFigure]:
     """Cycles a second against the wire formula, at 1 and at 3 Mbaud."""
     figures = {}
     for name, baud in (("1m", 1_000_000), ("3m", 3_000_000)):
@@ -194,14 +200,14 @@ def take_wire() -> Mapping[str, Figure]:
         own = middle.pop("twind")
         note = f"{own * ideal:.0f} of {ideal:.0f} cycles/s, fast sync read, adapter hands over every 0.25 ms"
         note += f"; {spread(rounds['twind'], '')}{peers.missing()}"
-        figures[f"bus.wire_efficiency_{name}"] = Figure(own, note, middle)
+        figures[f"bus.wire_efficiency_{name}"] = MeasuredFigure(own, note, middle)
     return figures
 
 
 # ------------------------------------------------------------------------------------------ a dead servo
 
 
-def _fresh_after(make: Callable[[], Cycle]) -> float:
+def _fresh_after(make: Callable[[], ControlCycle]) -> float:
     """Cycles until all others are heard in one cycle; inf: never within `SILENT_CYCLES`."""
     cycle = make()
     try:
@@ -213,7 +219,7 @@ def _fresh_after(make: Callable[[], Cycle]) -> float:
         cycle.close()
 
 
-def take_dead() -> Mapping[str, Figure]:
+def take_dead() -> Mapping[str, MeasuredFigure]:
     """One servo in the middle says nothing from the first cycle on, by fast sync read."""
     with servos("--silent", str(COUNT // 2)) as path:
         makers = cycles(path, COUNT, fast=True)
@@ -225,24 +231,24 @@ def take_dead() -> Mapping[str, Figure]:
     note = f"id {COUNT // 2} of {COUNT} silent from the first cycle on, fast sync read at first"
     if never:
         note += f"; never within {SILENT_CYCLES} cycles: {', '.join(never)}"
-    return {"bus.dead_servo_fresh_cycles": Figure(own, note + peers.missing(), beside)}
+    return {"bus.dead_servo_fresh_cycles": MeasuredFigure(own, note + peers.missing(), beside)}
 
 
 MEASUREMENTS = (
     Measurement(
         {
-            "bus.cycle_cpu_fast_24": Key("µs", "≤ 1/8 SDK, ≤ 1/2 rustypot, ≤ 3 × bare"),
-            "bus.cycle_cpu_plain_24": Key("µs", "≤ 1/12 SDK, ≤ 1/2 rustypot"),
-            "bus.cycle_cpu_48_over_6": Key("ratio", "≤ 1.3"),
+            "bus.cycle_cpu_fast_24": FigureSpec("µs", "≤ 1/8 SDK, ≤ 1/2 rustypot, ≤ 3 × bare"),
+            "bus.cycle_cpu_plain_24": FigureSpec("µs", "≤ 1/12 SDK, ≤ 1/2 rustypot"),
+            "bus.cycle_cpu_48_over_6": FigureSpec("ratio", "≤ 1.3"),
         },
         take_cpu,
     ),
     Measurement(
         {
-            "bus.wire_efficiency_1m": Key("ratio", "≥ 0.94"),
-            "bus.wire_efficiency_3m": Key("ratio", "≥ 0.90"),
+            "bus.wire_efficiency_1m": FigureSpec("ratio", "≥ 0.94"),
+            "bus.wire_efficiency_3m": FigureSpec("ratio", "≥ 0.90"),
         },
         take_wire,
     ),
-    Measurement({"bus.dead_servo_fresh_cycles": Key("cycles", "≤ 2")}, take_dead),
+    Measurement({"bus.dead_servo_fresh_cycles": FigureSpec("cycles", "≤ 2")}, take_dead),
 )

@@ -18,17 +18,17 @@ from can.interfaces.slcan import slcanBus
 
 from bench.harness import (
     ROUNDS,
-    CannotTake,
-    Figure,
-    Key,
+    FigureSpec,
+    MeasuredFigure,
     Measurement,
+    MeasurementUnavailable,
     as_in_the_loop,
     interleaved,
     medians,
     spread,
 )
+from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.frame import frames
-from twind_drivers.can.ports import open_channel
 from twind_drivers.clock import MonotonicClock
 
 COUNT = 24
@@ -38,7 +38,7 @@ IDS = np.arange(1, COUNT + 1)
 RATE = 1_000_000  # bit/s
 
 
-class Exchange(Protocol):
+class FrameExchange(Protocol):
     """Commands out, answers in, again and again."""
 
     def __call__(self, i: int) -> int:
@@ -57,14 +57,14 @@ def adapter() -> Iterator[str]:
         assert process.stdout is not None
         path = process.stdout.readline().strip()
         if not path:
-            raise CannotTake("the adapter did not start")
+            raise MeasurementUnavailable("the adapter did not start")
         yield path
     finally:
         process.kill()
         process.wait()
 
 
-class Ours:
+class SlcanChannelExchange:
     """Our channel, as the bus uses it."""
 
     def __init__(self, path: str) -> None:
@@ -89,7 +89,7 @@ class Ours:
         self._channel.close()
 
 
-class PythonCan:
+class PythonCanExchange:
     """python-can's slcan, as its documentation uses it: a message a frame."""
 
     def __init__(self, path: str) -> None:
@@ -109,13 +109,15 @@ class PythonCan:
         self._bus.shutdown()
 
 
-def average(make: Callable[[], Exchange], clock: Callable[[], float]) -> float:
+def average(make: Callable[[], FrameExchange], clock: Callable[[], float]) -> float:
     """Time (s, by `clock`) of a cycle, averaged over a round. Raises CannotTake when one is not whole."""
     exchange = make()
     try:
         for i in range(WARM):
             if exchange(i) != COUNT:
-                raise CannotTake(f"{type(exchange).__name__}: a cycle of {COUNT} actuators was not whole")
+                raise MeasurementUnavailable(
+                    f"{type(exchange).__name__}: a cycle of {COUNT} actuators was not whole"
+                )
         with as_in_the_loop():
             before = clock()
             for i in range(CYCLES):
@@ -125,12 +127,12 @@ def average(make: Callable[[], Exchange], clock: Callable[[], float]) -> float:
         exchange.close()
 
 
-def take_slcan() -> Mapping[str, Figure]:
+def take_slcan() -> Mapping[str, MeasuredFigure]:
     """CPU of a frame out and its answer in, and frames a second, both ways counted."""
     with adapter() as path:
-        makers: dict[str, Callable[[], Exchange]] = {
-            "twind": partial(Ours, path),
-            "python-can": partial(PythonCan, path),
+        makers: dict[str, Callable[[], FrameExchange]] = {
+            "twind": partial(SlcanChannelExchange, path),
+            "python-can": partial(PythonCanExchange, path),
         }
         takes = {who: partial(average, make, time.process_time) for who, make in makers.items()}
         cpu = interleaved(ROUNDS, takes)
@@ -142,16 +144,16 @@ def take_slcan() -> Mapping[str, Figure]:
     note = f"a command out and its answer in, {COUNT} a cycle, on a pty, system calls included; {own}"
     rates = "frames out and in, as fast as the adapter's process answers: the host waits for it in both"
     return {
-        "can.slcan_frame_cpu": Figure(cost.pop("twind"), note, cost),
-        "can.slcan_frames": Figure(rate.pop("twind"), rates, rate),
+        "can.slcan_frame_cpu": MeasuredFigure(cost.pop("twind"), note, cost),
+        "can.slcan_frames": MeasuredFigure(rate.pop("twind"), rates, rate),
     }
 
 
 MEASUREMENTS = (
     Measurement(
         {
-            "can.slcan_frame_cpu": Key("µs", "≤ 1/20"),
-            "can.slcan_frames": Key("1/s"),
+            "can.slcan_frame_cpu": FigureSpec("µs", "≤ 1/20"),
+            "can.slcan_frames": FigureSpec("1/s"),
         },
         take_slcan,
     ),

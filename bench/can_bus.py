@@ -14,13 +14,13 @@ import can
 import numpy as np
 from can.interfaces.slcan import slcanBus
 
-from bench.can import COUNT, PATIENCE, RATE, Exchange, adapter, average
+from bench.can import COUNT, PATIENCE, RATE, FrameExchange, adapter, average
 from bench.can_responder import OFFSET
-from bench.harness import ROUNDS, Figure, Key, Measurement, interleaved, medians, spread
-from twind_drivers.can.bus import Actuator, CanReader, CanWriter
-from twind_drivers.can.ports import open_channel
-from twind_drivers.can.units import COUNT as RADIAN
-from twind_drivers.can.units import EFFORT
+from bench.harness import ROUNDS, FigureSpec, MeasuredFigure, Measurement, interleaved, medians, spread
+from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.can_ports import open_channel
+from twind_drivers.can.can_units import COUNT as RADIAN
+from twind_drivers.can.can_units import EFFORT
 from twind_drivers.clock import MonotonicClock
 
 MODEL = "DM4340"
@@ -29,7 +29,7 @@ KP, KD = 50.0, 1.0
 TURN = 8192  # counts, half a turn
 
 
-class OurBus:
+class CanDriverCycle:
     """Our reader and writer as the loop uses them, on `buses` ports with as many actuators each."""
 
     def __init__(self, paths: list[str]) -> None:
@@ -38,7 +38,7 @@ class OurBus:
         self._readers, self._writers = [], []
         for place, path in enumerate(paths):
             ids = range(1 + place * each, 1 + (place + 1) * each)
-            actuators = [Actuator(id, id + OFFSET, MODEL, POSITION, VELOCITY, TORQUE) for id in ids]
+            actuators = [CanActuator(id, id + OFFSET, MODEL, POSITION, VELOCITY, TORQUE) for id in ids]
             channel = open_channel(f"can:slcan:{path}", RATE)
             reader = CanReader(f"bus{place}", channel, actuators, bitrate=RATE, slack=PATIENCE)
             wide = np.full(each, TURN)
@@ -74,7 +74,7 @@ class OurBus:
             reader.channel.close()
 
 
-class ByHand:
+class ManualPythonCanCycle:
     """python-can as one writes a loop with it: a message an actuator, packed and unpacked one by one."""
 
     def __init__(self, paths: list[str]) -> None:
@@ -123,27 +123,28 @@ def unpacked(data: bytearray) -> tuple[float, float, float]:
     )
 
 
-def take_cycle() -> Mapping[str, Figure]:
+def take_cycle() -> Mapping[str, MeasuredFigure]:
     """CPU of a cycle of 24 actuators on one bus, and on two."""
     figures = {}
     for count, key in ((1, "can.cycle_cpu_24"), (2, "can.cycle_cpu_24_split")):
         with ExitStack() as stack:
             paths = [stack.enter_context(adapter()) for _ in range(count)]
-            makers: dict[str, Callable[[], Exchange]] = {
-                "twind": partial(OurBus, paths),
-                "python-can": partial(ByHand, paths),
+            makers: dict[str, Callable[[], FrameExchange]] = {
+                "twind": partial(CanDriverCycle, paths),
+                "python-can": partial(ManualPythonCanCycle, paths),
             }
             takes = {who: partial(average, make, time.process_time) for who, make in makers.items()}
             rounds = interleaved(ROUNDS, takes)
         cost = {who: value * 1e6 for who, value in medians(rounds).items()}
         note = f"command and feedback of 24 Damiao actuators over slcan, {count} bus{'es' * (count > 1)}"
         note += f", system calls included; {spread([value * 1e6 for value in rounds['twind']], 'µs')}"
-        figures[key] = Figure(cost.pop("twind"), note, cost)
+        figures[key] = MeasuredFigure(cost.pop("twind"), note, cost)
     return figures
 
 
 MEASUREMENTS = (
     Measurement(
-        {"can.cycle_cpu_24": Key("µs", "≤ 1/3"), "can.cycle_cpu_24_split": Key("µs", "≤ 1/3")}, take_cycle
+        {"can.cycle_cpu_24": FigureSpec("µs", "≤ 1/3"), "can.cycle_cpu_24_split": FigureSpec("µs", "≤ 1/3")},
+        take_cycle,
     ),
 )

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from bench.daemon import await_state, live, scratch
-from bench.harness import Figure, Key, Measurement, medians, spread
+from bench.harness import FigureSpec, MeasuredFigure, Measurement, medians, spread
 from bench.loop import missed, shares
 from bench.motion import kept_moving
 from twind.config.robot_file import load_robot
@@ -18,7 +18,7 @@ from twind.config.robot_file import load_robot
 MISSED_SPAN = 30.0  # s
 
 
-def take_share() -> Mapping[str, Figure]:
+def take_share() -> Mapping[str, MeasuredFigure]:
     """CPU of loop and front together over seconds of real time, in % of a core."""
     with scratch() as folder:
         robot = str(all_can(folder / "h24-can.yaml"))
@@ -30,10 +30,10 @@ def take_share() -> Mapping[str, Figure]:
         f"live, armed, 24 Damiao actuators moving, 12 on each of two buses: loop {middle['loop']:.2f}, "
         f"front {middle['front']:.2f}; {spread(moving['both'], '%')}"
     )
-    return {"can.cpu_share_100hz": Figure(middle["both"], note)}
+    return {"can.cpu_share_100hz": MeasuredFigure(middle["both"], note)}
 
 
-def take_missed() -> Mapping[str, Figure]:
+def take_missed() -> Mapping[str, MeasuredFigure]:
     """12 serial servos at 3 Mbaud and 6 actuators on each of two CAN buses, 200 Hz, armed and moving.
 
     A process for each bus: one for all answers the buses one after the other, and hands over late.
@@ -75,6 +75,6 @@ def _written(robot: dict[str, Any], path: Path) -> Path:
 
 
 MEASUREMENTS = (
-    Measurement({"can.cpu_share_100hz": Key("% of a core")}, take_share),
-    Measurement({"can.missed_mixed_200hz": Key("%", "< 0.1")}, take_missed),
+    Measurement({"can.cpu_share_100hz": FigureSpec("% of a core")}, take_share),
+    Measurement({"can.missed_mixed_200hz": FigureSpec("%", "< 0.1")}, take_missed),
 )

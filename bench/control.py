@@ -6,13 +6,23 @@ import time
 from collections.abc import Mapping
 from functools import partial
 
-from bench.daemon import Asker, Daemon, await_state, live, scratch, twind
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, medians, quantile, spread
+from bench.daemon import BenchDaemon, StatusPoller, await_state, live, scratch, twind
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    interleaved,
+    medians,
+    quantile,
+    spread,
+)
 from bench.motion import armed
-from bench.tap import Tap, tapped
+from bench.pty_tap import PtyTap, tapped
 from twind.client import Client
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_child import VirtualChild
+from twind.loop.virtual_robot_process import VirtualRobotProcess
 
 CALLS = 2000  # of one round
 SETPOINTS = 120  # of one round
@@ -21,10 +31,10 @@ STEP = 0.005  # rad of every joint, to and fro
 TICK = 10.0  # ms
 
 
-def take_status() -> Mapping[str, Figure]:
+def take_status() -> Mapping[str, MeasuredFigure]:
     """Round trip of one call after the other, in mode sim and in mode live beside the virtual servos."""
     with scratch() as first, scratch() as second, twind(first, "--mode", "sim") as sim, live(second) as real:
-        askers = {"sim": Asker(sim), "live": Asker(real)}
+        askers = {"sim": StatusPoller(sim), "live": StatusPoller(real)}
         rounds: dict[str, list[float]] = {"sim": [], "live": []}
 
         def ask(name: str) -> float:
@@ -41,10 +51,10 @@ def take_status() -> Mapping[str, Figure]:
         f"live, {size} bytes of answer, bare socket on both ends of the call; p99 {worst['live']:.0f}; "
         f"mode sim: p50 {middle['sim']:.0f}, p99 {worst['sim']:.0f}; {spread(found['live'], 'µs')}"
     )
-    return {"control.status_rtt_p50": Figure(middle["live"], note)}
+    return {"control.status_rtt_p50": MeasuredFigure(middle["live"], note)}
 
 
-def _trips(asker: Asker) -> list[float]:
+def _trips(asker: StatusPoller) -> list[float]:
     trips = []
     for _ in range(CALLS):
         since = time.perf_counter()
@@ -53,10 +63,10 @@ def _trips(asker: Asker) -> list[float]:
     return trips
 
 
-def take_command() -> Mapping[str, Figure]:
+def take_command() -> Mapping[str, MeasuredFigure]:
     """From just before the call is sent to the first byte of the packet that shows it."""
     robot = load_robot("h24")
-    with scratch() as folder, VirtualChild("h24") as child:
+    with scratch() as folder, VirtualRobotProcess("h24") as child:
         name, path = next(iter(child.ports.items()))
         with tapped(path, robot.bus(name).baud) as tap:
             files = ("--port", tap.path, "--calibration", str(child.calibration))
@@ -71,10 +81,10 @@ def take_command() -> Mapping[str, Figure]:
         f"{sum(map(len, rounds))} setpoints of 24 joints at any part of a tick, seen by a tap on the port; "
         f"p50 {medians({'': middles})['']:.1f}; {spread(worst, 'ms')}"
     )
-    return {"control.command_to_bus_p99": Figure(value, note, {"one tick": TICK})}
+    return {"control.command_to_bus_p99": MeasuredFigure(value, note, {"one tick": TICK})}
 
 
-def _round(client: Client, daemon: Daemon, tap: Tap) -> list[float]:
+def _round(client: Client, daemon: BenchDaemon, tap: PtyTap) -> list[float]:
     """ms of each setpoint of a round."""
     client.call("AcquireLease")
     joints = client.call("GetStatus", joints=True)["joints"]
@@ -92,7 +102,7 @@ def _round(client: Client, daemon: Daemon, tap: Tap) -> list[float]:
     return _matched(sent, tap)
 
 
-def _matched(sent: list[float], tap: Tap) -> list[float]:
+def _matched(sent: list[float], tap: PtyTap) -> list[float]:
     """ms from each call to the first packet with other goals. Raises CannotTake when too few are clear."""
     goals = tap.goals()
     times, found = [when for when, _ in goals], []
@@ -103,11 +113,13 @@ def _matched(sent: list[float], tap: Tap) -> list[float]:
         if settled and (first := next(changed, None)) is not None:
             found.append((first - when) * 1e3)
     if len(found) < 0.9 * len(sent):
-        raise CannotTake(f"only {len(found)} of {len(sent)} setpoints could be told apart on the wire")
+        raise MeasurementUnavailable(
+            f"only {len(found)} of {len(sent)} setpoints could be told apart on the wire"
+        )
     return found
 
 
 MEASUREMENTS = (
-    Measurement({"control.status_rtt_p50": Key("µs", "≤ 150")}, take_status),
-    Measurement({"control.command_to_bus_p99": Key("ms", "≤ 12")}, take_command),
+    Measurement({"control.status_rtt_p50": FigureSpec("µs", "≤ 150")}, take_status),
+    Measurement({"control.command_to_bus_p99": FigureSpec("ms", "≤ 12")}, take_command),
 )

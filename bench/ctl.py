@@ -6,16 +6,25 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.daemon import scratch, twind
-from bench.harness import CannotTake, Figure, Key, Measurement, cpu_of_command, interleaved, medians, spread
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_of_command,
+    interleaved,
+    medians,
+    spread,
+)
 
 ROUNDS = 20
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """CPU time, user and system, from exec to exit."""
     command = Path(sys.executable).with_name("twindctl")
     if shutil.which(str(command)) is None:
-        raise CannotTake("twindctl is not installed beside this interpreter")
+        raise MeasurementUnavailable("twindctl is not installed beside this interpreter")
     with scratch() as folder, twind(folder, "--mode", "sim"):
         status = [str(command), "--socket", str(folder), "status"]
         bare = [sys.executable, "-c", "pass"]
@@ -28,7 +37,9 @@ def take() -> Mapping[str, Figure]:
         )
     middle = medians(found)
     note = f"whole process, user and system; {spread(found['twind'], 'ms')}"
-    return {"ctl.status_cpu": Figure(middle["twind"], note, {"bare interpreter": middle["interpreter"]})}
+    return {
+        "ctl.status_cpu": MeasuredFigure(middle["twind"], note, {"bare interpreter": middle["interpreter"]})
+    }
 
 
-MEASUREMENTS = (Measurement({"ctl.status_cpu": Key("ms", "≤ 80")}, take),)
+MEASUREMENTS = (Measurement({"ctl.status_cpu": FigureSpec("ms", "≤ 80")}, take),)

@@ -14,19 +14,19 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.harness import CannotTake
+from bench.harness import MeasurementUnavailable
 from twind.client import Client
-from twind.config.actuator import CAN
+from twind.config.actuator_types import CAN
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_child import VirtualChild
-from twind_drivers.can.ports import is_can
+from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind_drivers.can.can_ports import is_can
 
 READY, CONNECTED = 30.0, 15.0  # s that they may take
 CYCLICTEST = "cyclictest"  # of the Debian package rt-tests
 
 
 @dataclass(frozen=True, slots=True)
-class Daemon:
+class BenchDaemon:
     """A running `twind` of our own."""
 
     pid: int
@@ -42,7 +42,7 @@ class Daemon:
         """Process of the front: the daemon's only child. Raises CannotTake."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         if len(children) != 1:
-            raise CannotTake(f"the daemon has {len(children)} children, expected its front")
+            raise MeasurementUnavailable(f"the daemon has {len(children)} children, expected its front")
         return int(children[0])
 
 
@@ -54,7 +54,9 @@ def scratch() -> Iterator[Path]:
 
 
 @contextmanager
-def twind(folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")) -> Iterator[Daemon]:
+def twind(
+    folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")
+) -> Iterator[BenchDaemon]:
     """A daemon that has said READY=1; lowered by SIGTERM at the end. Raises CannotTake."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     listener.bind(str(folder / "notify"))
@@ -67,10 +69,10 @@ def twind(folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.
         process = subprocess.Popen(line, env=environment, stdin=subprocess.DEVNULL, stderr=output)
         try:
             _await_ready(listener, process)
-            yield Daemon(process.pid, folder, time.monotonic() - since)
-        except CannotTake as reason:
+            yield BenchDaemon(process.pid, folder, time.monotonic() - since)
+        except MeasurementUnavailable as reason:
             last = log.read_text(errors="replace").strip().splitlines()[-1:]
-            raise CannotTake(f"{reason} {' '.join(last)}".strip()) from None
+            raise MeasurementUnavailable(f"{reason} {' '.join(last)}".strip()) from None
         finally:
             _end(process)
     (folder / "notify").unlink()
@@ -85,8 +87,10 @@ def _await_ready(listener: socket.socket, process: subprocess.Popen[bytes]) -> N
                 return
         except TimeoutError:
             if process.poll() is not None:
-                raise CannotTake(f"the daemon ended with {process.returncode} before READY=1") from None
-    raise CannotTake(f"no READY=1 within {READY:g} s")
+                raise MeasurementUnavailable(
+                    f"the daemon ended with {process.returncode} before READY=1"
+                ) from None
+    raise MeasurementUnavailable(f"no READY=1 within {READY:g} s")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -105,7 +109,7 @@ def live(
     robot: str = "h24",
     command: Sequence[str] = ("-m", "twind.cli"),
     apart: bool = False,
-) -> Iterator[Daemon]:
+) -> Iterator[BenchDaemon]:
     """A daemon in mode live on the virtual servos of a process of its own, connected, not armed.
 
     `apart`: a process for each bus, whose joints then move each for itself.
@@ -115,9 +119,9 @@ def live(
     with ExitStack() as stack:
         if apart:
             alone = [("--muscles", "first-order", "--bus", bus.name) for bus in buses]
-            children = [stack.enter_context(VirtualChild(robot, *options)) for options in alone]
+            children = [stack.enter_context(VirtualRobotProcess(robot, *options)) for options in alone]
         else:
-            children = [stack.enter_context(VirtualChild(robot))]
+            children = [stack.enter_context(VirtualRobotProcess(robot))]
         ports = [
             f"--port={name}={'can:slcan:' if name in adapters and not is_can(path) else ''}{path}"
             for child in children
@@ -129,7 +133,7 @@ def live(
             yield daemon
 
 
-def await_state(daemon: Daemon, wanted: str) -> None:
+def await_state(daemon: BenchDaemon, wanted: str) -> None:
     """Return when the robot's state is `wanted`. Raises CannotTake."""
     until, state = time.monotonic() + CONNECTED, ""
     with daemon.client() as client:
@@ -138,15 +142,15 @@ def await_state(daemon: Daemon, wanted: str) -> None:
             if state == wanted:
                 return
             time.sleep(0.05)
-    raise CannotTake(f"the robot is {state} after {CONNECTED:g} s, expected {wanted}")
+    raise MeasurementUnavailable(f"the robot is {state} after {CONNECTED:g} s, expected {wanted}")
 
 
-class Asker:
+class StatusPoller:
     """Asks `GetStatus` with all joints over a bare socket; does not read what the answers say."""
 
     CALL = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
 
-    def __init__(self, daemon: Daemon) -> None:
+    def __init__(self, daemon: BenchDaemon) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(5.0)
         self._socket.connect(str(daemon.sockets / "control.sock"))

@@ -18,9 +18,17 @@ from pathlib import Path
 from typing import Any
 
 from bench.daemon import live, scratch
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, cpu_of, spread
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_of,
+    spread,
+)
 from bench.motion import kept_moving
-from twind.bridge.zenoh.keys import ROOT, robot_key
+from twind.bridge.zenoh.zenoh_keys import ROOT, robot_key
 
 COUNT, CROWDS = 1000, 2  # robots, and the processes that they are in
 SPAN, SETTLE = 2.0, 0.5  # s of a window, and until what is on its way has come
@@ -32,7 +40,7 @@ PATIENCE = 60.0  # s until all robots are there again
 ALL = f"{ROOT}/*/state/10"
 
 
-class Part:
+class FleetProcess:
     """A process of `bench/fleet_parts.py`."""
 
     def __init__(self, what: str, *words: object) -> None:
@@ -58,7 +66,7 @@ class Part:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise CannotTake(f"{self.what} ended")
+            raise MeasurementUnavailable(f"{self.what} ended")
         found: Mapping[str, Any] = json.loads(line)
         return found
 
@@ -74,7 +82,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class FleetMeasurement:
     """One stretch. CPU in s, `p50` and `p99` in s from the robot to the listener."""
 
     sent: int
@@ -94,7 +102,7 @@ class Window:
         return self.cpu[what] / self.sent * 1e6
 
 
-class Fleet:
+class BenchFleet:
     """Robots, `routers` that share them out, and a listener at each."""
 
     def __init__(self, stack: ExitStack, payload: Path, routers: int = 1) -> None:
@@ -112,13 +120,13 @@ class Fleet:
         for crowd in self.crowds:
             crowd.ask(key="10")
 
-    def _part(self, *words: object) -> Part:
-        part = Part(*map(str, words))
+    def _part(self, *words: object) -> FleetProcess:
+        part = FleetProcess(*map(str, words))
         self._stack.callback(part.close)
         return part
 
     @staticmethod
-    def _ready(parts: Sequence[Part]) -> None:
+    def _ready(parts: Sequence[FleetProcess]) -> None:
         for part in parts:
             part.answer()
 
@@ -132,9 +140,9 @@ class Fleet:
             if self.listeners[0].ask(alive=1)["alive"] >= COUNT // len(self.routers):
                 return time.monotonic() - since
             time.sleep(0.1)
-        raise CannotTake(f"not all robots were back within {PATIENCE:g} s")
+        raise MeasurementUnavailable(f"not all robots were back within {PATIENCE:g} s")
 
-    def window(self, rate: float, keys: Sequence[str]) -> Window:
+    def window(self, rate: float, keys: Sequence[str]) -> FleetMeasurement:
         """All robots send at `rate` Hz; each listener hears `keys`."""
         parts = [*self.routers, *self.crowds, *self.listeners]
         for listener in self.listeners:
@@ -154,7 +162,7 @@ class Fleet:
             cpu[part.what] += cpu_of(part.pid) - was
         p50, p99 = (max(each["way"].get(rank, inf) for each in heard) for rank in ("0.5", "0.99"))
         late = max(each["late"] for each in sent)
-        return Window(
+        return FleetMeasurement(
             sum(each["sent"] for each in sent), sum(each["count"] for each in heard), late, cpu, p50, p99
         )
 
@@ -178,35 +186,37 @@ def payload() -> Iterator[tuple[Path, int]]:
         yield file, len(message)
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """All figures, from one fleet on one router, then one on two."""
     with payload() as (file, size):
         with ExitStack() as stack:
-            fleet = Fleet(stack, file)
+            fleet = BenchFleet(stack, file)
             memory = fleet.routers[0].memory() / COUNT
             some = [
                 robot_key(f"robot-{place:04}", "state", "10") for place in range(0, COUNT, COUNT // HEARD)
             ]
             ways: Mapping[str, Sequence[str]] = {"all": [ALL], "some": some, "none": []}
-            windows: dict[str, list[Window]] = {way: [] for way in ways}
+            windows: dict[str, list[FleetMeasurement]] = {way: [] for way in ways}
             for _ in range(ROUNDS):
                 for way, keys in ways.items():
                     windows[way].append(fleet.window(RATE, keys))
             climbed = _climb(fleet)
             back = fleet.restart()
         with ExitStack() as stack:
-            twice = _climb(Fleet(stack, file, 2))
+            twice = _climb(BenchFleet(stack, file, 2))
     return _figures(windows, climbed, twice, size) | {
-        "fleet.router_memory": Figure(memory, "kB of the router's memory for each robot, nobody sending"),
-        "fleet.back": Figure(
+        "fleet.router_memory": MeasuredFigure(
+            memory, "kB of the router's memory for each robot, nobody sending"
+        ),
+        "fleet.back": MeasuredFigure(
             back, "from the start of a router that was killed; a session tries each 1 to 4 s"
         ),
     }
 
 
-def _climb(fleet: Fleet) -> list[Window]:
+def _climb(fleet: BenchFleet) -> list[FleetMeasurement]:
     """Windows at rising rates, up to the first that loses more than LOST, or whose robots fall behind."""
-    climbed: list[Window] = []
+    climbed: list[FleetMeasurement] = []
     for rate in STEPS:
         climbed.append(fleet.window(rate, [ALL]))
         if climbed[-1].lost > LOST or climbed[-1].late > SPAN / 10:
@@ -214,13 +224,13 @@ def _climb(fleet: Fleet) -> list[Window]:
     return climbed
 
 
-def _carried(climbed: Sequence[Window]) -> float:
+def _carried(climbed: Sequence[FleetMeasurement]) -> float:
     """Messages/s of the last step that held."""
     held = [window.got / SPAN for window in climbed if window.lost <= LOST and window.late <= SPAN / 10]
     return max(held, default=0.0)
 
 
-def _told(climbed: Sequence[Window]) -> str:
+def _told(climbed: Sequence[FleetMeasurement]) -> str:
     steps = (
         f"{w.sent / SPAN:.0f}/s: lost {w.lost:.2%}, p99 {w.p99 * 1e3:.0f} ms, cores of router"
         f" {w.cpu['router'] / SPAN:.2f}, robots {w.cpu['robots'] / SPAN:.2f},"
@@ -231,9 +241,12 @@ def _told(climbed: Sequence[Window]) -> str:
 
 
 def _figures(
-    windows: Mapping[str, Sequence[Window]], climbed: Sequence[Window], twice: Sequence[Window], size: int
-) -> dict[str, Figure]:
-    def middle(way: str, value: Callable[[Window], float]) -> float:
+    windows: Mapping[str, Sequence[FleetMeasurement]],
+    climbed: Sequence[FleetMeasurement],
+    twice: Sequence[FleetMeasurement],
+    size: int,
+) -> dict[str, MeasuredFigure]:
+    def middle(way: str, value: Callable[[FleetMeasurement], float]) -> float:
         return statistics.median(value(window) for window in windows[way])
 
     heard = windows["all"]
@@ -242,21 +255,21 @@ def _figures(
     one, two = _carried(climbed), _carried(twice)
     at = f"{COUNT} robots at {RATE:g} Hz, all heard by one"
     return {
-        "fleet.carried": Figure(one, f"{size} B each, up to 0.1 % lost. {_told(climbed)}"),
-        "fleet.carried_by_two": Figure(two, f"two routers, half the robots each. {_told(twice)}"),
-        "fleet.router_cpu": Figure(
+        "fleet.carried": MeasuredFigure(one, f"{size} B each, up to 0.1 % lost. {_told(climbed)}"),
+        "fleet.carried_by_two": MeasuredFigure(two, f"two routers, half the robots each. {_told(twice)}"),
+        "fleet.router_cpu": MeasuredFigure(
             each["router"], f"{at}; {over}; robots {each['robots']:.1f}, listener {each['listener']:.1f}"
         ),
-        "fleet.router_cpu_some": Figure(
+        "fleet.router_cpu_some": MeasuredFigure(
             middle("some", lambda w: w.each("router")), f"the same offered, {HEARD} robots heard"
         ),
-        "fleet.router_cpu_none": Figure(
+        "fleet.router_cpu_none": MeasuredFigure(
             middle("none", lambda w: w.each("router")), "the same offered, nobody hears: nothing is sent"
         ),
-        "fleet.lost": Figure(
+        "fleet.lost": MeasuredFigure(
             middle("all", lambda w: w.lost * 100.0), f"{at}; {spread([w.lost * 100.0 for w in heard], '%')}"
         ),
-        "fleet.way_p99": Figure(
+        "fleet.way_p99": MeasuredFigure(
             middle("all", lambda w: w.p99 * 1e3),
             f"{at}, from put to callback; p50 {middle('all', lambda w: w.p50 * 1e3):.2f} ms",
         ),
@@ -266,15 +279,15 @@ def _figures(
 MEASUREMENTS = (
     Measurement(
         {
-            "fleet.carried": Key("1/s"),
-            "fleet.carried_by_two": Key("1/s"),
-            "fleet.router_cpu": Key("µs"),
-            "fleet.router_cpu_some": Key("µs"),
-            "fleet.router_cpu_none": Key("µs"),
-            "fleet.lost": Key("%"),
-            "fleet.way_p99": Key("ms"),
-            "fleet.router_memory": Key("kB"),
-            "fleet.back": Key("s"),
+            "fleet.carried": FigureSpec("1/s"),
+            "fleet.carried_by_two": FigureSpec("1/s"),
+            "fleet.router_cpu": FigureSpec("µs"),
+            "fleet.router_cpu_some": FigureSpec("µs"),
+            "fleet.router_cpu_none": FigureSpec("µs"),
+            "fleet.lost": FigureSpec("%"),
+            "fleet.way_p99": FigureSpec("ms"),
+            "fleet.router_memory": FigureSpec("kB"),
+            "fleet.back": FigureSpec("s"),
         },
         take,
     ),

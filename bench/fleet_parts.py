@@ -15,8 +15,8 @@ from typing import Any
 
 import zenoh
 
-from twind.bridge.zenoh.keys import ROOT, robot_key
-from twind.bridge.zenoh.session import Place, open_now
+from twind.bridge.zenoh.zenoh_keys import ROOT, robot_key
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 
 Asked = Mapping[str, Any]
 STAMP = struct.Struct("<d")  # s: when the message was handed to Zenoh
@@ -31,10 +31,10 @@ def name(number: int) -> str:
 
 def opened(endpoint: str) -> zenoh.Session:
     """A session to the router there."""
-    return open_now(Place(connect=(endpoint,)), PATIENCE)
+    return open_now(NetworkConfig(connect=(endpoint,)), PATIENCE)
 
 
-class Router:
+class FleetRouter:
     """Carries what the others say."""
 
     def __init__(self, endpoint: str) -> None:
@@ -56,7 +56,7 @@ class Router:
         return {}
 
 
-class Robots:
+class SimulatedRobots:
     """`count` robots from number `first` on, each with a session of its own, as each machine has one.
 
     They are alive, and send `payload` when told to: robot i at i/count of the period.
@@ -98,7 +98,7 @@ class Robots:
         return {"sent": sent, "late": time.monotonic() - start - total / rate}
 
 
-class Listener:
+class FleetListener:
     """Subscribes to keys, counts what comes and keeps how long it was on its way."""
 
     def __init__(self, endpoint: str) -> None:
@@ -133,14 +133,14 @@ class Listener:
 def main(arguments: list[str]) -> None:
     """router ENDPOINT | robots ENDPOINT FIRST COUNT PAYLOAD-FILE | listener ENDPOINT"""
     what, endpoint, *rest = arguments
-    part: Router | Robots | Listener
+    part: FleetRouter | SimulatedRobots | FleetListener
     if what == "router":
-        part = Router(endpoint)
+        part = FleetRouter(endpoint)
     elif what == "robots":
         with open(rest[2], "rb") as file:
-            part = Robots(endpoint, int(rest[0]), int(rest[1]), file.read())
+            part = SimulatedRobots(endpoint, int(rest[0]), int(rest[1]), file.read())
     else:
-        part = Listener(endpoint)
+        part = FleetListener(endpoint)
     _serve(part.answer)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.harness import (
     ROUNDS,
-    Figure,
-    Key,
+    FigureSpec,
+    MeasuredFigure,
     Measurement,
     as_in_the_loop,
     cpu_per_call,
@@ -21,23 +21,23 @@ from bench.harness import (
     spread,
 )
 from twind.config.robot_file import load_robot
-from twind.robot.limits import Limits
-from twind.robot.modes import Mode, Motion, State
-from twind.robot.ratings import Ratings
+from twind.robot.actuator_ratings import ActuatorRatings
+from twind.robot.joint_limits import JointLimits
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import gate
-from twind.safety.headroom import Condition
+from twind.safety.headroom import JointCondition
 from twind.twin.binding import bind
-from twind.twin.collision import Bodies
-from twind.twin.sweep import Sweep, Swept
+from twind.twin.collision_model import CollisionModel
+from twind.twin.curve_sweep import CurveSweep, SweepResult
 
 POINTS, SPAN = 1000, 20.0  # s
 WAYPOINTS = 100
 CALLS = 100
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """CPU time of one whole verdict, for each degree of interpolant; the slowest is the figure."""
     binding = bind(load_robot("h24"), None)
     limits = binding.limits
@@ -47,13 +47,13 @@ def take() -> Mapping[str, Figure]:
         "cubic": Trajectory(whole.time, whole.position, whole.commanded, whole.velocity),
         "quintic": whole,
     }
-    snapshot, thresholds = _snapshot(whole, binding.ratings), gate.Thresholds()
+    snapshot, thresholds = _snapshot(whole, binding.ratings), gate.GateThresholds()
 
     def judged(path: Trajectory) -> float:
         return cpu_per_call(lambda _: judge(path), CALLS) * 1e3
 
     def judge(path: Trajectory) -> None:
-        refusals = gate.check(path, snapshot, limits, gate.Demand(), thresholds).verdict.refusals
+        refusals = gate.check(path, snapshot, limits, gate.TrajectoryRequest(), thresholds).verdict.refusals
         if refusals:
             raise RuntimeError(f"the path was refused: {refusals[0]}")
 
@@ -63,10 +63,10 @@ def take() -> Mapping[str, Figure]:
     worst = max(middle, key=middle.__getitem__)
     each = ", ".join(f"{name} {value:.2f}" for name, value in middle.items())
     note = f"accepted, all rules in one go; slowest of {each} ms; {spread(found[worst], 'ms')}"
-    return {"gate.check_1000x24": Figure(middle[worst], note)}
+    return {"gate.check_1000x24": MeasuredFigure(middle[worst], note)}
 
 
-def _path(limits: Limits) -> Trajectory:
+def _path(limits: JointLimits) -> Trajectory:
     """All joints from a third to two thirds of their range and back twice, at rest at both ends."""
     time = np.linspace(0.0, SPAN, POINTS)
     s = time / SPAN
@@ -85,13 +85,13 @@ def _path(limits: Limits) -> Trajectory:
     )
 
 
-def _snapshot(path: Trajectory, ratings: Ratings) -> gate.Snapshot:
+def _snapshot(path: Trajectory, ratings: ActuatorRatings) -> gate.GateSnapshot:
     """Armed, holding where the path begins, all well."""
     n = path.position.shape[1]
-    return gate.Snapshot(
+    return gate.GateSnapshot(
         now=5.0,
         mode=Mode.LIVE,
-        state=State.ARMED,
+        state=RobotState.ARMED,
         motion=Motion.HOLDING,
         latched=(),
         lease_held=True,
@@ -101,26 +101,26 @@ def _snapshot(path: Trajectory, ratings: Ratings) -> gate.Snapshot:
         latency=0.006,
         latency_p95=0.007,
         reference=Reference(path.position[0], np.zeros(n), np.zeros(n)),
-        condition=Condition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings),
+        condition=JointCondition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings),
     )
 
 
-def look() -> Mapping[str, Figure]:
+def look() -> Mapping[str, MeasuredFigure]:
     """CPU time of one sweep, proved between the waypoints, and of kinematics and collision there alone."""
     binding = bind(load_robot("h24"), None)
-    path, bodies = _gentle(binding.limits), Bodies(binding)
+    path, bodies = _gentle(binding.limits), CollisionModel(binding)
     still = np.zeros(len(binding.rest))
     curve = interpolate(path, Reference(path.position[0], still, still))
     model, data = binding.model, mujoco.MjData(binding.model)
     poses, qpos = path.position, data.qpos
 
-    def sweep() -> Swept:
-        steps = Sweep(bodies).running(curve)
+    def sweep() -> SweepResult:
+        steps = CurveSweep(bodies).running(curve)
         while True:
             try:
                 next(steps)
             except StopIteration as stop:
-                swept: Swept = stop.value
+                swept: SweepResult = stop.value
                 return swept
 
     def bare() -> None:
@@ -141,10 +141,10 @@ def look() -> Mapping[str, Figure]:
     middle = medians(rounds)
     note = f"{len(bodies.pairs)} pairs, {found.work} poses and measurements; {spread(rounds['sweep'], 'ms')}"
     peers = {"bare kinematics + collision loop": middle["bare"]}
-    return {"gate.lookahead_100": Figure(middle["sweep"], note, peers)}
+    return {"gate.lookahead_100": MeasuredFigure(middle["sweep"], note, peers)}
 
 
-def _gentle(limits: Limits) -> Trajectory:
+def _gentle(limits: JointLimits) -> Trajectory:
     """Waypoints 20 ms apart: every joint there and back within a tenth of its range, from a clear pose."""
     time = np.linspace(0.0, 2.0, WAYPOINTS + 1)[1:]
     wave = 0.5 - 0.5 * np.cos(np.pi * time)
@@ -154,6 +154,6 @@ def _gentle(limits: Limits) -> Trajectory:
 
 
 MEASUREMENTS = (
-    Measurement({"gate.check_1000x24": Key("ms", "≤ 1")}, take),
-    Measurement({"gate.lookahead_100": Key("ms", "≤ 2, ≤ 2 × bare")}, look),
+    Measurement({"gate.check_1000x24": FigureSpec("ms", "≤ 1")}, take),
+    Measurement({"gate.lookahead_100": FigureSpec("ms", "≤ 2, ≤ 2 × bare")}, look),
 )

@@ -16,12 +16,12 @@ RESULTS = Path(__file__).with_name("results.json")
 _CPUCLOCK_SCHED = 2  # <linux/posix-timers.h>: the clock id of another process's CPU time
 
 
-class CannotTake(Exception):
+class MeasurementUnavailable(Exception):
     """A figure that this machine or this state of things does not give. The message is its note."""
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class FigureSpec:
     """A figure that is published: what it is counted in and what it should be."""
 
     unit: str
@@ -29,7 +29,7 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class MeasuredFigure:
     """One measured figure. A peer that could not be taken is None, with its reason in the note."""
 
     value: float | None
@@ -55,8 +55,8 @@ class Figure:
 class Measurement:
     """Figures that are taken together, in the same rounds. `take` gives one Figure for each of `keys`."""
 
-    keys: Mapping[str, Key]
-    take: Callable[[], Mapping[str, Figure]]
+    keys: Mapping[str, FigureSpec]
+    take: Callable[[], Mapping[str, MeasuredFigure]]
 
 
 # ------------------------------------------------------------------------------------------ rounds
@@ -81,7 +81,7 @@ def medians(found: Mapping[str, Sequence[float]]) -> dict[str, float]:
 def quantile(values: Sequence[float], share: float) -> float:
     """The value that `share` of `values` do not exceed. Raises CannotTake when there are none."""
     if not len(values):
-        raise CannotTake("nothing was measured")
+        raise MeasurementUnavailable("nothing was measured")
     ordered = sorted(values)
     return float(ordered[max(0, ceil(share * len(ordered)) - 1)])
 
@@ -117,7 +117,9 @@ def cpu_of_command(command: Sequence[str], expected: int = 0) -> float:
     finally:
         os.close(null)
     if os.waitstatus_to_exitcode(status) != expected:
-        raise CannotTake(f"{' '.join(command[-2:])}: exit code {os.waitstatus_to_exitcode(status)}")
+        raise MeasurementUnavailable(
+            f"{' '.join(command[-2:])}: exit code {os.waitstatus_to_exitcode(status)}"
+        )
     return usage.ru_utime + usage.ru_stime
 
 
@@ -143,7 +145,7 @@ def save(found: Mapping[str, dict[str, object]], path: Path = RESULTS, *, whole:
     path.write_text(json.dumps(kept | dict(found), indent=1, ensure_ascii=False) + "\n")
 
 
-def table(found: Mapping[str, dict[str, object]], keys: Mapping[str, Key]) -> str:
+def table(found: Mapping[str, dict[str, object]], keys: Mapping[str, FigureSpec]) -> str:
     """The figures as Markdown."""
     rows = ["| figure | value | unit | aim | peers (ours / theirs) | how |", "|---|---|---|---|---|---|"]
     for name, row in found.items():

@@ -11,23 +11,31 @@ from statistics import median
 from typing import Any
 
 from bench import learn_batch, learn_env, learn_policy
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, spread
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    interleaved,
+    spread,
+)
 from twind.ctl.extras import how_to_add
 
 UPDATES = 3  # a round; each is a rollout of 8 environments and what is learnt of it
 HOUR = 3600e-6  # steps a second as millions an hour
 
 
-def ppo_steps_per_hour() -> Mapping[str, Figure]:
+def ppo_steps_per_hour() -> Mapping[str, MeasuredFigure]:
     """Control steps of a training without its evaluations, wall time, as `twindctl train stand` has it."""
     try:
-        from twind.learn.training.learner import THREADS, Learner
-        from twind.learn.training.settings import DEFAULTS
+        from twind.learn.training.ppo_learner import THREADS, PpoLearner
+        from twind.learn.training.training_settings import DEFAULTS
     except ImportError as missing:
-        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
+        raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     settings = DEFAULTS["Stand"]
     kinds = {"twind": "batch", "SB3 on SubprocVecEnv": "subproc", "SB3 on DummyVecEnv": "dummy"}
-    learners = {name: Learner(replace(settings, kind=kind)) for name, kind in kinds.items()}
+    learners = {name: PpoLearner(replace(settings, kind=kind)) for name, kind in kinds.items()}
     try:
         for learner in learners.values():
             learner.update()  # warm: torch, workers
@@ -41,7 +49,7 @@ def ppo_steps_per_hour() -> Mapping[str, Figure]:
         f"{settings.epochs} epochs, {'-'.join(map(str, settings.hidden))}, torch {THREADS} thread, "
         f"{os.cpu_count()} cores; {spread(found['twind'], 'M/h')}"
     )
-    return {"learn.ppo_steps_per_hour": Figure(median(found["twind"]), note, peers)}
+    return {"learn.ppo_steps_per_hour": MeasuredFigure(median(found["twind"]), note, peers)}
 
 
 def _rate(learner: Any) -> Callable[[], float]:
@@ -59,6 +67,6 @@ def _rate(learner: Any) -> Callable[[], float]:
 MEASUREMENTS = (
     *learn_env.MEASUREMENTS,
     *learn_batch.MEASUREMENTS,
-    Measurement({"learn.ppo_steps_per_hour": Key("M/h", "≥ 5")}, ppo_steps_per_hour),
+    Measurement({"learn.ppo_steps_per_hour": FigureSpec("M/h", "≥ 5")}, ppo_steps_per_hour),
     *learn_policy.MEASUREMENTS,
 )

@@ -9,7 +9,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, spread
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    interleaved,
+    spread,
+)
 from twind.ctl.extras import how_to_add
 
 ID = "twind.learn.envs:twind/Stand-v0"
@@ -20,14 +28,14 @@ STEPS, CHUNK = 250, 25  # of control a round, of eight robots; of a chunk, the l
 SWAYING = 300  # of control before the first round
 
 
-def over_subproc() -> Mapping[str, Figure]:
+def over_subproc() -> Mapping[str, MeasuredFigure]:
     """Environment steps a second, eight robots: one batch, and a process for each."""
     try:
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
         from twind.learn.batch.vec_env import BatchVecEnv
     except ImportError as missing:
-        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
+        raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     batch, processes = BatchVecEnv("Stand", EIGHT), SubprocVecEnv([_single] * EIGHT)
     try:
         takes = {"batch": _steps(batch), "subproc": _steps(processes)}
@@ -41,7 +49,7 @@ def over_subproc() -> Mapping[str, Figure]:
         f"{median(found['batch']):.0f} against {median(found['subproc']):.0f} environment steps/s, "
         f"{os.cpu_count()} cores, random actions, falls included; {spread(ratios, '×')}"
     )
-    return {"learn.batch_over_subproc8": Figure(median(ratios), note)}
+    return {"learn.batch_over_subproc8": MeasuredFigure(median(ratios), note)}
 
 
 def _single() -> Any:
@@ -65,15 +73,17 @@ def _steps(env: Any) -> Callable[[], float]:
     return take
 
 
-def over_rollout() -> Mapping[str, Figure]:
+def over_rollout() -> Mapping[str, MeasuredFigure]:
     """Physics steps a second of the whole environment, and of `mujoco.rollout` on the same targets."""
     try:
-        from twind.learn.batch.core import Core
+        from twind.learn.batch.batch_core import BatchCore
     except ImportError as missing:
-        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
+        raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     ratios, notes = {}, []
     for count in (EIGHT, MANY, MOST):
-        both = BesideRollout(Core("Stand", count, threads=THREADS), max(1, STEPS * EIGHT // count // CHUNK))
+        both = RolloutComparison(
+            BatchCore("Stand", count, threads=THREADS), max(1, STEPS * EIGHT // count // CHUNK)
+        )
         both.take()  # warm
         ended, found = both.ended, [both.take() for _ in range(ROUNDS)]
         ratios[count] = [one / other for one, other in found]
@@ -86,10 +96,10 @@ def over_rollout() -> Mapping[str, Figure]:
         f"whole environment, ends of episodes included, against steps alone, {THREADS} threads each, same "
         f"models, states and targets: {'; '.join(notes)}"
     )
-    return {"learn.batch_over_rollout": Figure(median(ratios[MANY]), note)}
+    return {"learn.batch_over_rollout": MeasuredFigure(median(ratios[MANY]), note)}
 
 
-class BesideRollout:
+class RolloutComparison:
     """Rounds of a batch that runs on and on, and of the same physics in MuJoCo's open loop.
 
     Each chunk of control steps is rolled out from the states that the batch was in: what falls in the batch
@@ -156,6 +166,6 @@ def _actions(steps: int, count: int, joints: int) -> Any:
 
 
 MEASUREMENTS = (
-    Measurement({"learn.batch_over_subproc8": Key("ratio", "≥ 2")}, over_subproc),
-    Measurement({"learn.batch_over_rollout": Key("ratio", "≥ 0.85")}, over_rollout),
+    Measurement({"learn.batch_over_subproc8": FigureSpec("ratio", "≥ 2")}, over_subproc),
+    Measurement({"learn.batch_over_rollout": FigureSpec("ratio", "≥ 0.85")}, over_rollout),
 )

@@ -14,7 +14,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, as_in_the_loop, interleaved, spread
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    as_in_the_loop,
+    interleaved,
+    spread,
+)
 from twind.ctl.extras import how_to_add
 from twind.robot.arrays import Floats
 
@@ -23,7 +32,7 @@ PEER = "Gymnasium Humanoid-v5"
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class RandomActionEpisode:
     """What an environment made of random actions."""
 
     actions: Floats  # (k, nu)
@@ -31,14 +40,14 @@ class Course:
     starts: Mapping[int, tuple[Floats, Floats]]  # by step: qpos, qvel that an episode began in
 
 
-def over_raw() -> Mapping[str, Figure]:
+def over_raw() -> Mapping[str, MeasuredFigure]:
     """CPU time of one control step with random actions, without Gymnasium's wrappers."""
     try:
         import gymnasium
 
-        from twind.learn.env import RobotEnv
+        from twind.learn.robot_env import RobotEnv
     except ImportError as missing:
-        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
+        raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     ours = RobotEnv("Humanoid")
     course = _course(ours, ours.body)
     plain = mujoco.MjModel.from_xml_path(str(ours.plant.binding.robot.mjcf_path))
@@ -73,7 +82,7 @@ def over_raw() -> Mapping[str, Figure]:
             f"{whose}; {spread(ratios, '×')}"
         )
         like = bare == "own"
-        figures[key] = Figure(median(ratios), told + note * like, peers if like else {})
+        figures[key] = MeasuredFigure(median(ratios), told + note * like, peers if like else {})
     return figures
 
 
@@ -81,7 +90,7 @@ def _over(found: Mapping[str, list[float]], one: str, other: str) -> list[float]
     return [mine / bare for mine, bare in zip(found[one], found[other], strict=True)]
 
 
-def _course(env: Any, body: Any) -> Course:
+def _course(env: Any, body: Any) -> RandomActionEpisode:
     """`body` has the `data` of `env`."""
     rng, space = np.random.default_rng(0), env.action_space
     actions = rng.uniform(space.low, space.high, (STEPS, *space.shape)).astype(np.float32)
@@ -95,10 +104,10 @@ def _course(env: Any, body: Any) -> Course:
             starts[step] = body.data.qpos.copy(), body.data.qvel.copy()
         _, _, over, _, _ = env.step(action)
         controls[step] = body.data.ctrl
-    return Course(actions, controls, starts)
+    return RandomActionEpisode(actions, controls, starts)
 
 
-def _env(env: Any, course: Course) -> Callable[[], float]:
+def _env(env: Any, course: RandomActionEpisode) -> Callable[[], float]:
     """µs of CPU time a step, resets included."""
 
     def take() -> float:
@@ -113,7 +122,7 @@ def _env(env: Any, course: Course) -> Callable[[], float]:
     return take
 
 
-def _raw(model: Any, course: Course, substeps: int) -> Callable[[], float]:
+def _raw(model: Any, course: RandomActionEpisode, substeps: int) -> Callable[[], float]:
     """The same of `mj_step` alone; an episode begins by writing its state."""
     data = mujoco.MjData(model)
     control, controls, starts = data.ctrl, course.controls, course.starts
@@ -132,5 +141,8 @@ def _raw(model: Any, course: Course, substeps: int) -> Callable[[], float]:
 
 
 MEASUREMENTS = (
-    Measurement({"learn.env_over_raw": Key("ratio", "≤ 1.10"), "learn.env_over_own": Key("ratio")}, over_raw),
+    Measurement(
+        {"learn.env_over_raw": FigureSpec("ratio", "≤ 1.10"), "learn.env_over_own": FigureSpec("ratio")},
+        over_raw,
+    ),
 )

@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, cpu_per_call, interleaved, quantile
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_per_call,
+    interleaved,
+    quantile,
+)
 from twind.ctl.extras import how_to_add
 
 WIDTHS = (128, 256, 256, 24)  # h24's observation, two layers, its joints
@@ -18,7 +27,7 @@ CALLS = 2000  # a round
 WARM = 200
 
 
-def policy_p99() -> Mapping[str, Figure]:
+def policy_p99() -> Mapping[str, MeasuredFigure]:
     """Wall time of one observation, p99, ms; one thread each, the same weights."""
     try:
         import onnxruntime
@@ -26,15 +35,21 @@ def policy_p99() -> Mapping[str, Figure]:
         from threadpoolctl import threadpool_limits
 
         from twind.config.robot_file import load_robot
-        from twind.learn.model import plant_of
-        from twind.learn.policy.file import Card, Layer, load, save
-        from twind.learn.shaping import Shaping
+        from twind.learn.action_shaping import ActionShaping
+        from twind.learn.plant_model import plant_of
+        from twind.learn.policy.policy_file import NetworkLayer, PolicyCard, load, save
     except ImportError as missing:
-        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
+        raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     plant = plant_of(load_robot("h24-standing"), period=0.02)
-    layers = [Layer(*each) for each in _network()]
-    card = Card.of(
-        "Stand", "h24-standing", plant.layout, plant.binding.limits, plant.default, Shaping(), trained_steps=0
+    layers = [NetworkLayer(*each) for each in _network()]
+    card = PolicyCard.of(
+        "Stand",
+        "h24-standing",
+        plant.layout,
+        plant.binding.limits,
+        plant.default,
+        ActionShaping(),
+        trained_steps=0,
     )
     zero, one = np.zeros(WIDTHS[0], np.float32), np.ones(WIDTHS[0], np.float32)
     with tempfile.TemporaryDirectory(prefix="twind-bench-") as folder, threadpool_limits(limits=1):
@@ -57,7 +72,7 @@ def policy_p99() -> Mapping[str, Figure]:
     shape = "-".join(map(str, WIDTHS))
     note = f"{shape}, tanh; all of a pilot's step, state to setpoint: {step * 1e6:.0f} µs of CPU"
     peers = {name: value for name, value in p99.items() if name != "twind"}
-    return {"learn.policy_p99": Figure(p99["twind"], note, peers)}
+    return {"learn.policy_p99": MeasuredFigure(p99["twind"], note, peers)}
 
 
 def _network() -> list[tuple[Any, Any, str]]:
@@ -104,15 +119,20 @@ def _p99(act: Callable[[Any], Any]) -> Callable[[], float]:
 
 def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
-    from twind.learn.judge import Judge
-    from twind.learn.live.estimate import Estimate
-    from twind.learn.live.heard import heard
-    from twind.learn.policy.pilot import Pilot
-    from twind.learn.tasks import task_of
+    from twind.learn.learning_tasks import task_of
+    from twind.learn.live.base_estimator import BaseEstimator
+    from twind.learn.live.state_message import heard
+    from twind.learn.policy.policy_controller import PolicyController
+    from twind.learn.reward import RewardFunction
 
     task, names = task_of("Stand"), plant.layout.joints
-    pilot = Pilot(
-        policy, Estimate(plant), Judge(task, plant).fallen, task.phases(0.02), np.zeros(3), lambda: 0.0
+    pilot = PolicyController(
+        policy,
+        BaseEstimator(plant),
+        RewardFunction(task, plant).fallen,
+        task.phases(0.02),
+        np.zeros(3),
+        lambda: 0.0,
     )
     joints = [
         {"name": name, "position": at, "velocity": 0.0, "goal": at, "age_ms": 1.0}
@@ -128,4 +148,4 @@ def _step(policy: Any, plant: Any) -> float:
     return cpu_per_call(one, CALLS)
 
 
-MEASUREMENTS = (Measurement({"learn.policy_p99": Key("ms", "≤ 0.5")}, policy_p99),)
+MEASUREMENTS = (Measurement({"learn.policy_p99": FigureSpec("ms", "≤ 0.5")}, policy_p99),)

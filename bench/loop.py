@@ -6,21 +6,21 @@ from pathlib import Path
 
 import yaml
 
-from bench.daemon import Asker, Cyclictest, Daemon, await_state, live, scratch
+from bench.daemon import BenchDaemon, Cyclictest, StatusPoller, await_state, live, scratch
 from bench.harness import (
     ROUNDS,
-    CannotTake,
-    Figure,
-    Key,
+    FigureSpec,
+    MeasuredFigure,
     Measurement,
+    MeasurementUnavailable,
     cpu_of,
     interleaved,
     medians,
     quantile,
     spread,
 )
+from bench.lateness_log import LatenessLog
 from bench.motion import kept_moving
-from bench.recorded import Lateness
 from twind.config.robot_file import load_robot
 
 LATE_ROUNDS, LATE_SPAN = 10, 4.0  # s of each window
@@ -29,18 +29,18 @@ MISSED_SPAN = 60.0  # s
 NO_PEER = "no cyclictest: it is not installed (Debian package rt-tests)"
 
 
-def take_late() -> Mapping[str, Figure]:
+def take_late() -> Mapping[str, MeasuredFigure]:
     """p99 of the lateness of ticks, idle and busy, each beside `cyclictest` in the same seconds."""
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
-            return _late(daemon, Lateness(record))
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
+            return _late(daemon, LatenessLog(record))
 
 
-def _late(daemon: Daemon, record: Lateness) -> dict[str, Figure]:
+def _late(daemon: BenchDaemon, record: LatenessLog) -> dict[str, MeasuredFigure]:
     with daemon.client() as client:
         policy = client.call("GetStatus")["status"]["loop"]["realtime"]["scheduler"]
-    peer, asker = Cyclictest(policy), Asker(daemon)
+    peer, asker = Cyclictest(policy), StatusPoller(daemon)
     theirs: dict[str, list[float]] = {"idle": [], "busy": []}
     asked: list[float] = []
 
@@ -68,15 +68,19 @@ def _late(daemon: Daemon, record: Lateness) -> dict[str, Figure]:
         "busy": f"{how}; {medians({'': asked})['']:.0f} calls/s; {spread(found['busy'], 'µs')}",
     }
     figures = {
-        f"loop.late_p99_{kind}": Figure(middle[kind], notes[kind], {"cyclictest": their_middle.get(kind)})
+        f"loop.late_p99_{kind}": MeasuredFigure(
+            middle[kind], notes[kind], {"cyclictest": their_middle.get(kind)}
+        )
         for kind in ("idle", "busy")
     }
     busy = figures["loop.late_p99_busy"]
-    figures["loop.late_p99_busy"] = Figure(busy.value, busy.note, {**busy.peers, "idle": middle["idle"]})
+    figures["loop.late_p99_busy"] = MeasuredFigure(
+        busy.value, busy.note, {**busy.peers, "idle": middle["idle"]}
+    )
     return figures
 
 
-def take_share() -> Mapping[str, Figure]:
+def take_share() -> Mapping[str, MeasuredFigure]:
     """CPU of loop and front together over seconds of real time, in % of a core."""
     with scratch() as folder, live(folder) as daemon:
         resting = shares(daemon)
@@ -89,10 +93,10 @@ def take_share() -> Mapping[str, Figure]:
         f"live, armed, 24 joints moving: loop {middle['loop']:.2f}, front {middle['front']:.2f}; "
         f"not armed: {still['both']:.2f}; {spread(moving['both'], '%')}"
     )
-    return {"loop.cpu_share_100hz": Figure(middle["both"], note)}
+    return {"loop.cpu_share_100hz": MeasuredFigure(middle["both"], note)}
 
 
-def shares(daemon: Daemon) -> dict[str, list[float]]:
+def shares(daemon: BenchDaemon) -> dict[str, list[float]]:
     """% of a core of each process, a round each."""
     pids = {"loop": daemon.pid, "front": daemon.front}
     found: dict[str, list[float]] = {"loop": [], "front": [], "both": []}
@@ -104,17 +108,17 @@ def shares(daemon: Daemon) -> dict[str, list[float]]:
         for name, share in {**used, "both": sum(used.values())}.items():
             found[name].append(share)
     if not Path(f"/proc/{pids['front']}").exists():
-        raise CannotTake("the front was started anew while it was measured")
+        raise MeasurementUnavailable("the front was started anew while it was measured")
     return found
 
 
-def take_missed() -> Mapping[str, Figure]:
+def take_missed() -> Mapping[str, MeasuredFigure]:
     """Ticks that did not begin in their own period: 500 Hz, four buses of six servos, armed and moving."""
     with scratch() as folder:
         return {"loop.missed_500hz": missed(folder, four_buses(folder / "h24-four.yaml"), 500, MISSED_SPAN)}
 
 
-def missed(folder: Path, robot: Path, rate_hz: int, span: float, *, apart: bool = False) -> Figure:
+def missed(folder: Path, robot: Path, rate_hz: int, span: float, *, apart: bool = False) -> MeasuredFigure:
     """Share (%) of ticks that did not begin in their own period, over `span` s, armed and moving.
 
     `apart`: the actuators of each bus are a process of their own.
@@ -131,7 +135,7 @@ def missed(folder: Path, robot: Path, rate_hz: int, span: float, *, apart: bool 
     note = f"{late} of {ticks + late} in {span:g} s, {errors} readings with a silent actuator, "
     actuators = "a process for each bus, each joint for itself" if apart else "one process for all"
     note += f"armed and moving; policy {last['loop']['realtime']['scheduler']}; actuators: {actuators}"
-    return Figure(100.0 * late / (ticks + late), note)
+    return MeasuredFigure(100.0 * late / (ticks + late), note)
 
 
 def four_buses(path: Path) -> Path:
@@ -151,11 +155,11 @@ def four_buses(path: Path) -> Path:
 MEASUREMENTS = (
     Measurement(
         {
-            "loop.late_p99_idle": Key("µs"),
-            "loop.late_p99_busy": Key("µs", "≤ 2 × cyclictest, ≤ 1.5 × idle"),
+            "loop.late_p99_idle": FigureSpec("µs"),
+            "loop.late_p99_busy": FigureSpec("µs", "≤ 2 × cyclictest, ≤ 1.5 × idle"),
         },
         take_late,
     ),
-    Measurement({"loop.cpu_share_100hz": Key("% of a core", "≤ 8")}, take_share),
-    Measurement({"loop.missed_500hz": Key("%", "< 0.1")}, take_missed),
+    Measurement({"loop.cpu_share_100hz": FigureSpec("% of a core", "≤ 8")}, take_share),
+    Measurement({"loop.missed_500hz": FigureSpec("%", "< 0.1")}, take_missed),
 )

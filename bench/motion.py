@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from bench.daemon import Daemon
+from bench.daemon import BenchDaemon
 from twind.client import Client, ClientError, Refused
 
 SPAN = 50.0  # s of one trajectory
@@ -29,7 +29,7 @@ PASSING = frozenset(
 
 
 @contextmanager
-def armed(daemon: Daemon) -> Iterator[Client]:
+def armed(daemon: BenchDaemon) -> Iterator[Client]:
     """A connection that holds the lease of an armed robot; disarmed at the end."""
     with daemon.client() as client:
         _arm(client)
@@ -55,7 +55,7 @@ def _arm(client: Client) -> None:
 
 
 @contextmanager
-def kept_moving(daemon: Daemon) -> Iterator[None]:
+def kept_moving(daemon: BenchDaemon) -> Iterator[None]:
     """Armed, and all joints swing slowly while the context lasts."""
     ended = threading.Event()
     with armed(daemon) as client:

@@ -9,9 +9,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from bench.daemon import Daemon, live, scratch
-from bench.harness import CannotTake, Figure, Key, Measurement, cpu_of, interleaved, medians, quantile, spread
-from bench.recorded import Lateness
+from bench.daemon import BenchDaemon, live, scratch
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_of,
+    interleaved,
+    medians,
+    quantile,
+    spread,
+)
+from bench.lateness_log import LatenessLog
 
 ROUNDS, SPAN = 10, 4.0  # s of each window
 RATE = 100.0  # Hz of every topic
@@ -20,10 +30,10 @@ EACH = 1  # messages a tick at least: of state; status and latency come ten time
 CROWD = (0, 1, 16)  # subscribers
 
 
-class Subscribers:
+class SubscriberLoad:
     """So many who watch everything at full rate, in a thread that throws away what they get."""
 
-    def __init__(self, daemon: Daemon, count: int) -> None:
+    def __init__(self, daemon: BenchDaemon, count: int) -> None:
         call = {
             "method": "io.twind.Control.Monitor",
             "parameters": {"topics": TOPICS, "rate": RATE},
@@ -61,7 +71,7 @@ class Subscribers:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class ObserverCost:
     """What one window of time cost the daemon."""
 
     late: float  # s, p99 of the ticks' lateness
@@ -70,12 +80,15 @@ class Window:
     missed: int
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """All windows of one daemon in mode live, its robot not armed."""
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
-            lateness, windows = Lateness(record), dict[int, list[Window]]({count: [] for count in CROWD})
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
+            lateness, windows = (
+                LatenessLog(record),
+                dict[int, list[ObserverCost]]({count: [] for count in CROWD}),
+            )
 
             def window(count: int) -> float:
                 found = _window(daemon, lateness, count)
@@ -88,8 +101,8 @@ def take() -> Mapping[str, Figure]:
     return _figures(windows, policy)
 
 
-def _window(daemon: Daemon, lateness: Lateness, count: int) -> Window:
-    subscribers = Subscribers(daemon, count)
+def _window(daemon: BenchDaemon, lateness: LatenessLog, count: int) -> ObserverCost:
+    subscribers = SubscriberLoad(daemon, count)
     try:
         time.sleep(0.3)
         with daemon.client() as client:
@@ -106,11 +119,13 @@ def _window(daemon: Daemon, lateness: Lateness, count: int) -> Window:
     finally:
         subscribers.close()
     if count and heard < 0.95 * EACH:
-        raise CannotTake(f"each of {count} subscribers got {heard:.2f} messages a tick, expected {EACH}")
-    return Window(quantile(late, 0.99), loop, front, missed)
+        raise MeasurementUnavailable(
+            f"each of {count} subscribers got {heard:.2f} messages a tick, expected {EACH}"
+        )
+    return ObserverCost(quantile(late, 0.99), loop, front, missed)
 
 
-def _figures(windows: Mapping[int, list[Window]], policy: str) -> dict[str, Figure]:
+def _figures(windows: Mapping[int, list[ObserverCost]], policy: str) -> dict[str, MeasuredFigure]:
     late = {count: [each.late * 1e6 for each in rows] for count, rows in windows.items()}
     both = {count: [each.loop + each.front for each in rows] for count, rows in windows.items()}
     front = medians({str(count): [each.front for each in rows] for count, rows in windows.items()})
@@ -122,12 +137,12 @@ def _figures(windows: Mapping[int, list[Window]], policy: str) -> dict[str, Figu
     added = {count: cpu[str(count)] - cpu["0"] for count in CROWD}
     lost = ", ".join(f"{count}: {missed[count]} of {ticks}" for count in CROWD)
     return {
-        "observe.late_16_subscribers": Figure(
+        "observe.late_16_subscribers": MeasuredFigure(
             p99["16"] / p99["0"],
             f"{how}; p99 beside {said}; {spread(late[0], 'µs')} beside none, {spread(late[16], 'µs')} "
             f"beside 16; with one {p99['1'] / p99['0']:.2f}",
         ),
-        "observe.monitor_cpu": Figure(
+        "observe.monitor_cpu": MeasuredFigure(
             added[1],
             f"{how}; loop and front together {cpu['0']:.2f} beside none, {cpu['1']:.2f} beside one (front "
             f"{front['0']:.2f} and {front['1']:.2f}), 16 add {added[16]:.2f}; ticks missed beside {lost}",
@@ -138,8 +153,8 @@ def _figures(windows: Mapping[int, list[Window]], policy: str) -> dict[str, Figu
 MEASUREMENTS = (
     Measurement(
         {
-            "observe.late_16_subscribers": Key("ratio", "≤ 1.5"),
-            "observe.monitor_cpu": Key("% of a core", "< 2"),
+            "observe.late_16_subscribers": FigureSpec("ratio", "≤ 1.5"),
+            "observe.monitor_cpu": FigureSpec("% of a core", "< 2"),
         },
         take,
     ),

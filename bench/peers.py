@@ -26,7 +26,7 @@ def missing() -> str:
     return "" if rustypot is not None else "; rustypot is not installed (extra [bench])"
 
 
-class Cycle(Protocol):
+class ControlCycle(Protocol):
     """One control cycle, again and again."""
 
     def __call__(self, i: int) -> int:
@@ -36,7 +36,7 @@ class Cycle(Protocol):
         """Let go of the port."""
 
 
-class Sdk:
+class DynamixelSdkCycle:
     """dynamixel-sdk as its examples use it: group read, every value by `getData`, group write."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int) -> None:
@@ -69,7 +69,7 @@ class Sdk:
         self.port.closePort()
 
 
-class Rustypot:
+class RustypotCycle:
     """rustypot by raw blocks, its cheapest way, decoded with numpy."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int) -> None:
@@ -93,7 +93,7 @@ class Rustypot:
         self.io.close()
 
 
-class Bare:
+class SyscallCycle:
     """The system calls of a cycle and nothing else: write, poll, read until all bytes are there."""
 
     def __init__(self, path: str, count: int, *, fast: bool) -> None:

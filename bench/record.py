@@ -10,8 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.harness import ROUNDS, Figure, Key, Measurement, cpu_per_call, interleaved, medians, spread
-from twind.observe.writing.file import RecordFile
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    cpu_per_call,
+    interleaved,
+    medians,
+    spread,
+)
+from twind.observe.writing.record_file import RecordFile
 from twind.ros import JOINT_STATE, JointStateBuffer, definition_text, stamp
 
 MESSAGES, RATE = 6000, 100.0  # a minute of one topic
@@ -114,7 +123,7 @@ def _peers(data: list[Row], folder: Path) -> dict[str, Callable[[], float]]:
     return found
 
 
-def cost() -> Mapping[str, Figure]:
+def cost() -> Mapping[str, MeasuredFigure]:
     """Both figures."""
     data = rows()
     with tempfile.TemporaryDirectory(prefix="twind-bench-") as name:
@@ -132,8 +141,8 @@ def cost() -> Mapping[str, Figure]:
     hour = size * 3600.0 * RATE / MESSAGES / 1e6
     told = f"the same messages at {RATE:g} Hz; {size / MESSAGES:.0f} B each in the file, {_raw()} B before"
     return {
-        "record.cost_per_message": Figure(middle["twind"], note, peers),
-        "record.megabytes_per_hour": Figure(hour, told),
+        "record.cost_per_message": MeasuredFigure(middle["twind"], note, peers),
+        "record.megabytes_per_hour": MeasuredFigure(hour, told),
     }
 
 
@@ -157,6 +166,10 @@ def _raw() -> int:
 
 MEASUREMENTS = (
     Measurement(
-        {"record.cost_per_message": Key("µs", "≤ 15"), "record.megabytes_per_hour": Key("MB/h")}, cost
+        {
+            "record.cost_per_message": FigureSpec("µs", "≤ 15"),
+            "record.megabytes_per_hour": FigureSpec("MB/h"),
+        },
+        cost,
     ),
 )

@@ -30,7 +30,7 @@ ROOM = 4096
 IDLE = 60.0  # s without a packet: whoever started us is gone
 
 
-class Servos:
+class ScriptedServos:
     """Answers by request. `silent`: an id that says nothing; a fast reply ends before it."""
 
     def __init__(self, silent: int) -> None:
@@ -73,7 +73,7 @@ class Servos:
         return b""
 
 
-def at_once(master: int, servos: Servos) -> None:
+def at_once(master: int, servos: ScriptedServos) -> None:
     """Answer as soon as a packet is whole. Never sleeps: a host that must wake us would pay for it."""
     os.set_blocking(master, False)
     heard = time.perf_counter()
@@ -88,7 +88,7 @@ def at_once(master: int, servos: Servos) -> None:
                 os.write(master, answer)
 
 
-def paced(master: int, servos: Servos, baud: int, tick: float) -> None:
+def paced(master: int, servos: ScriptedServos, baud: int, tick: float) -> None:
     """10 bits a byte both ways; the adapter hands over what it has every `tick` s. Never sleeps."""
     os.set_blocking(master, False)
     byte = 10.0 / baud
@@ -130,7 +130,7 @@ def main() -> int:
     master, slave = pty.openpty()
     tty.setraw(slave, termios.TCSANOW)
     print(os.ttyname(slave), flush=True)
-    servos = Servos(options.silent)
+    servos = ScriptedServos(options.silent)
     try:
         if options.baud:
             paced(master, servos, options.baud, options.tick)

@@ -12,9 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from bench.daemon import scratch
-from bench.harness import CannotTake, Figure, Key, Measurement, interleaved, medians, quantile, spread
-from bench.ros_zenoh import Part
-from tests.dds_domain import free_domain
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    interleaved,
+    medians,
+    quantile,
+    spread,
+)
+from bench.ros_zenoh import RosZenohProcess
+from tests.support.dds_domain import free_domain
 from twind.ros import JOINT_STATE, dds_type
 
 ROUNDS, SPAN = 5, 4.0  # s of each window
@@ -27,7 +36,7 @@ _RECORD, _STAMP = struct.Struct("<QII"), struct.Struct("<iI")
 def built(folder: Path) -> Path:
     """The reader: Fast DDS in C++, what most ROS nodes have. Raises CannotTake."""
     if shutil.which("g++") is None or not Path("/usr/include/fastdds").is_dir():
-        raise CannotTake("no g++ or no libfastrtps-dev: the reader is Fast DDS in C++")
+        raise MeasurementUnavailable("no g++ or no libfastrtps-dev: the reader is Fast DDS in C++")
     program = folder / "fast_dds"
     command = ["g++", "-std=c++17", "-O2", "-w", "-o", str(program), str(SOURCE), "-lfastrtps", "-lfastcdr"]
     subprocess.run(command, check=True)
@@ -45,7 +54,7 @@ def reader(program: Path, folder: Path, domain: int) -> Iterator[Path]:
         deadline = time.monotonic() + START
         while b"ready" not in found.read_bytes():
             if process.poll() is not None or time.monotonic() > deadline:
-                raise CannotTake(f"the reader did not start in domain {domain}")
+                raise MeasurementUnavailable(f"the reader did not start in domain {domain}")
             time.sleep(0.01)
         yield folder / "samples"
     finally:
@@ -64,15 +73,15 @@ def ways(data: bytes) -> list[float]:
     return found
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """Every publisher at its rates, one after the other, the same reader for all."""
     if find_spec("cyclonedds") is None:
-        raise CannotTake("cyclonedds is not installed")
+        raise MeasurementUnavailable("cyclonedds is not installed")
     windows: dict[str, list[dict[str, Any]]] = {}
     with scratch() as folder, free_domain() as domain, reader(built(folder), folder, domain) as samples:
 
         def window(who: str, rate: float) -> float:
-            part = Part(who, str(domain), str(rate), module="bench.ros_parts")
+            part = RosZenohProcess(who, str(domain), str(rate), module="bench.ros_parts")
             try:
                 part.ask("1")  # warm: both know each other, the caches are filled
                 time.sleep(ARRIVE)
@@ -94,7 +103,7 @@ def take() -> Mapping[str, Figure]:
     return _figures(windows)
 
 
-def _figures(windows: Mapping[str, Sequence[dict[str, Any]]]) -> dict[str, Figure]:
+def _figures(windows: Mapping[str, Sequence[dict[str, Any]]]) -> dict[str, MeasuredFigure]:
     def row(of: str, scale: float) -> dict[str, list[float]]:
         return {who: [each[of] * scale for each in rows] for who, rows in windows.items()}
 
@@ -108,14 +117,14 @@ def _figures(windows: Mapping[str, Sequence[dict[str, Any]]]) -> dict[str, Figur
     gone = ", ".join(f"{lost[who]} of {sent[who]} ({who} Hz)" for who in windows)
     how = "JointState, 24 joints, three columns; publisher and reader (Fast DDS, C++) on loopback"
     return {
-        "ros.dds_cpu_500hz": Figure(
+        "ros.dds_cpu_500hz": MeasuredFigure(
             share["ours 500"],
             f"{how}; % of a core, all threads of the publisher; a message made and sent in "
             f"{call['ours 500']:.0f} µs, theirs {call['idl 500']:.0f} µs; at 100 Hz "
             f"{share['ours 100']:.2g} %; {spread(cpu['ours 500'], '%')}",
             {"cyclonedds, IDL classes": share["idl 500"]},
         ),
-        "ros.dds_latency_p99": Figure(
+        "ros.dds_latency_p99": MeasuredFigure(
             p99["ours 500"],
             f"{how}; 500 Hz, stamp to bytes in C++; p50 {half['ours 500'] * 1e3:.0f} µs, max "
             f"{most['ours 500']:.2g} ms; at 100 Hz p99 {p99['ours 100']:.2g} ms; "
@@ -126,5 +135,7 @@ def _figures(windows: Mapping[str, Sequence[dict[str, Any]]]) -> dict[str, Figur
 
 
 MEASUREMENTS = (
-    Measurement({"ros.dds_cpu_500hz": Key("%", "≤ 4"), "ros.dds_latency_p99": Key("ms", "≤ 1")}, take),
+    Measurement(
+        {"ros.dds_cpu_500hz": FigureSpec("%", "≤ 4"), "ros.dds_latency_p99": FigureSpec("ms", "≤ 1")}, take
+    ),
 )

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.ros_zenoh_parts import JOINTS, NAMES, SETTLE, publish
-from tests.ros_dds_peer import types
-from twind.bridge.ros.dds import Dds
-from twind.bridge.ros.dds.config import configuration
-from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, TOPICS
+from tests.support.ros_dds_peer import types
+from twind.bridge.ros.dds import DdsTransport
+from twind.bridge.ros.dds.dds_config import configuration
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, TOPICS
 from twind.ros import JointStateBuffer
 
 
@@ -26,7 +26,7 @@ def row(number: int) -> list[float]:
 
 def ours(domain: int) -> Callable[[int], None]:
     """One message by our back end."""
-    node = Dds(Discovery(domain=domain), lambda line: None)
+    node = DdsTransport(DiscoverySettings(domain=domain), lambda line: None)
     node.open(TOPICS, SERVICES, lambda topic, data: None, lambda service, data: (True, ""))
     buffer = JointStateBuffer(NAMES, velocity=True, effort=True)
 
@@ -39,7 +39,7 @@ def ours(domain: int) -> Callable[[int], None]:
 
 def idl(domain: int) -> Callable[[int], None]:
     """One message by the typed writer of cyclonedds, as its examples have it."""
-    os.environ["CYCLONEDDS_URI"] = str(configuration(Discovery(domain=domain)))
+    os.environ["CYCLONEDDS_URI"] = str(configuration(DiscoverySettings(domain=domain)))
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.pub import DataWriter

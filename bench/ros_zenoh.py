@@ -11,21 +11,29 @@ from functools import partial
 from importlib.util import find_spec
 from typing import Any
 
-from bench.harness import CannotTake, Figure, Key, Measurement, interleaved, medians, spread
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    interleaved,
+    medians,
+    spread,
+)
 
 ROUNDS, SPAN = 5, 4.0  # s of each window
 RATES = {"ours": (100.0, 500.0), "sdk": (500.0,)}
 ARRIVE = 1.0  # s for the last messages
 
 
-class Part:
+class RosZenohProcess:
     """One process of `module`, which says `up` and then answers lines."""
 
     def __init__(self, *words: str, module: str = "bench.ros_zenoh_parts") -> None:
         command = [sys.executable, "-m", module, *words]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         if self._line() != "up\n":
-            raise CannotTake(f"{words[0]} did not start")
+            raise MeasurementUnavailable(f"{words[0]} did not start")
 
     def ask(self, text: str = "") -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -60,17 +68,17 @@ def router() -> Iterator[str]:
         process.communicate()
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """Every publisher at its rates, one after the other, the same reader for all."""
     if find_spec("zenoh_ros2_sdk") is None:
-        raise CannotTake("zenoh-ros2-sdk is not installed")
+        raise MeasurementUnavailable("zenoh-ros2-sdk is not installed")
     windows: dict[str, list[dict[str, Any]]] = {}
     with ExitStack() as ends, router() as endpoint:
-        reader = Part("hears", endpoint)
+        reader = RosZenohProcess("hears", endpoint)
         ends.callback(reader.close)
 
         def window(who: str, rate: float) -> float:
-            part = Part(who, endpoint, str(rate))
+            part = RosZenohProcess(who, endpoint, str(rate))
             try:
                 reader.ask()
                 told = part.ask(str(SPAN))
@@ -87,7 +95,7 @@ def take() -> Mapping[str, Figure]:
     return _figures(windows)
 
 
-def _figures(windows: Mapping[str, list[dict[str, Any]]]) -> dict[str, Figure]:
+def _figures(windows: Mapping[str, list[dict[str, Any]]]) -> dict[str, MeasuredFigure]:
     cpu = {who: [each["cpu"] * 1e2 for each in rows] for who, rows in windows.items()}
     late = {who: [each["way"]["0.99"] * 1e3 for each in rows] for who, rows in windows.items()}
     share, p99 = medians(cpu), medians(late)
@@ -98,13 +106,13 @@ def _figures(windows: Mapping[str, list[dict[str, Any]]]) -> dict[str, Figure]:
     gone = ", ".join(f"{lost[who]} of {sent[who]} ({who} Hz)" for who in windows)
     how = "JointState, 24 joints, three columns; a process of each, router and reader on loopback"
     return {
-        "ros.zenoh_cpu_500hz": Figure(
+        "ros.zenoh_cpu_500hz": MeasuredFigure(
             share["ours 500"],
             f"{how}; % of a core, all threads of the publisher; a message made and sent in "
             f"{call['ours 500']:.0f} µs; at 100 Hz {share['ours 100']:.2g} %; {spread(cpu['ours 500'], '%')}",
             {"zenoh-ros2-sdk": share["sdk 500"]},
         ),
-        "ros.zenoh_latency_p99": Figure(
+        "ros.zenoh_latency_p99": MeasuredFigure(
             p99["ours 500"],
             f"{how}; 500 Hz, stamp to decoded by zenoh-ros2-sdk (Python); p50 {half['ours 500']:.0f} µs; at "
             f"100 Hz p99 {p99['ours 100']:.2g} ms; {spread(late['ours 500'], 'ms')}; lost {gone}",
@@ -115,7 +123,7 @@ def _figures(windows: Mapping[str, list[dict[str, Any]]]) -> dict[str, Figure]:
 
 MEASUREMENTS = (
     Measurement(
-        {"ros.zenoh_cpu_500hz": Key("%", "≤ 1 ×"), "ros.zenoh_latency_p99": Key("ms", "≤ 1 ×")},
+        {"ros.zenoh_cpu_500hz": FigureSpec("%", "≤ 1 ×"), "ros.zenoh_latency_p99": FigureSpec("ms", "≤ 1 ×")},
         take,
     ),
 )

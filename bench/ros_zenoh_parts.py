@@ -27,12 +27,12 @@ def wanted(endpoint: str) -> dict[str, Any]:
 
 def ours(endpoint: str) -> Callable[[int], None]:
     """One message by our back end."""
-    from twind.bridge.ros.discovery import Discovery
-    from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, TOPICS
-    from twind.bridge.ros.zenoh import Zenoh
+    from twind.bridge.ros.discovery import DiscoverySettings
+    from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, TOPICS
+    from twind.bridge.ros.zenoh import ZenohTransport
     from twind.ros import JointStateBuffer
 
-    node = Zenoh(Discovery(), lambda line: None, endpoint)
+    node = ZenohTransport(DiscoverySettings(), lambda line: None, endpoint)
     node.open(TOPICS, SERVICES, lambda topic, data: None, lambda service, data: (True, ""))
     buffer = JointStateBuffer(NAMES, velocity=True, effort=True)
 

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 
 from bench.daemon import scratch, twind
-from bench.harness import Figure, Key, Measurement, cpu_of, medians, quantile, spread
+from bench.harness import FigureSpec, MeasuredFigure, Measurement, cpu_of, medians, quantile, spread
 
 ROUNDS = 11
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """Wall time of fresh starts, one after the other."""
     wall, cpu = [], []
     for _ in range(ROUNDS):
@@ -18,7 +18,7 @@ def take() -> Mapping[str, Figure]:
     note = (
         f"median; p99 {quantile(wall, 0.99):.2f} s, CPU of the loop's process {medians({'': cpu})['']:.2f} s"
     )
-    return {"start.ready": Figure(quantile(wall, 0.5), f"{note}; {spread(wall, 's')}")}
+    return {"start.ready": MeasuredFigure(quantile(wall, 0.5), f"{note}; {spread(wall, 's')}")}
 
 
-MEASUREMENTS = (Measurement({"start.ready": Key("s", "≤ 1.5")}, take),)
+MEASUREMENTS = (Measurement({"start.ready": FigureSpec("s", "≤ 1.5")}, take),)

@@ -12,9 +12,19 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from bench.daemon import Daemon, live, scratch
-from bench.harness import CannotTake, Figure, Key, Measurement, cpu_of, interleaved, medians, quantile, spread
-from bench.recorded import Lateness
+from bench.daemon import BenchDaemon, live, scratch
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_of,
+    interleaved,
+    medians,
+    quantile,
+    spread,
+)
+from bench.lateness_log import LatenessLog
 
 ROUNDS, SPAN = 10, 5.0  # s of each window
 START = 3.0  # s from exec until a streamer does what it will go on doing
@@ -23,7 +33,7 @@ WAYS: Mapping[str, tuple[str, ...]] = {"none": (), "streamer": ("--age", "1"), "
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n"
 
 
-class Sink:
+class HttpSink:
     """An endpoint in a thread of this process that takes whatever comes and answers 200."""
 
     def __init__(self) -> None:
@@ -55,7 +65,7 @@ class Sink:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class StreamCost:
     """One stretch of time. `cpu`: s of the streamer; `samples`, `bytes`: that were sent."""
 
     late: float  # s, p99 of the ticks' lateness
@@ -67,7 +77,7 @@ class Window:
 
 
 @contextmanager
-def streaming(daemon: Daemon, spool: Path, url: str, options: tuple[str, ...]) -> Iterator[int | None]:
+def streaming(daemon: BenchDaemon, spool: Path, url: str, options: tuple[str, ...]) -> Iterator[int | None]:
     """A `twindctl stream`, and its process id; None where no options are given: nobody streams."""
     if not options:
         yield None
@@ -83,24 +93,26 @@ def streaming(daemon: Daemon, spool: Path, url: str, options: tuple[str, ...]) -
         str(spool),
         *options,
     ]
-    process = subprocess.Popen([sys.executable, "-m", "twind.ctl.main", *words], stdout=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-m", "twind.ctl.ctl_main", *words], stdout=subprocess.PIPE)
     try:
         yield process.pid
     finally:
         process.terminate()
         told = json.loads(process.communicate()[0])
     if told["failures"] or told["dropped"]:
-        raise CannotTake(f"the streamer had {told['failures']} failures and dropped {told['dropped']}")
+        raise MeasurementUnavailable(
+            f"the streamer had {told['failures']} failures and dropped {told['dropped']}"
+        )
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """All windows of one daemon in mode live, its robot not armed."""
-    windows: dict[str, list[Window]] = {way: [] for way in WAYS}
-    sink = Sink()
+    windows: dict[str, list[StreamCost]] = {way: [] for way in WAYS}
+    sink = HttpSink()
     with scratch() as folder:
         record = folder / "lateness"
-        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
-            lateness = Lateness(record)
+        with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
+            lateness = LatenessLog(record)
 
             def window(way: str) -> float:
                 with streaming(daemon, folder / f"spool-{way}", sink.url, WAYS[way]) as pid:
@@ -114,7 +126,7 @@ def take() -> Mapping[str, Figure]:
     return _figures(windows, policy)
 
 
-def _window(daemon: Daemon, lateness: Lateness, sink: Sink, pid: int | None) -> Window:
+def _window(daemon: BenchDaemon, lateness: LatenessLog, sink: HttpSink, pid: int | None) -> StreamCost:
     time.sleep(START)
     with daemon.client() as client:
         missed = client.call("GetStatus")["status"]["loop"]["missed"]
@@ -127,11 +139,11 @@ def _window(daemon: Daemon, lateness: Lateness, sink: Sink, pid: int | None) -> 
         missed = client.call("GetStatus")["status"]["loop"]["missed"] - missed
     messages = sink.messages - taken
     if pid is not None and not messages:
-        raise CannotTake("nothing was sent")
-    return Window(quantile(late, 0.99), missed, cpu, span * RATE, sink.bytes - size, messages)
+        raise MeasurementUnavailable("nothing was sent")
+    return StreamCost(quantile(late, 0.99), missed, cpu, span * RATE, sink.bytes - size, messages)
 
 
-def _figures(windows: Mapping[str, list[Window]], policy: str) -> dict[str, Figure]:
+def _figures(windows: Mapping[str, list[StreamCost]], policy: str) -> dict[str, MeasuredFigure]:
     late = {way: [each.late * 1e6 for each in rows] for way, rows in windows.items()}
     cost = {
         way: [each.cpu / each.samples * 1e6 for each in rows]
@@ -144,12 +156,12 @@ def _figures(windows: Mapping[str, list[Window]], policy: str) -> dict[str, Figu
     missed = ", ".join(f"{way} {sum(each.missed for each in rows)}" for way, rows in windows.items())
     how = f"24 virtual servos in live, not armed, {RATE:g} Hz, batches of 32 in {size / 1e3:.1f} kB"
     return {
-        "stream.sample_cpu": Figure(
+        "stream.sample_cpu": MeasuredFigure(
             cpu["streamer"],
             f"{how}; the whole process: its JSON in, ours out, synced to the disk, POST on loopback; "
             f"{spread(cost['streamer'], 'µs')}; with --gzip {cpu['gzip']:.0f}",
         ),
-        "stream.late_beside": Figure(
+        "stream.late_beside": MeasuredFigure(
             p99["streamer"] / p99["none"],
             f"{how}; policy {policy}; p99 beside none {p99['none']:.0f} µs, {spread(late['none'], 'µs')}; "
             f"with it {p99['streamer']:.0f} µs, {spread(late['streamer'], 'µs')}; ticks missed {missed}",
@@ -159,7 +171,7 @@ def _figures(windows: Mapping[str, list[Window]], policy: str) -> dict[str, Figu
 
 MEASUREMENTS = (
     Measurement(
-        {"stream.sample_cpu": Key("µs", "≤ 60"), "stream.late_beside": Key("ratio", "≤ 1.2")},
+        {"stream.sample_cpu": FigureSpec("µs", "≤ 60"), "stream.late_beside": FigureSpec("ratio", "≤ 1.2")},
         take,
     ),
 )

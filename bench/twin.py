@@ -7,8 +7,8 @@ import numpy as np
 
 from bench.harness import (
     ROUNDS,
-    Figure,
-    Key,
+    FigureSpec,
+    MeasuredFigure,
     Measurement,
     as_in_the_loop,
     cpu_per_call,
@@ -19,15 +19,15 @@ from bench.harness import (
 from twind.config.robot_file import load_robot
 from twind.robot.state import JointState
 from twind.twin.binding import bind
-from twind.twin.mirror import Mirror
+from twind.twin.mirror import TwinMirror
 
 CALLS, POSES = 20_000, 512
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """CPU time of one reading, and of `mj_inverse` alone on the same model at the same poses."""
     binding = bind(load_robot("h24"), None)
-    mirror = Mirror(binding)
+    mirror = TwinMirror(binding)
     readings = _readings(binding.limits.lower, binding.limits.upper)
 
     def mirrored(i: int) -> None:
@@ -49,7 +49,7 @@ def take() -> Mapping[str, Figure]:
         raise RuntimeError(f"{mirror.refused} readings were refused: this was not the way of a reading")
     middle = medians(found)
     note = f"24 joints, a new pose each call, pose and torque copied out; {spread(found['twind'], 'µs')}"
-    return {"twin.mirror_cpu": Figure(middle["twind"], note, {"mj_inverse": middle["mj_inverse"]})}
+    return {"twin.mirror_cpu": MeasuredFigure(middle["twind"], note, {"mj_inverse": middle["mj_inverse"]})}
 
 
 def _readings(lower: np.ndarray, upper: np.ndarray) -> list[JointState]:
@@ -64,4 +64,4 @@ def _readings(lower: np.ndarray, upper: np.ndarray) -> list[JointState]:
     ]
 
 
-MEASUREMENTS = (Measurement({"twin.mirror_cpu": Key("µs", "≤ 50, ≤ 3 ×")}, take),)
+MEASUREMENTS = (Measurement({"twin.mirror_cpu": FigureSpec("µs", "≤ 50, ≤ 3 ×")}, take),)

@@ -12,16 +12,25 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from bench.daemon import Daemon, scratch, twind
-from bench.harness import CannotTake, Figure, Key, Measurement, cpu_of, interleaved, medians, spread
+from bench.daemon import BenchDaemon, scratch, twind
+from bench.harness import (
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    MeasurementUnavailable,
+    cpu_of,
+    interleaved,
+    medians,
+    spread,
+)
 from twind.client import ClientError
-from twind.ctl.motions import load_motion
+from twind.ctl.trajectory_files import load_motion
 
 ROUNDS, SPAN, SETTLED = 5, 4.0, 3.0  # windows, s of each, s until a page shows what it will go on showing
 COUNTS = (1, 4, 8)  # robots on the page
 PROGRAM = """import sys
 from twind.observe.viewing.fleet import watch
-from twind.observe.viewing.ways import local
+from twind.observe.viewing.robot_connections import local
 robots = {(f"robot{n}", "here"): local(sys.argv[1]) for n in range(int(sys.argv[2]))}
 sys.exit(watch(lambda: robots))"""
 # A page draws thrice a second: without a graphics card it would take the processor that is measured.
@@ -29,7 +38,7 @@ SELDOM = "const f = requestAnimationFrame; window.requestAnimationFrame = g => s
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """One viewer for each count, each with a page of one browser; measured in turns."""
     with scratch() as folder, twind(folder, "--mode", "sim") as daemon, ExitStack() as stack:
         opened = stack.enter_context(_browser())
@@ -43,7 +52,7 @@ def take() -> Mapping[str, Figure]:
         )
     found, without = medians(looked), medians(alone)
     return {
-        f"view.robots_{count}": Figure(
+        f"view.robots_{count}": MeasuredFigure(
             found[str(count)],
             f"{count} robots of 24 joints that wave, each a connection of its own to one daemon in sim, 10 "
             f"pictures/s; {spread(looked[str(count)], '%')}; {without[str(count)]:.2f} while nobody looks",
@@ -80,7 +89,7 @@ def _viewer(folder: Path, count: int) -> Iterator[tuple[int, str]]:
     try:
         words = process.stdout.readline().split()
         if not words:
-            raise CannotTake("the viewer did not start")
+            raise MeasurementUnavailable("the viewer did not start")
         yield process.pid, words[-1]
     finally:
         process.terminate()
@@ -89,7 +98,7 @@ def _viewer(folder: Path, count: int) -> Iterator[tuple[int, str]]:
 
 
 @contextmanager
-def _waving(daemon: Daemon) -> Iterator[None]:
+def _waving(daemon: BenchDaemon) -> Iterator[None]:
     """The robot waves again and again. What a busy machine ends begins anew."""
     ended = threading.Event()
 
@@ -116,7 +125,7 @@ def _browser() -> Iterator[Any]:
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     missing = [name for name in ("viser", "mjviser", "playwright") if find_spec(name) is None]
     if missing or path is None:
-        raise CannotTake(f"not here: {', '.join(missing) or 'Chromium'}")
+        raise MeasurementUnavailable(f"not here: {', '.join(missing) or 'Chromium'}")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play:
@@ -127,4 +136,4 @@ def _browser() -> Iterator[Any]:
             found.close()
 
 
-MEASUREMENTS = (Measurement({f"view.robots_{count}": Key("% of a core") for count in COUNTS}, take),)
+MEASUREMENTS = (Measurement({f"view.robots_{count}": FigureSpec("% of a core") for count in COUNTS}, take),)

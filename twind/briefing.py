@@ -28,18 +28,23 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     description: dict[str, Any]  # the robot file as checked
     calibration: dict[str, Any] | None
     mjcf: str
-    binding: bytes = b""  # the bound robot for the look-ahead (`twin/handover.py`); empty: there is none
+    binding: bytes = (
+        b""  # the bound robot for the look-ahead (`twin/binding_transfer.py`); empty: there is none
+    )
     rate_hz: float
     parameters: dict[str, Any]
     log_level: str = "info"
     files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
     texts: dict[str, str] = {}  # the same files, path -> what was read
-    described: bytes = b""  # what the files said, to be read again (`config/files.py`); empty: they are not
+    described: bytes = (
+        b""  # what the files said, to be read again (`config/config_files.py`); empty: they are not
+    )
     generation: int = 0  # how many changes were made since the start
 
 
-class Reading(msgspec.Struct, frozen=True, kw_only=True):
-    """What the files hold by now (`config/hot.py`), and the briefing that holds once `changes` are in force.
+class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What the files hold by now (`config/hot_changes.py`), and the briefing that holds once `changes` are in
+    force.
 
     `error`: why they cannot be used; then nothing else counts.
     """

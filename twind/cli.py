@@ -12,33 +12,33 @@ from pathlib import Path
 from types import FrameType
 
 from twind.briefing import fingerprint
-from twind.config.files import Described, Sources, UsageError, describe, packed
-from twind.config.located import ConfigError
-from twind.config.ports import virtual_port
+from twind.config.config_files import CommandLineError, ConfigSources, LoadedConfig, describe, packed
+from twind.config.daemon_settings import DaemonSettings
+from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
-from twind.config.settings import Settings
+from twind.config.yaml_tree import ConfigError
 from twind.flight import copy
-from twind.front import door
-from twind.front.flight_folder import FAILSAFE, Folder, meta_of, plain
-from twind.loop import assembly, descriptors, realtime, tape
-from twind.loop.described import Robot
-from twind.loop.failsafe import Aloud, Failsafe
-from twind.loop.handed_over import WRECK, Handed, handed_over
-from twind.loop.hangups import HangUps
-from twind.loop.link import Outside
-from twind.loop.notify import Notifier
-from twind.loop.open_bus import Buses
-from twind.loop.tape import Recorder
+from twind.front import reserved_descriptors
+from twind.front.flight_folder import FAILSAFE, FlightFolder, meta_of, plain
+from twind.listening_sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
+from twind.loop import assembly, bus_tap, descriptors, realtime
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_opener import BusOpener
+from twind.loop.bus_tap import FlightRecorder
+from twind.loop.crash_recording import CrashRecording
+from twind.loop.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.front_link import ControlLink
+from twind.loop.hangup_signal import HangupSignal
+from twind.loop.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
+from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop
-from twind.loop.virtual_child import VirtualChild, VirtualError
-from twind.loop.wreck import Wreck
+from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
 from twind.robot.modes import Mode
-from twind.safety.gate import Thresholds
-from twind.sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
-from twind.streams import lines, stand_in_for_closed, tell
+from twind.safety.gate import GateThresholds
+from twind.standard_streams import lines, stand_in_for_closed, tell
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
-from twind_drivers.bus import PortError, PortTaken
+from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.clock import MonotonicClock
 
 FAILED, USAGE, TAKEN = 1, 2, 3
@@ -99,27 +99,27 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with ExitStack() as stack:
             return _lower(options, stack) if options.failsafe else _serve(options, stack)
-    except (ConfigError, BindingError, UsageError, descriptors.TooFewDescriptors) as error:
+    except (ConfigError, BindingError, CommandLineError, descriptors.TooFewDescriptors) as error:
         code, why = USAGE, str(error)
-    except (PortError, SocketError, VirtualError) as error:
-        code, why = TAKEN if options.failsafe and isinstance(error, PortTaken) else FAILED, str(error)
+    except (PortError, SocketError, VirtualRobotError) as error:
+        code, why = TAKEN if options.failsafe and isinstance(error, PortInUse) else FAILED, str(error)
     left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""
     print(lines(2, "error", f"twind: {why}{left}"), file=sys.stderr)
     return code
 
 
 def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
-    hang_ups = HangUps()  # before all that takes time
+    hang_ups = HangupSignal()  # before all that takes time
     inherited = handed_over()  # before any child: LISTEN_* is not for it
     stack.callback(inherited.close)
-    wreck = Wreck(inherited.wreck)
+    wreck = CrashRecording(inherited.wreck)
     stack.callback(wreck.close)
     sources = _sources(options)
     if options.virtual:
         sources = _with_virtual(sources, stack)
     described = describe(sources)
     settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
-    raised = descriptors.ensure(descriptors.needed(len(robot.buses), door.NEEDED))
+    raised = descriptors.ensure(descriptors.needed(len(robot.buses), reserved_descriptors.NEEDED))
     if raised:
         tell(2, "info", f"twind: {raised}")
     notifier = Notifier()
@@ -140,7 +140,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         described.files,
         packed(sources, described),
     )
-    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
+    recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     if recorder is not None:
         recorder.sign(fingerprint(__version__, described.files))
     folder = _flights(settings, virtual=options.virtual)
@@ -161,7 +161,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     return 0
 
 
-def _listener(inherited: Handed, folder: Path, name: str) -> Listener:
+def _listener(inherited: InheritedDescriptors, folder: Path, name: str) -> Listener:
     """The service manager's socket of that name, else one of our own. Raises SocketError."""
     given = inherited.sockets.get(name)
     if given is not None:
@@ -173,7 +173,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     """`--failsafe`: the same loop without sockets and front, until the robot is let go, or left as it is."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if options.virtual:
-        raise UsageError("--failsafe is for a robot that is there: leave out --virtual")
+        raise CommandLineError("--failsafe is for a robot that is there: leave out --virtual")
     described = describe(_sources(options))
     mode, ports = described.settings.mode, described.ports
     if mode == "sim" or not any(ports.values()):
@@ -183,10 +183,10 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     buses.refuse_taken()
     notifier = Notifier()
     stack.callback(notifier.close)
-    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
-    aloud = Aloud(2, None if recorder is None else recorder.link)
+    recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
+    aloud = HeadlessLink(2, None if recorder is None else recorder.link)
     loop = _loop(described, one, buses, aloud, notifier, recorder)
-    failsafe = Failsafe(loop)
+    failsafe = FailsafeRun(loop)
 
     def stop(number: int, frame: FrameType | None) -> None:  # on the way down nothing ends earlier by it
         loop.stop_wanted = True
@@ -207,14 +207,14 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     return FAILED if failsafe.left else 0
 
 
-def _made(described: Described) -> tuple[Robot, Buses]:
+def _made(described: LoadedConfig) -> tuple[BoundRobot, BusOpener]:
     """The robot of these files, and its buses; nothing is opened. Raises BindingError."""
     robot = described.robot
-    one = Robot(robot, described.calibration, bind(robot, described.calibration))
-    return one, Buses(robot, one.binding.joint_map, described.ports, described.rate_hz)
+    one = BoundRobot(robot, described.calibration, bind(robot, described.calibration))
+    return one, BusOpener(robot, one.binding.joint_map, described.ports, described.rate_hz)
 
 
-def _flights(settings: Settings, *, virtual: bool = False) -> Path:
+def _flights(settings: DaemonSettings, *, virtual: bool = False) -> Path:
     """Where flight recorders are written to. Those of a virtual or simulated robot push no real one's out."""
     folder = settings.state_dir.absolute() / "flight"
     if virtual:
@@ -222,14 +222,14 @@ def _flights(settings: Settings, *, virtual: bool = False) -> Path:
     return folder / "sim" if settings.mode == "sim" else folder
 
 
-def _write(described: Described, one: Robot, recorder: Recorder, mode: str) -> None:
+def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, mode: str) -> None:
     """What the fail-safe saw and did: torque is off by now, or the robot left as it is.
 
     Nothing about it is urgent, and nothing that goes wrong with it changes what is told of the robot.
     """
     realtime.leave()
     settings = described.settings
-    folder = Folder(_flights(settings))
+    folder = FlightFolder(_flights(settings))
     try:
         briefing = assembly.briefing(one, described.rate_hz, settings.parameters(), files=described.files)
         meta = meta_of(briefing, "failsafe", FAILSAFE, mode)
@@ -240,12 +240,12 @@ def _write(described: Described, one: Robot, recorder: Recorder, mode: str) -> N
 
 
 def _loop(
-    described: Described,
-    one: Robot,
-    buses: Buses,
-    link: Outside,
+    described: LoadedConfig,
+    one: BoundRobot,
+    buses: BusOpener,
+    link: ControlLink,
     notifier: Notifier,
-    recorder: Recorder | None,
+    recorder: FlightRecorder | None,
 ) -> Loop:
     settings = described.settings
     if recorder is not None:
@@ -260,7 +260,7 @@ def _loop(
         enabler=buses.enable,
         link=link,
         notifier=notifier,
-        thresholds=Thresholds(
+        thresholds=GateThresholds(
             latency_warn=settings.latency_warn_ms / 1e3, latency_block=settings.latency_block_ms / 1e3
         ),
         realtime=realtime.enter(cpu=settings.cpu),
@@ -270,7 +270,7 @@ def _loop(
     )
 
 
-def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_ups: HangUps) -> None:
+def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_ups: HangupSignal) -> None:
     """Tick until told to end. A second signal does not cut the settling short."""
 
     def end() -> None:
@@ -317,10 +317,12 @@ def wrong_groups(groups: Mapping[str, str]) -> list[str]:
     ]
 
 
-def _sources(options: argparse.Namespace) -> Sources:
+def _sources(options: argparse.Namespace) -> ConfigSources:
     if options.virtual and (options.port or options.calibration):
-        raise UsageError("--virtual brings its own port and calibration: leave out --port and --calibration")
-    return Sources(
+        raise CommandLineError(
+            "--virtual brings its own port and calibration: leave out --port and --calibration"
+        )
+    return ConfigSources(
         config=options.config,
         mode=options.mode,
         robot=options.robot,
@@ -331,11 +333,11 @@ def _sources(options: argparse.Namespace) -> Sources:
     )
 
 
-def _with_virtual(sources: Sources, stack: ExitStack) -> Sources:
+def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
     """Virtual servos of the same robot are started; their ports and calibration over all others."""
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
-    child = stack.enter_context(VirtualChild(settings.robot))
+    child = stack.enter_context(VirtualRobotProcess(settings.robot))
     tell(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
     ports = [f"{name}={virtual_port(robot.bus(name).kind, path)}" for name, path in child.ports.items()]
     return replace(sources, calibration=str(child.calibration), ports=tuple(ports))

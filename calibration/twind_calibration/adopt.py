@@ -7,7 +7,7 @@ the robot file and the daemon ask for, each read back; torque stays off. Cut sho
 
 import argparse
 
-from twind_calibration.described import add_arguments as add_files
+from twind_calibration.robot_description import add_arguments as add_files
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: it answers at its place and holds what it must (or would, with --dry-run)."""
-    from twind_calibration.adoption.verb import adopt  # 0.5 s of imports that the list of verbs need not pay
+    from twind_calibration.adoption.adopt_command import (
+        adopt,  # 0.5 s of imports that the list of verbs need not pay
+    )
 
     return adopt(options)

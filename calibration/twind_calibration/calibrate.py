@@ -8,7 +8,7 @@ import argparse
 from importlib import import_module
 from types import ModuleType
 
-from twind.ctl.main import common
+from twind.ctl.ctl_main import common
 
 # name -> what it does; each is `twind_calibration/calibrating/NAME.py`
 STEPS: dict[str, str] = {
@@ -24,7 +24,13 @@ STEPS: dict[str, str] = {
     "limits": "set the servos' own position limits, the last fence",
 }
 # of the steps whose name is no name of a module, or that share one
-MODULES: dict[str, str] = {"import": "importing", "show": "history", "diff": "history", "rollback": "history"}
+MODULES: dict[str, str] = {
+    "import": "import_verb",
+    "scan": "calibrate_scan",
+    "show": "history",
+    "diff": "history",
+    "rollback": "history",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ is told to listen in /run/twind/NAME.
 import os
 from pathlib import Path
 
-from twind.protocol.places import SYSTEM
+from twind.protocol.socket_paths import SYSTEM
 
 SERVICE = "twind"
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, REFUSED, Rejected
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan
 from twind_drivers.dynamixel.prober import Prober
-from twind_drivers.dynamixel.scan import BAUDS, IDS, Found, Rate, estimate, scan
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 # Bits of register 70 (e-manual, "Hardware Error Status").
@@ -43,7 +43,7 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     seconds = sum(estimate(baud, ids, thorough=options.thorough, timer=timer) for baud in bauds)
     _begin(options, port, bauds, ids, seconds)
     rates = []
-    with Progress(options, "scan", seconds=seconds, now=clock.now) as progress:
+    with ProgressLine(options, "scan", seconds=seconds, now=clock.now) as progress:
         tell = partial(_tell, progress)
         for rate in scan(at, bauds, ids, thorough=options.thorough, tell=tell):
             progress.clear()
@@ -56,7 +56,7 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     return REFUSED if any(each.trouble for each in found) else DONE
 
 
-def _tell(progress: Progress, baud: int, what: str) -> None:
+def _tell(progress: ProgressLine, baud: int, what: str) -> None:
     progress.tell(f"{baud} baud: {what}")
 
 
@@ -77,7 +77,7 @@ def _begin(
         print(f"{port.name}: {port.warning}", file=sys.stderr, flush=True)
 
 
-def _show(options: argparse.Namespace, rate: Rate) -> None:
+def _show(options: argparse.Namespace, rate: BaudRateScan) -> None:
     """One rate: a line of JSON or text for everybody found, then what is wrong with the line."""
     for each in rate.found:
         print(json.dumps(asdict(each) | _trouble(each)) if options.json else _text(each), flush=True)
@@ -86,12 +86,12 @@ def _show(options: argparse.Namespace, rate: Rate) -> None:
         print(json.dumps(text) if options.json else f"{rate.baud:>7} baud  {trouble}", flush=True)
 
 
-def _trouble(each: Found) -> dict[str, str]:
+def _trouble(each: ScannedDevice) -> dict[str, str]:
     """As text in JSON too; "" where nothing is wrong."""
     return {"trouble": str(each.trouble) if each.trouble else ""}
 
 
-def _text(each: Found) -> str:
+def _text(each: ScannedDevice) -> str:
     model = each.model_name or ("unknown" if each.model is None else f"model {each.model}")
     words = [f"{each.baud:>7} baud", f"id {each.id:>3}", model]
     if each.firmware is not None:

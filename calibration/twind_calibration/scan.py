@@ -7,7 +7,7 @@ opened here, alone, and every id is looked for at every baud rate. Nothing is wr
 import argparse
 import re
 
-from twind.ctl import devices
+from twind.ctl import device_commands
 from twind.ctl.verb import UsageError
 
 LAST_ID = 252  # of protocol 2.0
@@ -15,7 +15,7 @@ LAST_ID = 252  # of protocol 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
-    devices.SCAN.add_arguments(parser)
+    device_commands.SCAN.add_arguments(parser)
     alone = parser.add_argument_group("on a port that no daemon holds")
     alone.add_argument("--port", help="serial port to look at, instead of asking the daemon")
     alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     if options.port is None:
         if options.baud or options.ids or options.thorough:
             raise UsageError("--baud, --ids and --thorough need --port PORT: the daemon knows its own buses")
-        return devices.SCAN.run(options)
+        return device_commands.SCAN.run(options)
     if options.bus is not None:
         raise UsageError(f"either the bus {options.bus!r} of the daemon or --port {options.port}, not both")
     from twind_calibration.port_scan import look  # 0.2 s of imports that asking the daemon need not pay

@@ -29,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: every joint did what it should, as far as it can be told."""
-    from twind_calibration.wiggling.verb import wiggle  # a second of imports that the list need not pay
+    from twind_calibration.wiggling.wiggle_command import (
+        wiggle,  # a second of imports that the list need not pay
+    )
 
     return wiggle(options)

@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.clock import Arrivals
+from twind_drivers.clock import ArrivalSource
 
 if TYPE_CHECKING:
-    from twind_drivers.alone import Alone
+    from twind_drivers.single_device import SingleDeviceControl
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -49,7 +49,7 @@ class PortError(BusError):
         self.port, self.reason, self.lost = port, reason, lost
 
 
-class PortTaken(PortError):
+class PortInUse(PortError):
     """Another process has the port."""
 
 
@@ -57,7 +57,7 @@ class BaudRefused(PortError):
     """The adapter or its driver does not do the baud rate that was asked for."""
 
 
-class PortFull(PortError):
+class OutputQueueFull(PortError):
     """More than the last packet still waited in the port's output: thrown away, nothing was sent (R23)."""
 
     def __init__(self, port: str, waiting: int, most: int) -> None:
@@ -108,7 +108,7 @@ class WireClamp(BusError):
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class BusSample:
     """One cyclic reading of one bus, in the order of the bus's ids. Raw units; arrays are (m,).
 
     Where `heard` is False the numbers are meaningless (zero) and must not be read as values.
@@ -135,7 +135,7 @@ class Sample:
 
 
 @dataclass(slots=True)
-class Registers:
+class SlowRegisterValues:
     """The slowly read state of each device of a bus, in the order of its ids; `nan`/-1 until first read."""
 
     torque: NDArray[np.int8]  # 1 on, 0 off, -1 unknown
@@ -148,7 +148,7 @@ class Registers:
     health_time: Floats  # s, when voltage, temperature and tick were read; -inf never
 
     @classmethod
-    def unknown(cls, count: int) -> "Registers":
+    def unknown(cls, count: int) -> "SlowRegisterValues":
         """Nothing read yet of `count` devices."""
         return cls(
             torque=np.full(count, -1, np.int8),
@@ -163,7 +163,7 @@ class Registers:
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class IdentifiedDevice:
     """What identification found of one device: who it is and the settings that a calibration depends on."""
 
     id: int
@@ -177,7 +177,7 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True)
-class Register:
+class RegisterAddress:
     """One register of one device. `name` as the vendor's control table spells it."""
 
     name: str
@@ -188,22 +188,22 @@ class Register:
 
 
 @dataclass(frozen=True, slots=True)
-class Restart:
+class RestartResult:
     """What became of a device's settings over a restart."""
 
-    restored: tuple[Register, ...] = ()  # the restart had changed them; they read back as before it
-    differing: tuple[tuple[Register, int], ...] = ()  # what reads otherwise, and what it was before
+    restored: tuple[RegisterAddress, ...] = ()  # the restart had changed them; they read back as before it
+    differing: tuple[tuple[RegisterAddress, int], ...] = ()  # what reads otherwise, and what it was before
 
 
 @dataclass(frozen=True, slots=True)
-class Ping:
+class PingRequest:
     """Who is there? Read-only."""
 
     id: int
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ReadRequest:
     """`size` bytes from `address` of each of `ids`, in one transaction. Read-only."""
 
     ids: tuple[int, ...]
@@ -212,7 +212,7 @@ class Read:
 
 
 @dataclass(frozen=True, slots=True)
-class Write:
+class WriteRequest:
     """Raw bytes to `address` of each id. One id: acknowledged. Several: one group packet, never answered."""
 
     data: Mapping[int, bytes]
@@ -220,26 +220,26 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
-class Burst:
+class BurstWriteRequest:
     """Group writes that leave in one system call, in this order. Never answered."""
 
-    writes: tuple[Write, ...]
+    writes: tuple[WriteRequest, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Reboot:
+class RebootRequest:
     """Restart one device: RAM back to defaults, torque lost."""
 
     id: int
 
 
-Query = Ping | Read
-Order = Write | Burst | Reboot
+Query = PingRequest | ReadRequest
+Order = WriteRequest | BurstWriteRequest | RebootRequest
 Request = Query | Order
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class RequestReply:
     """What came back for one rare-path request. An id that is missing here did not answer."""
 
     data: Mapping[int, bytes]  # id -> payload (empty for a write or reboot)
@@ -249,13 +249,13 @@ class Reply:
 
 
 T = TypeVar("T")
-Script = Generator[Request, Reply, T]
+Script = Generator[Request, RequestReply, T]
 
 
 # --------------------------------------------------------------------------------------------- the two halves
 
 
-class Wire(Arrivals, Protocol):
+class PortHandle(ArrivalSource, Protocol):
     """What the loop needs of the port under a bus: to wait for it, to name it, to let it go."""
 
     name: str  # what an error message calls it
@@ -265,7 +265,7 @@ class Wire(Arrivals, Protocol):
         """Let go of the port. May be called twice."""
 
 
-class Transport(Wire, Protocol):
+class ByteTransport(PortHandle, Protocol):
     """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
 
     holds: bool  # what is written may wait in it, and `backlog` knows how much
@@ -286,18 +286,18 @@ class Transport(Wire, Protocol):
         """Throw away what has not left yet. Raises PortError(lost=True)."""
 
 
-class Reader(Protocol):
+class BusReader(Protocol):
     """The half that only reads: what a mirror has. `ids` fixes the order of every array."""
 
     name: str
     ids: tuple[int, ...]
 
     @property
-    def registers(self) -> Registers:
+    def registers(self) -> SlowRegisterValues:
         """The slowly read state of each device, as of now."""
 
     @property
-    def transport(self) -> Wire:
+    def transport(self) -> PortHandle:
         """The port under it: bytes, or frames."""
 
     @property
@@ -314,13 +314,13 @@ class Reader(Protocol):
     def feed(self, now: float) -> bool:
         """Take what has arrived; True when the outstanding transaction is complete."""
 
-    def finish(self, now: float) -> Sample:
+    def finish(self, now: float) -> BusSample:
         """End the cyclic reading with what was heard. Never raises for a silent device."""
 
     def begin(self, query: Query, now: float) -> None:
         """Begin one rare-path transaction. Only queries: a reader cannot write."""
 
-    def answer(self, now: float) -> Reply:
+    def answer(self, now: float) -> RequestReply:
         """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
 
     def upkeep(self, now: float) -> Query | None:
@@ -334,21 +334,21 @@ class Reader(Protocol):
     def lags(self) -> bool:
         """As the devices are set, the cyclic reading takes longer than a cycle has."""
 
-    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
+    def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
         """Ping every id and read its settings; devices that answer, in order of `ids`.
 
         `patient`: each answer may come as late as a device can be set to send it. The cyclic reading must
         rest until it has ended.
         """
 
-    def read(self, id: int, name: str) -> Script[Register]:
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
 
     def keeps(self, id: int, name: str) -> bool:
         """What is written to that register survives power-off. Raises KeyError."""
 
 
-class Writer(Protocol):
+class BusWriter(Protocol):
     """The half that exists in live only."""
 
     def bound(self, lower: Ints, upper: Ints) -> None:
@@ -393,17 +393,17 @@ class Writer(Protocol):
         device holds nobody up: whoever asks for it goes on to torque off. `prepare` gives the strength back.
         """
 
-    def alone(self, id: int, *, cap: int, profile: int) -> "Alone":
+    def alone(self, id: int, *, cap: int, profile: int) -> "SingleDeviceControl":
         """One device by itself, `cap` its most current and `profile` its speed, raw. Until `together` nobody
         else is given anything but torque off. Raises ValueError: it cannot be driven so."""
 
     def together(self) -> None:
         """All devices again, as before `alone`."""
 
-    def write(self, id: int, name: str, value: int) -> Script[Register]:
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
         """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
 
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
         """Restart one device, wait until it answers, give its settings back. Its torque stays off.
 
         Raises DeviceRefused while its torque is on, unless it is `shut_down` by its hardware error.

@@ -13,7 +13,7 @@ from typing import Protocol
 ASK_MS = 1  # how often a source without descriptor is asked
 
 
-class Arrivals(Protocol):
+class ArrivalSource(Protocol):
     """Something bytes arrive from: a port with a descriptor, or an in-process bus that knows when."""
 
     def fileno(self) -> int:
@@ -35,7 +35,7 @@ class Clock(Protocol):
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s) or later; at once if it has passed."""
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding.
 
         Places of the sources that have; none where it was the deadline.
@@ -63,7 +63,7 @@ class MonotonicClock:
         if remaining > 0.0:
             time.sleep(remaining)
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is.
 
         A source without one cannot wake anybody, so it is asked every millisecond what has arrived.
@@ -81,7 +81,7 @@ class MonotonicClock:
         poll, places = found
         return [places[fd] for fd, _ in poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))]
 
-    def _ask_and_wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+    def _ask_and_wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         poll = select.poll()
         places = {source.fileno(): place for place, source in enumerate(sources)}
         mute = [place for place, source in enumerate(sources) if source.fileno() < 0]
@@ -115,7 +115,7 @@ class FakeClock:
         """Jump to `deadline`, never back."""
         self.time = max(self.time, deadline)
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+    def wait(self, sources: Sequence[ArrivalSource], deadline: float) -> Sequence[int]:
         """Jump to the next arrival or to `deadline`, whichever is first, never back; who has arrived."""
         arrivals = [source.arrival() for source in sources]
         self.time = max(self.time, min(*arrivals, deadline)) if arrivals else max(self.time, deadline)

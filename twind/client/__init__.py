@@ -8,7 +8,7 @@ with Client() as robot:
 
 from twind.client.connection import Client, first_open
 from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
-from twind.client.places import socket_path
+from twind.client.find_socket import socket_path
 
 __all__ = [
     "CallError",

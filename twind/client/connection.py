@@ -6,9 +6,9 @@ from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any
 
+from twind.client.client_line import ClientLine, SocketLine
 from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
-from twind.client.line import Line, SocketLine
-from twind.client.places import socket_path
+from twind.client.find_socket import socket_path
 
 INTERFACE = "io.twind.Control"
 TIMEOUT = 35.0  # s; the daemon answers every call within 30 s, a scan within 60
@@ -30,7 +30,7 @@ class Client:
         *,
         name: str = "control",
         timeout: float = TIMEOUT,
-        line: Line | None = None,
+        line: ClientLine | None = None,
     ) -> None:
         self.timeout = timeout
         self._line = SocketLine(socket_path(path, name)) if line is None else line

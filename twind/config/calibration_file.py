@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from twind.config.atomic_save import FileOwnership, save_text
+from twind.config.config_section import ConfigSection, Plain
 from twind.config.counts import ticks_of, turn_start
 from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device, recorded
-from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.saving import Rights, save_text
-from twind.config.section import Plain, Section
-from twind_drivers.bus import Device
+from twind.config.yaml_tree import ConfigError, parse, read_text
+from twind_drivers.bus import IdentifiedDevice
 
 FORMAT = "twind-calibration/1"
 METHODS = ("jig", "endstop", "sweep", "gravity", "import")
@@ -97,7 +97,7 @@ def load_calibration(path: Path, robot: RobotFile) -> Calibration:
 
 def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
     """The calibration that `text` holds; `file` is what messages call it. Raises ConfigError."""
-    top = Section(file, parse(text, file))
+    top = ConfigSection(file, parse(text, file))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
     stated, actual = top.text("sha256"), text_hash(text)
@@ -136,7 +136,7 @@ def text_hash(text: str) -> str:
     return hashlib.sha256(kept.encode()).hexdigest()
 
 
-def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
+def _joint(section: ConfigSection, joint: JointSpec, method: str) -> JointCalibration:
     turn = joint.type.ticks_per_turn
     if (bus := section.text("bus")) != joint.bus:
         raise section.refuse("bus", f"{bus} is not the bus of the robot file, {joint.bus}")
@@ -168,14 +168,14 @@ def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
     return calibration
 
 
-def _pair(section: Section, key: str) -> tuple[int, int]:
+def _pair(section: ConfigSection, key: str) -> tuple[int, int]:
     first, last = section.integers(key, 2)
     if not -MAX_TICKS <= first < last <= MAX_TICKS:
         raise section.refuse(key, f"{first} is not below {last}, or out of 32 bits")
     return first, last
 
 
-def _derived(section: Section, key: str, given: object, computed: object) -> None:
+def _derived(section: ConfigSection, key: str, given: object, computed: object) -> None:
     if given != computed:
         raise section.refuse(key, f"{given} does not follow from sweep_ticks, which give {computed}")
 
@@ -186,7 +186,7 @@ def _derived(section: Section, key: str, given: object, computed: object) -> Non
 def fitting(
     robot: RobotFile,
     zeros: Mapping[str, int],
-    devices: Mapping[tuple[str, int], Device],
+    devices: Mapping[tuple[str, int], IdentifiedDevice],
     *,
     created: str,
     tool: str,
@@ -200,7 +200,7 @@ def fitting(
     return replace(calibration, sha256=text_hash(dump_calibration(calibration)))
 
 
-def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
+def _fitted(joint: JointSpec, zero: int, device: IdentifiedDevice) -> JointCalibration:
     ends = sorted(
         ticks_of(joint, zero, angle) for angle in (joint.span[0] - SWEEP_MARGIN, joint.span[1] + SWEEP_MARGIN)
     )
@@ -245,7 +245,7 @@ def written(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]
 
 
 def save_calibration(
-    calibration: Calibration, folder: Path, individual: str, rights: Rights | None = None
+    calibration: Calibration, folder: Path, individual: str, rights: FileOwnership | None = None
 ) -> Path:
     """Write `folder/individual.yaml`, the earlier one kept as numbered history: old or new, never mixed.
 

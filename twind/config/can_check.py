@@ -6,8 +6,8 @@ range is a wrong position, and a wrong torque.
 
 from collections.abc import Iterator
 
-from twind.config.actuator import TAKES_COMMANDS, CanType
-from twind_drivers.bus import Device
+from twind.config.actuator_types import TAKES_COMMANDS, CanType
+from twind_drivers.bus import IdentifiedDevice
 
 # What a driver gives of the ranges that a device told, in thousandths -> key of the robot file, unit.
 TOLD = {
@@ -18,7 +18,7 @@ TOLD = {
 SAME = 1  # thousandths: how far a range may be off by rounding
 
 
-def unfit(kind: CanType, device: Device) -> Iterator[str]:
+def unfit(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
     """What makes this actuator unusable for a joint of `kind`, whatever the calibration says."""
     if device.model_name is not None and device.model_name != kind.device:
         number = f"model number {device.model_number}"

@@ -7,12 +7,12 @@ what the device tells.
 from collections.abc import Callable, Mapping, Sequence
 from math import inf, isfinite, isnan
 
-from twind.config.actuator import IMPEDANCE, CanType, Impedance, Spans
-from twind.config.robot_spec import Slot
-from twind.config.section import Section
-from twind.config.supply import Heat, Supply, own_heat, own_supply, usual_heat
-from twind_drivers.can.models import MODELS, Model
-from twind_drivers.can.units import COUNT, TURN
+from twind.config.actuator_types import IMPEDANCE, CanType, FrameRanges, Impedance
+from twind.config.config_section import ConfigSection
+from twind.config.robot_spec import ActuatorSlot
+from twind.config.supply_limits import SupplyLimits, ThermalLimits, own_heat, own_supply, usual_heat
+from twind_drivers.can.can_models import MODELS, CanActuatorModel
+from twind_drivers.can.can_units import COUNT, TURN
 
 MAX_ID, MAX_ODRIVE = 127, 63  # facts of the wire: seven bits; ODrive takes six (its can-protocol page)
 MAX_FEEDBACK = 0x7FE  # 11 bits; 7FF carries the register requests of Damiao
@@ -22,7 +22,7 @@ TELL_VOLTAGE = ("robstride", "odrive")  # families with a register or message fo
 MUTE = ("cubemars", "odrive")  # families whose watchdog cannot be read back over the bus
 
 
-def can_type(name: str, section: Section) -> CanType:
+def can_type(name: str, section: ConfigSection) -> CanType:
     """One kind of CAN actuator. Raises ConfigError."""
     model = MODELS[section.text("device")]
     ranges = _ranges(section.section("ranges"), model)
@@ -49,7 +49,9 @@ def can_type(name: str, section: Section) -> CanType:
     return spec
 
 
-def can_joint(source: Callable[[str], Section], entry: Section, kind: CanType) -> tuple[int, str, int | None]:
+def can_joint(
+    source: Callable[[str], ConfigSection], entry: ConfigSection, kind: CanType
+) -> tuple[int, str, int | None]:
     """Id, mode and feedback id of a joint that an actuator of `kind` drives. Raises ConfigError."""
     most = MAX_ODRIVE if kind.family == "odrive" else MAX_ID
     id = entry.integer("id", least=0 if kind.family == "odrive" else 1, most=most)
@@ -65,7 +67,7 @@ def can_joint(source: Callable[[str], Section], entry: Section, kind: CanType) -
     return id, mode, feedback
 
 
-def refuse_clash(joint: Slot, others: Sequence[Slot], entry: Section) -> None:
+def refuse_clash(joint: ActuatorSlot, others: Sequence[ActuatorSlot], entry: ConfigSection) -> None:
     """Raises ConfigError where two of one bus would take, or answer with, the same frames."""
     mine = _frames(joint)
     for other in others:
@@ -81,7 +83,7 @@ def refuse_clash(joint: Slot, others: Sequence[Slot], entry: Section) -> None:
             )
 
 
-def _frames(joint: Slot) -> Mapping[int, str]:
+def _frames(joint: ActuatorSlot) -> Mapping[int, str]:
     """Ids of 11 bits that mean this actuator, and what they are to it."""
     kind = joint.type
     if not isinstance(kind, CanType) or kind.family == "robstride":  # its ids have 29 bits
@@ -94,7 +96,7 @@ def _frames(joint: Slot) -> Mapping[int, str]:
     return ids
 
 
-def _ranges(section: Section, model: Model) -> Spans:
+def _ranges(section: ConfigSection, model: CanActuatorModel) -> FrameRanges:
     keys = ("position_rad", "velocity_rad_s", "torque_nm")
     usual = (model.position, model.velocity, model.torque)
     found = []
@@ -105,10 +107,10 @@ def _ranges(section: Section, model: Model) -> Spans:
     section.close()
     if found[0] > 1e3 or found[0] < TURN / 2 * COUNT:
         raise section.refuse("position_rad", f"{found[0]:g} is not one of half a turn, 3.14, to 1000 rad")
-    return Spans(*found)
+    return FrameRanges(*found)
 
 
-def _gains(section: Section, model: Model) -> Impedance:
+def _gains(section: ConfigSection, model: CanActuatorModel) -> Impedance:
     stiff, damped = (bound if isfinite(bound) else 1e4 for bound in (model.kp, model.kd))
     gains = Impedance(
         kp=section.number("kp", least=0.0, most=stiff), kd=section.number("kd", least=0.0, most=damped)
@@ -119,20 +121,20 @@ def _gains(section: Section, model: Model) -> Impedance:
     return gains
 
 
-def _supply(section: Section, model: Model) -> Supply:
+def _supply(section: ConfigSection, model: CanActuatorModel) -> SupplyLimits:
     """Only where it tells its voltage: what is never read would keep everybody from arming."""
     if section.has("supply") and model.family not in TELL_VOLTAGE:
         raise section.refuse("supply", f"a {model.name} does not tell its voltage: remove it")
-    return own_supply(section, Supply())
+    return own_supply(section, SupplyLimits())
 
 
-def _heat(section: Section, model: Model) -> Heat:
+def _heat(section: ConfigSection, model: CanActuatorModel) -> ThermalLimits:
     """Below what the vendor advises for the winding; where no source says, the file must."""
     own = inf if model.heat is None else model.heat
     return own_heat(section, usual_heat(own), own)
 
 
-def _watchdog(section: Section, model: Model) -> str:
+def _watchdog(section: ConfigSection, model: CanActuatorModel) -> str:
     wanted = section.text("watchdog", "device", WATCHDOGS)
     if wanted == "device" and model.family in MUTE:
         raise section.refuse(

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twind.config.actuator import TypeSpec
+from twind.config.actuator_types import TypeSpec
 from twind.config.robot_spec import JointSpec, RobotFile
 
 

@@ -6,16 +6,16 @@ Registers are compared and named, never written. What is not known refuses, but 
 from collections.abc import Iterator, Mapping
 
 from twind.config import can_check, servo_check
-from twind.config.actuator import CanType, ServoType
+from twind.config.actuator_types import CanType, ServoType
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.device_record import STAMPED, DeviceRecord
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.servo_check import Doubt
-from twind.robot.finding import Code, Finding, Verdict
-from twind_drivers.bus import Device
+from twind.config.servo_check import ServoWarning
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind_drivers.bus import IdentifiedDevice
 
-Devices = Mapping[tuple[str, int], Device]
+Devices = Mapping[tuple[str, int], IdentifiedDevice]
 
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
@@ -37,13 +37,13 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
         device = devices.get((joint.bus, joint.id))
         if device is None:
             message = f"nothing answers as id {joint.id} on bus {joint.bus}"
-            refusals.append(Finding(Code.DEVICE_MISSING, place, message=message))
+            refusals.append(Finding(ReasonCode.DEVICE_MISSING, place, message=message))
         else:
             where = f"id {joint.id} on bus {joint.bus}"
             unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
-            refusals.extend(Finding(Code.DEVICE_MISMATCH, place, message=text) for text in unfit)
+            refusals.extend(Finding(ReasonCode.DEVICE_MISMATCH, place, message=text) for text in unfit)
             doubts = _doubts(joint, device)
-            warnings.extend(Finding(Code.DEVICE_MISMATCH, place, **doubt._asdict()) for doubt in doubts)
+            warnings.extend(Finding(ReasonCode.DEVICE_MISMATCH, place, **doubt._asdict()) for doubt in doubts)
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
 
@@ -59,7 +59,7 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     for place, joint in enumerate(robot.joints):
         entry, device = known.get(joint.actuator), devices.get((joint.bus, joint.id))
         if entry is None:
-            refusals.append(Finding(Code.CALIB_MISSING, place, message="not calibrated"))
+            refusals.append(Finding(ReasonCode.CALIB_MISSING, place, message="not calibrated"))
             continue
         warnings.extend(_travel(place, joint, entry))
         if device is not None:
@@ -68,27 +68,27 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
 
-def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
+def _unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
     """What makes this actuator unusable for this joint, whatever the calibration says."""
     if isinstance(joint.type, CanType):
         return can_check.unfit(joint.type, device)
     return servo_check.unfit(joint, device)
 
 
-def _doubts(joint: JointSpec, device: Device) -> Iterator[Doubt]:
+def _doubts(joint: JointSpec, device: IdentifiedDevice) -> Iterator[ServoWarning]:
     """What works, and should be known."""
     if isinstance(joint.type, ServoType):
         return servo_check.doubts(joint, joint.type, device)
     return iter(())
 
 
-def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:
+def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Finding]:
     def differs(register: str, value: int | None, recorded: int) -> Finding:
         text = f"{register} is {value}, was {recorded} when calibrated: restore it, or calibrate anew"
         if value is None:
             text = f"{register} was not read; it was {recorded} when calibrated"
         number = None if value is None else float(value)
-        return Finding(Code.CALIB_MISMATCH, place, value=number, bound=float(recorded), message=text)
+        return Finding(ReasonCode.CALIB_MISMATCH, place, value=number, bound=float(recorded), message=text)
 
     if now.model_number != then.model_number:
         yield differs("model_number", now.model_number, then.model_number)
@@ -99,7 +99,7 @@ def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> I
     yield from _stamp(place, then, now)
 
 
-def _stamp(place: int, then: DeviceRecord, now: Device) -> Iterator[Finding]:
+def _stamp(place: int, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Finding]:
     tag = now.settings.get(STAMPED)
     if then.tag is not None and tag != then.tag:
         said = "was not read" if tag is None else f"is {tag}"
@@ -107,18 +107,18 @@ def _stamp(place: int, then: DeviceRecord, now: Device) -> Iterator[Finding]:
             f"{STAMPED} (24) {said}, its tag was {then.tag} when calibrated: another servo, or a reset one?"
         )
         number = None if tag is None else float(tag)
-        yield Finding(Code.CALIB_MISMATCH, place, value=number, bound=float(then.tag), message=text)
+        yield Finding(ReasonCode.CALIB_MISMATCH, place, value=number, bound=float(then.tag), message=text)
     if then.unique_id is not None and now.unique_id != then.unique_id:
         text = f"its unique id is {now.unique_id}, was {then.unique_id} when calibrated: another device; "
         remedy = "put the right one back, or calibrate anew"
-        yield Finding(Code.CALIB_MISMATCH, place, message=text + remedy)
+        yield Finding(ReasonCode.CALIB_MISMATCH, place, message=text + remedy)
 
 
-def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:
+def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Finding]:
     if now.firmware != then.firmware:
         text = f"firmware is {now.firmware}, was {then.firmware} when calibrated: prove it again"
         value, bound = float(now.firmware), float(then.firmware)
-        yield Finding(Code.CALIB_MISMATCH, place, value=value, bound=bound, message=text)
+        yield Finding(ReasonCode.CALIB_MISMATCH, place, value=value, bound=bound, message=text)
 
 
 def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[Finding]:
@@ -128,4 +128,4 @@ def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[F
         low, high = (f"{100 * bound:.0f}" for bound in PLAUSIBLE_SWEEP)
         text = f"travel is {100 * share:.0f} % of the described, not {low}..{high} %: wrong joint?"
         bound = PLAUSIBLE_SWEEP[0] if share < PLAUSIBLE_SWEEP[0] else PLAUSIBLE_SWEEP[1]
-        yield Finding(Code.CALIB_MISMATCH, place, value=share, bound=bound, message=text)
+        yield Finding(ReasonCode.CALIB_MISMATCH, place, value=share, bound=bound, message=text)

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from twind.config.section import Plain, Section
-from twind_drivers.bus import Device
+from twind.config.config_section import ConfigSection, Plain
+from twind_drivers.bus import IdentifiedDevice
 
 MAX_TICKS = 2**31 - 1
 STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
@@ -24,7 +24,7 @@ class DeviceRecord:
     tag: int | None = None
 
 
-def recorded(device: Device, *, tagged: bool = False) -> DeviceRecord:
+def recorded(device: IdentifiedDevice, *, tagged: bool = False) -> DeviceRecord:
     """What a calibration keeps of a device; `tagged`: its tag as well, which only a stamped one has.
 
     Raises KeyError: a setting that it did not tell.
@@ -43,7 +43,7 @@ def recorded(device: Device, *, tagged: bool = False) -> DeviceRecord:
     )
 
 
-def read_device(section: Section) -> DeviceRecord:
+def read_device(section: ConfigSection) -> DeviceRecord:
     """The record under `device:`. Raises ConfigError."""
     eeprom = section.section("eeprom")
     number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}

@@ -5,10 +5,10 @@
 
 from collections.abc import Callable, Mapping
 
-from twind.config.actuator import OPERATING_MODES, ServoType
-from twind.config.section import Section
-from twind_drivers.dynamixel.modes import mode_of
-from twind_drivers.dynamixel.tables import number_of, table
+from twind.config.actuator_types import OPERATING_MODES, ServoType
+from twind.config.config_section import ConfigSection
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.dynamixel.operating_modes import mode_of
 
 CURRENT_BASED = "current_based_position"
 
@@ -19,7 +19,7 @@ TOOLS_ONLY: Mapping[str, str] = {
 }
 
 
-def type_mode(section: Section, default: str = "position") -> str:
+def type_mode(section: ConfigSection, default: str = "position") -> str:
     """The mode as it is written. Raises ConfigError: no mode, or one that no robot file may name."""
     given = section.plain("mode")
     if isinstance(given, int | float):  # what register 11 holds, not what a person can check
@@ -36,7 +36,9 @@ def type_mode(section: Section, default: str = "position") -> str:
     return mode
 
 
-def joint_mode(source: Callable[[str], Section], entry: Section, kind: ServoType, described: Section) -> str:
+def joint_mode(
+    source: Callable[[str], ConfigSection], entry: ConfigSection, kind: ServoType, described: ConfigSection
+) -> str:
     """The mode of a joint: its own, that of the defaults, else its type's. Raises ConfigError.
 
     Refused: a mode that the servo's model does not have, current-based position without a current that it
@@ -58,7 +60,7 @@ def joint_mode(source: Callable[[str], Section], entry: Section, kind: ServoType
     return mode
 
 
-def _require_current(kind: ServoType, described: Section, counts: int) -> None:
+def _require_current(kind: ServoType, described: ConfigSection, counts: int) -> None:
     """Raises ConfigError where `current_limit_a` is no goal current of 1..`counts`, told in ampere."""
     cap, most = kind.cap_counts, counts * kind.current_lsb_a
     if cap is None or not 1 <= cap <= counts:

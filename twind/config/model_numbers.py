@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-from twind.config.located import ConfigError, Mark
+from twind.config.yaml_tree import ConfigError, FilePosition
 from twind.protocol.plain_file import NotAFile, read_plain
 
 MAX_MJCF = 8 * 1024 * 1024  # bytes of one file
@@ -161,9 +161,9 @@ def _text(file: Path) -> bytes:
     try:
         data = read_plain(file, MAX_MJCF)
     except NotAFile as error:
-        raise ConfigError(str(file), Mark(0, 0), "", str(error.strerror)) from None
+        raise ConfigError(str(file), FilePosition(0, 0), "", str(error.strerror)) from None
     except OSError as error:
-        raise ConfigError(str(file), Mark(0, 0), "", f"cannot be read: {error.strerror}") from error
+        raise ConfigError(str(file), FilePosition(0, 0), "", f"cannot be read: {error.strerror}") from error
     return _without_comments(data)
 
 
@@ -198,7 +198,7 @@ def _elements(file: Path, text: bytes) -> list[_XmlElement]:
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        mark = Mark(error.lineno, error.offset + 1)
+        mark = FilePosition(error.lineno, error.offset + 1)
         raise ConfigError(str(file), mark, "", f"not XML: {expat.ErrorString(error.code)}") from None
     return found
 
@@ -249,7 +249,7 @@ def _offset(text: bytes, start: int, name: str) -> int:
     return next((place.start() for place in places if place[1] == name.encode()), start)
 
 
-def _mark(text: bytes, offset: int) -> Mark:
+def _mark(text: bytes, offset: int) -> FilePosition:
     begin = text.rfind(b"\n", 0, offset) + 1
     column = len(text[begin:offset].decode("utf-8", "replace")) + 1
-    return Mark(text.count(b"\n", 0, offset) + 1, column)
+    return FilePosition(text.count(b"\n", 0, offset) + 1, column)

@@ -11,15 +11,15 @@ from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
-from twind.config.actuator import Gains, TypeSpec
-from twind.config.buses import buses
-from twind.config.collision import clearance
-from twind.config.imu import imu_of
-from twind.config.joint_entry import described_joints
-from twind.config.located import ConfigError, parse, read_text
+from twind.config.actuator_types import GainSettings, TypeSpec
+from twind.config.bus_config import buses
+from twind.config.collision_config import clearance
+from twind.config.config_section import ConfigSection, file_error
+from twind.config.imu_config import imu_of
+from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
-from twind.config.section import Section, file_error
+from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.protocol.plain_file import NotAFile, read_plain
 
 FORMAT = "twind-robot/1"
@@ -58,7 +58,7 @@ def _is_file(path: Path) -> bool:
 def read_robot(path: Path) -> RobotFile:
     """The robot file at `path`, and the MJCF it names. Raises ConfigError."""
     text = read_text(path)
-    top = Section(str(path), parse(text, str(path)))
+    top = ConfigSection(str(path), parse(text, str(path)))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
     name = top.text("name")
@@ -97,7 +97,7 @@ def _built_in() -> Path:
     return Path(str(resources.files("twind.robots")))
 
 
-def _model(section: Section, path: Path) -> tuple[Path, str, str]:
+def _model(section: ConfigSection, path: Path) -> tuple[Path, str, str]:
     mjcf = path.parent / section.text("mjcf")
     base = section.text("base")
     section.close()
@@ -111,14 +111,14 @@ def _model(section: Section, path: Path) -> tuple[Path, str, str]:
     return mjcf, text, base
 
 
-def _loop(section: Section) -> tuple[float, float]:
+def _loop(section: ConfigSection) -> tuple[float, float]:
     rate = section.number("rate_hz", 100.0, least=10.0, most=1000.0)
     timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=100.0)
     section.close()
     return rate, timeout
 
 
-def _passive(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
+def _passive(top: ConfigSection, joints: Sequence[JointSpec]) -> tuple[str, ...]:
     passive = top.texts("passive")
     for joint in joints:
         if joint.model_joint in passive:
@@ -128,7 +128,7 @@ def _passive(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
     return passive
 
 
-def _legs(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
+def _legs(top: ConfigSection, joints: Sequence[JointSpec]) -> tuple[str, ...]:
     """Joints that carry the robot; all of them where the file does not say."""
     names = tuple(joint.name for joint in joints)
     legs = top.texts("legs") if top.has("legs") else names
@@ -141,7 +141,7 @@ def _legs(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
     return legs
 
 
-def _poses(section: Section, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
+def _poses(section: ConfigSection, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
     if not section.has("rest"):
         raise section.refuse(
             "rest", "is required and missing: the pose in which torque may go off; {} is all 0"
@@ -155,7 +155,7 @@ def _poses(section: Section, joints: Sequence[JointSpec]) -> dict[str, dict[str,
     return poses
 
 
-def _angle(pose: Section, joint: JointSpec) -> float:
+def _angle(pose: ConfigSection, joint: JointSpec) -> float:
     angle = pose.number(joint.name, 0.0)
     if not joint.lower <= angle <= joint.upper:
         why = "" if pose.has(joint.name) else " (not given, so 0)"
@@ -164,7 +164,7 @@ def _angle(pose: Section, joint: JointSpec) -> float:
     return angle
 
 
-def _gate(top: Section, support: str) -> GateSettings:
+def _gate(top: ConfigSection, support: str) -> GateSettings:
     section = top.section("gate")
     policies = ("reject", "retime")
     on_velocity = section.text("on_velocity", "reject", policies)
@@ -178,7 +178,7 @@ def _gate(top: Section, support: str) -> GateSettings:
 __all__ = [
     "BusSpec",
     "ConfigError",
-    "Gains",
+    "GainSettings",
     "GateSettings",
     "JointSpec",
     "RobotFile",

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from twind.config.actuator import TypeSpec
-from twind.config.collision import Clearance
-from twind.config.homing import Homing, Stops
+from twind.config.actuator_types import TypeSpec
+from twind.config.collision_config import Clearance
+from twind.config.homing_config import HomingSettings, JointEndstops
 from twind.robot.transmission import Transmission
 
 
@@ -24,7 +24,7 @@ class BusSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Slot:
+class ActuatorSlot:
     """One actuator: where it hangs, what it is, how its counts become an angle."""
 
     name: str  # its own under `actuators`, else that of the joint it turns
@@ -80,8 +80,8 @@ class JointSpec:
     feedback_id: int | None = None
     transmission: str = ""  # that turns the joint; empty: its actuator alone does
     travel: tuple[float, float] | None = None  # of `span`, where a transmission turns the joint
-    stops: Stops = field(default_factory=Stops)
-    homing: Homing | None = None
+    stops: JointEndstops = field(default_factory=JointEndstops)
+    homing: HomingSettings | None = None
 
     @property
     def span(self) -> tuple[float, float]:

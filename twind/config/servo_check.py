@@ -6,9 +6,9 @@ Registers are compared and named, never written. What is not known refuses, but 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from twind.config.actuator import ServoType
+from twind.config.actuator_types import ServoType
 from twind.config.robot_spec import JointSpec
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
@@ -18,7 +18,7 @@ TORQUE_AT_BOOT, RAM_AT_BOOT = 0b0001, 0b0010  # startup configuration (60), bits
 TIME_PROFILE, TORQUE_BY_GOAL = 0b0100, 0b1000  # drive mode (10), bits 2 and 3
 
 
-class Doubt(NamedTuple):
+class ServoWarning(NamedTuple):
     """What works, and should be known."""
 
     message: str
@@ -26,7 +26,7 @@ class Doubt(NamedTuple):
     bound: float
 
 
-def unfit(joint: JointSpec, device: Device) -> Iterator[str]:
+def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
     """What makes this servo unusable for this joint, whatever the calibration says."""
     settings = device.settings
     if not _same_model(device.model_name, joint.type.device):
@@ -94,7 +94,7 @@ def _same_model(found: str | None, wanted: str) -> bool:
     return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
 
 
-def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]:
+def doubts(joint: JointSpec, kind: ServoType, device: IdentifiedDevice) -> Iterator[ServoWarning]:
     """A return delay that costs more time than described; RAM that comes back from a backup; in modes 4 and
     5, that it has no limits itself."""
     register = device.settings.get("return_delay_time")
@@ -105,14 +105,14 @@ def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]
             f"answers slowly: return delay is {2 * register} us, the robot file says {described}: "
             f"rate at risk; with torque off {remedy}"
         )
-        yield Doubt(text, 2.0 * register, float(described))
+        yield ServoWarning(text, 2.0 * register, float(described))
     startup = device.settings.get("startup_configuration", 0)
     if startup & RAM_AT_BOOT:
         text = f"startup_configuration (60) is {startup}: bit 1, RAM from its backup at boot; write 0"
-        yield Doubt(text, float(startup), 0.0)
+        yield ServoWarning(text, float(startup), 0.0)
     if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
         text = (
             f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
             "the daemon's clamp is the only fence"
         )
-        yield Doubt(text, float(joint.operating_mode), 3.0)
+        yield ServoWarning(text, float(joint.operating_mode), 3.0)

@@ -5,18 +5,18 @@ import re
 from collections.abc import Callable
 from difflib import get_close_matches
 
-from twind.config.actuator import Gains, ServoType
+from twind.config.actuator_types import GainSettings, ServoType
+from twind.config.config_section import ConfigSection
 from twind.config.drive_mode import joint_mode, type_mode
-from twind.config.section import Section
-from twind.config.supply import heat, supply
-from twind.config.units import units
-from twind_drivers.dynamixel.tables import Table, number_of, table
+from twind.config.servo_units import units
+from twind.config.supply_limits import heat, supply
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 
 MAX_ID = 252  # e-manual, "ID (7)"
 _REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
 
-def servo_type(name: str, section: Section) -> ServoType:
+def servo_type(name: str, section: ConfigSection) -> ServoType:
     """One kind of servo. Raises ConfigError."""
     delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
     if delay % 2:
@@ -46,7 +46,7 @@ def servo_type(name: str, section: Section) -> ServoType:
 
 
 def servo_joint(
-    source: Callable[[str], Section], entry: Section, kind: ServoType, described: Section
+    source: Callable[[str], ConfigSection], entry: ConfigSection, kind: ServoType, described: ConfigSection
 ) -> tuple[int, str, dict[str, int]]:
     """Id, mode and registers of a joint that a servo of `kind` drives. Raises ConfigError."""
     return (
@@ -56,7 +56,7 @@ def servo_joint(
     )
 
 
-def _known(section: Section, device: str) -> Table:
+def _known(section: ConfigSection, device: str) -> ControlTable:
     """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
     try:
         return table(number_of(device))
@@ -64,13 +64,13 @@ def _known(section: Section, device: str) -> Table:
         raise section.refuse("device", str(error.args[0])) from None
 
 
-def _gains(section: Section) -> Gains:
-    gains = Gains(*(section.integer(key, least=0, most=16383) for key in ("p", "i", "d")))
+def _gains(section: ConfigSection) -> GainSettings:
+    gains = GainSettings(*(section.integer(key, least=0, most=16383) for key in ("p", "i", "d")))
     section.close()
     return gains
 
 
-def _registers(section: Section, known: Table) -> dict[str, int]:
+def _registers(section: ConfigSection, known: ControlTable) -> dict[str, int]:
     for key in section:
         if not _REGISTER.fullmatch(key):
             raise section.refuse(key, "a register is named in snake case, as homing_offset")

@@ -22,8 +22,8 @@ from typing import Any
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
 from twind.ctl.demo_viewer import viewer
-from twind.ctl.motions import load_motion, motion_names
-from twind.ctl.table import latency_text, loop_text
+from twind.ctl.status_table import latency_text, loop_text
+from twind.ctl.trajectory_files import load_motion, motion_names
 from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
@@ -130,7 +130,7 @@ def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
 
 
 @dataclass
-class Tracking:
+class TrackingErrorMeter:
     """|goal - measured| of every joint while a motion runs, from the topic `state`."""
 
     worst: float = 0.0  # rad
@@ -156,8 +156,8 @@ class Tracking:
 
 
 @contextmanager
-def _tracked(folder: str) -> Iterator[Tracking]:
-    tracking = Tracking()
+def _tracked(folder: str) -> Iterator[TrackingErrorMeter]:
+    tracking = TrackingErrorMeter()
 
     def watch() -> None:
         with Client(folder) as client:
@@ -200,7 +200,7 @@ def _fits(name: str, until: float) -> bool:
 
 def _stay(folder: str, client: Client) -> None:
     """Motions in turn behind the live picture of `twindctl monitor`, until q or Ctrl-C."""
-    from twind.ctl.picture.live import show  # rich: only who stays to look needs it
+    from twind.ctl.picture.live_picture import show  # rich: only who stays to look needs it
 
     ended = threading.Event()
     player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)

@@ -29,7 +29,7 @@ def viewer(folder: str, end_with_us: Callable[[], None]) -> Iterator[None]:
         yield
         return
     with tempfile.TemporaryFile() as said:
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", folder, "view", "--wait"]
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", folder, "view", "--wait"]
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,

@@ -5,9 +5,9 @@ import os
 from collections.abc import Sequence
 
 from twind.client import NoDaemon
-from twind.client.places import directories
-from twind.ctl.verb import DONE, Plain, Rejected, connected, elsewhere, show
-from twind.protocol.places import SYSTEM
+from twind.client.find_socket import directories
+from twind.ctl.verb import DONE, FunctionVerb, Rejected, connected, elsewhere, show
+from twind.protocol.socket_paths import SYSTEM
 
 LOWERING = 30.0  # s that a daemon may take to lower its robot and end
 
@@ -98,4 +98,4 @@ def _unit(folder: str) -> str:
     return f"twind@{name}" if above == SYSTEM else ""
 
 
-ESTOP = Plain(_arguments, _run, from_afar=True)
+ESTOP = FunctionVerb(_arguments, _run, from_afar=True)

@@ -20,7 +20,7 @@ KNOWN_AFTER, KNOWN_FROM = 2.0, 0.02  # s and share after which what is left is g
 _Thing = TypeVar("_Thing")
 
 
-class Progress:
+class ProgressLine:
     """`with Progress(options, "export") as progress: progress.tell("joints", 0.4)`."""
 
     def __init__(
@@ -38,7 +38,7 @@ class Progress:
         self._what, self._seconds, self._now = what, seconds, now
         self._begun, self._drawn, self._shown = now(), -PERIOD, ""
 
-    def __enter__(self) -> "Progress":
+    def __enter__(self) -> "ProgressLine":
         return self
 
     def __exit__(

@@ -28,7 +28,7 @@ class Verb(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Plain:
+class FunctionVerb:
     """A verb made of two functions."""
 
     add_arguments: Callable[[argparse.ArgumentParser], None]

@@ -4,33 +4,33 @@ The loop appends (`Ring`); the front copies (`copy`) and writes (`save`); whoeve
 Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 """
 
-from twind.flight.file import Flight, about, draft, load, save, settle
-from twind.flight.records import (
+from twind.flight.flight_file import FlightFile, about, draft, load, save, settle
+from twind.flight.flight_records import (
     LOST,
     NO_BUS,
     OPENED,
     REFUSED,
-    Contents,
-    Entry,
+    EntryKind,
+    FlightContents,
+    FlightEntry,
     FlightError,
-    Kind,
-    Packed,
+    PackedFlight,
     pack,
 )
-from twind.flight.ring import Ring, copy, held, read, signature
+from twind.flight.recorder_ring import FlightRing, copy, held, read, signature
 
 __all__ = [
     "LOST",
     "NO_BUS",
     "OPENED",
     "REFUSED",
-    "Contents",
-    "Entry",
-    "Flight",
+    "EntryKind",
+    "FlightContents",
+    "FlightEntry",
     "FlightError",
-    "Kind",
-    "Packed",
-    "Ring",
+    "FlightFile",
+    "FlightRing",
+    "PackedFlight",
     "about",
     "copy",
     "draft",

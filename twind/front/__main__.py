@@ -16,13 +16,13 @@ from pathlib import Path
 import msgspec
 
 from twind.briefing import Briefing
-from twind.front.flight import Recorded
-from twind.front.journal import SOCKET
-from twind.front.log import Log, Writer
-from twind.front.server import Front
+from twind.front.daemon_log import DaemonLog, LogWriter
+from twind.front.flight_dumper import RecorderHandover
+from twind.front.front_server import FrontServer
+from twind.front.systemd_journal import SOCKET
+from twind.listening_sockets import Listener
 from twind.memfd import unseal
-from twind.sockets import Listener
-from twind.streams import at_journal
+from twind.standard_streams import at_journal
 
 
 def main() -> int:
@@ -50,13 +50,13 @@ def main() -> int:
     os.close(arguments.briefing)
     stderr = sys.stderr.fileno()
     journal = at_journal(stderr)
-    log = Log(Writer(stderr, SOCKET if journal else None), briefing.log_level, journal=journal)
+    log = DaemonLog(LogWriter(stderr, SOCKET if journal else None), briefing.log_level, journal=journal)
     listeners = {
         "control": (arguments.control, arguments.control_file),
         "observe": (arguments.observe, arguments.observe_file),
     }
     try:
-        recorded = Recorded(arguments.folder, arguments.flight, arguments.wreck)
+        recorded = RecorderHandover(arguments.folder, arguments.flight, arguments.wreck)
         asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners, recorded))
     finally:
         log.close()
@@ -66,11 +66,11 @@ def main() -> int:
 async def _serve(
     link: socket.socket,
     briefing: Briefing,
-    log: Log,
+    log: DaemonLog,
     listeners: Mapping[str, tuple[int | None, str | None]],
-    recorded: Recorded,
+    recorded: RecorderHandover,
 ) -> None:
-    front = Front(link, briefing, log, recorded)
+    front = FrontServer(link, briefing, log, recorded)
     front.loop.set_exception_handler(front.unexpected)
     for name, (fd, label) in listeners.items():
         if fd is not None:

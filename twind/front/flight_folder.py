@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight import FlightError, Packed, about, draft, settle
+from twind.flight import FlightError, PackedFlight, about, draft, settle
 
 KEPT, MOST = 20, 200 << 20  # files, and bytes of all: the newest stay
 CRASH = "CRASH"  # the label of files of daemons that are gone
@@ -48,14 +48,14 @@ def plain(briefing: Briefing) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
+class FlightFolder:
     """`path` is made when the first file is written."""
 
     path: Path
     kept: int = KEPT
     most: int = MOST
 
-    def write(self, label: str, meta: dict[str, Any], briefing: bytes, packed: Packed) -> Path | None:
+    def write(self, label: str, meta: dict[str, Any], briefing: bytes, packed: PackedFlight) -> Path | None:
         """A new file, `flight-20261122T161500Z-LABEL.flight` by `meta["wall_ns"]`; older ones make room.
 
         None: of a crash that is told already, or follows another too soon. Raises OSError.

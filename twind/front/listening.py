@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.link import Reachable, Rebound
-from twind.protocol.places import SYSTEM
-from twind.sockets import Listener, SocketError, listen
+from twind.listening_sockets import Listener, SocketError, listen
+from twind.protocol.socket_paths import SYSTEM
 
 if TYPE_CHECKING:
-    from twind.front.loop_end import LoopEnd
+    from twind.front.loop_connection import LoopConnection
 
 ROLES = {"control": "operator", "observe": "observer"}
 
@@ -39,7 +39,7 @@ class Listening:
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        link: LoopEnd,
+        link: LoopConnection,
         accept: Callable[[socket.socket, str], None],
     ) -> None:
         """`accept` is called with a socket that has a client, and the role that it gives."""

@@ -7,23 +7,24 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.config.edited import edited
-from twind.front import marks, submit
-from twind.front.accepted import Accepted, kept
-from twind.front.calls import STOPS, Call
-from twind.front.foreseen import Job
-from twind.front.log import printable
-from twind.front.loop_end import TooLarge
-from twind.front.reload import PARAMETERS
-from twind.front.streams import wrong
-from twind.front.telemetry import TOPICS
-from twind.front.tickets import ESTOPS
-from twind.front.world import encode
+from twind.config.file_changes import edited
+from twind.front import annotations as marks
+from twind.front import trajectory_submission
+from twind.front.accepted_trajectories import AcceptedTrajectory, kept
+from twind.front.client_calls import STOPS, ClientCall
+from twind.front.daemon_log import printable
+from twind.front.loop_connection import CommandTooLarge
+from twind.front.monitor_subscribers import TOPICS
+from twind.front.reload_queue import PARAMETERS
+from twind.front.state_cache import encode
+from twind.front.streamer_reports import wrong
+from twind.front.ticket_table import ESTOPS
+from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
-from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.finding import Finding, ReasonCode, Verdict
 
 if TYPE_CHECKING:
-    from twind.front.server import Front
+    from twind.front.front_server import FrontServer
 
 # What observe.sock may call: what only reads what is known, a word of streamers, and the stop. Not Check:
 # it takes the loop's time, and a second one is refused while the first is judged.
@@ -32,11 +33,15 @@ LEVELS = ("settle", "cut")  # of an e-stop
 SIDES = ("lower", "upper")  # of a joint's stops
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
-Method = Callable[["Front", Call], None]
+Method = Callable[["FrontServer", ClientCall], None]
 
 
 def forward(
-    front: Front, call: Call, kind: Callable[..., link.Inward], fd: int | None = None, **fields: Any
+    front: FrontServer,
+    call: ClientCall,
+    kind: Callable[..., link.Inward],
+    fd: int | None = None,
+    **fields: Any,
 ) -> bool:
     """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full.
 
@@ -56,9 +61,9 @@ def forward(
             front.link.owe(command)
         else:
             sent = front.link.send(command, fd)
-    except TooLarge as error:
+    except CommandTooLarge as error:
         front.tickets.close(ticket)
-        front.refuse(call, [Finding(Code.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
+        front.refuse(call, [Finding(ReasonCode.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
         return False
     if not sent:
         front.tickets.close(ticket)
@@ -69,7 +74,7 @@ def forward(
 def _as_it_stands(kind: Callable[..., link.Inward]) -> Method:
     """A command whose fields are the method's parameters."""
 
-    def method(front: Front, call: Call) -> None:
+    def method(front: FrontServer, call: ClientCall) -> None:
         given = {key: value for key, value in call.parameters.items() if value is not None}
         forward(front, call, kind, **given)
 
@@ -79,20 +84,20 @@ def _as_it_stands(kind: Callable[..., link.Inward]) -> Method:
 # ------------------------------------------------------------------------------------- from what is known
 
 
-def _get_status(front: Front, call: Call) -> None:
+def _get_status(front: FrontServer, call: ClientCall) -> None:
     joints = b',"joints":' + front.world.joints() if call.parameters.get("joints") else b""
     call.reply(b'{"status":' + front.world.status() + joints + b"}")
 
 
-def _get_robot(front: Front, call: Call) -> None:
+def _get_robot(front: FrontServer, call: ClientCall) -> None:
     call.reply(front.world.robot())
 
 
-def _get_parameters(front: Front, call: Call) -> None:
+def _get_parameters(front: FrontServer, call: ClientCall) -> None:
     call.reply(encode({"parameters": front.world.briefing.parameters}))
 
 
-def _monitor(front: Front, call: Call) -> None:
+def _monitor(front: FrontServer, call: ClientCall) -> None:
     topics, rate = call.parameters["topics"], call.parameters.get("rate")
     unknown = [topic for topic in topics if topic not in TOPICS]
     if call.oneway:
@@ -110,7 +115,7 @@ def _monitor(front: Front, call: Call) -> None:
 # ------------------------------------------------------------------------------------- to the loop
 
 
-def _arm(front: Front, call: Call) -> None:
+def _arm(front: FrontServer, call: ClientCall) -> None:
     joints = call.parameters.get("joints")
     written_anew = edited(front.world.briefing.files)
     if joints is None:
@@ -127,7 +132,7 @@ def _arm(front: Front, call: Call) -> None:
         forward(front, call, link.Arm, joints=places, edited=written_anew)
 
 
-def _find_stop(front: Front, call: Call) -> None:
+def _find_stop(front: FrontServer, call: ClientCall) -> None:
     given, places = call.parameters, front.world.names.places
     if given["joint"] not in places:
         known = list(front.world.names.joints)
@@ -141,7 +146,7 @@ def _find_stop(front: Front, call: Call) -> None:
         forward(front, call, link.FindStop, joint=joint, side=given["side"], more=call.more, **how)
 
 
-def _estop(front: Front, call: Call) -> None:
+def _estop(front: FrontServer, call: ClientCall) -> None:
     level, reason = call.parameters.get("level") or "settle", call.parameters.get("reason") or ""
     if level not in LEVELS:
         name = printable(level[:REASON])
@@ -154,7 +159,7 @@ def _estop(front: Front, call: Call) -> None:
     forward(front, call, link.EStop, level=level, reason=said, more=call.more)
 
 
-def _scan(front: Front, call: Call) -> None:
+def _scan(front: FrontServer, call: ClientCall) -> None:
     if call.parameters.get("bauds") is not None:
         reason = "not served: a bus runs at the robot file's rate while the daemon owns it"
         call.invalid("bauds", reason)
@@ -162,42 +167,42 @@ def _scan(front: Front, call: Call) -> None:
     forward(front, call, link.Scan, bus=call.parameters.get("bus"))
 
 
-def _submit(front: Front, call: Call) -> None:
+def _submit(front: FrontServer, call: ClientCall) -> None:
     _trajectory(front, call, check_only=False)
 
 
-def _check(front: Front, call: Call) -> None:
+def _check(front: FrontServer, call: ClientCall) -> None:
     _trajectory(front, call, check_only=True)
 
 
-def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
+def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
     now, names, message = front.now(), front.world.names, call.parameters["trajectory"]
     if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
-        policy = submit.policy(message, front.world.briefing.description)
-    except submit.Looser as error:
+        policy = trajectory_submission.policy(message, front.world.briefing.description)
+    except trajectory_submission.ToleranceTooLoose as error:
         call.invalid(error.field, error.reason)
         return
-    path, wrong = submit.judge(message, names)
+    path, wrong = trajectory_submission.judge(message, names)
     if path is None:
         _turned_down(front, call, wrong, check_only=check_only)
         return
-    fields = submit.fields(message, path, names)
+    fields = trajectory_submission.fields(message, path, names)
 
     def send(found: Verdict, as_of: float) -> None:
         asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
         judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
         judged["generation"] = front.world.briefing.generation
-        with submit.Sealed(path) as fd:
+        with trajectory_submission.SealedTrajectory(path) as fd:
             sent = forward(front, call, link.Submit, fd, **asked, **judged)
         if sent and not check_only:
-            front.submitted.wait(Accepted(fields["id"], call.caller.holder, path, kept(message)))
+            front.submitted.wait(AcceptedTrajectory(fields["id"], call.caller.holder, path, kept(message)))
 
-    front.foreseen.judge(Job(call, path, fields["append_stop"], not check_only, send, now))
+    front.foreseen.judge(TrajectoryCheck(call, path, fields["append_stop"], not check_only, send, now))
 
 
-def _turned_down(front: Front, call: Call, wrong: list[Finding], *, check_only: bool) -> None:
+def _turned_down(front: FrontServer, call: ClientCall, wrong: list[Finding], *, check_only: bool) -> None:
     """The front's own verdict: the loop never sees the trajectory."""
     findings = front.world.names.findings(wrong)
     verdict: dict[str, list[dict[str, Any]]] = {"refusals": findings, "warnings": [], "changes": []}
@@ -208,7 +213,7 @@ def _turned_down(front: Front, call: Call, wrong: list[Finding], *, check_only: 
         call.refuse(findings)
 
 
-def _setpoint(front: Front, call: Call) -> None:
+def _setpoint(front: FrontServer, call: ClientCall) -> None:
     names, given = front.world.names, call.parameters
     wrong = _streamed(given["joint_names"], given["positions"], given.get("velocities"), names.places)
     if wrong:
@@ -225,22 +230,24 @@ def _streamed(
     joints: list[str], positions: list[float], velocities: list[float] | None, places: dict[str, int]
 ) -> list[Finding]:
     """S13-S15 of one setpoint."""
-    wrong = [] if joints else [Finding(Code.NO_JOINTS, message="no joint is named")]
+    wrong = [] if joints else [Finding(ReasonCode.NO_JOINTS, message="no joint is named")]
     for place, name in enumerate(joints):
         if name not in places:
-            wrong.append(Finding(Code.UNKNOWN_JOINT, message=f"no joint {name[:40]!r}; GetRobot names them"))
+            wrong.append(
+                Finding(ReasonCode.UNKNOWN_JOINT, message=f"no joint {name[:40]!r}; GetRobot names them")
+            )
         elif name in joints[:place]:
-            wrong.append(Finding(Code.DUP_JOINT, joint=places[name], message="named twice"))
+            wrong.append(Finding(ReasonCode.DUP_JOINT, joint=places[name], message="named twice"))
     for what, column in (("positions", positions), ("velocities", velocities)):
         if column is not None and len(column) != len(joints):
             reason = f"{what}: one number per named joint"
-            wrong.append(Finding(Code.BAD_SHAPE, value=len(column), bound=len(joints), message=reason))
+            wrong.append(Finding(ReasonCode.BAD_SHAPE, value=len(column), bound=len(joints), message=reason))
         elif column is not None and not all(map(isfinite, column)):
-            wrong.append(Finding(Code.NONFINITE, message=what))
+            wrong.append(Finding(ReasonCode.NONFINITE, message=what))
     return wrong
 
 
-def _mark(front: Front, call: Call) -> None:
+def _mark(front: FrontServer, call: ClientCall) -> None:
     if call.parameters["kind"] not in marks.KINDS:
         name = printable(call.parameters["kind"][:40])
         call.error("NotFound", {"what": "kind", "name": name, "known": list(marks.KINDS)})
@@ -250,7 +257,7 @@ def _mark(front: Front, call: Call) -> None:
         forward(front, call, link.Mark, annotation=said)
 
 
-def _report_stream(front: Front, call: Call) -> None:
+def _report_stream(front: FrontServer, call: ClientCall) -> None:
     found = wrong(call.parameters["stream"])
     if found is not None:
         call.invalid(f"stream.{found[0]}", found[1])
@@ -259,11 +266,11 @@ def _report_stream(front: Front, call: Call) -> None:
         call.reply(b"{}")
 
 
-def _reload(front: Front, call: Call) -> None:
+def _reload(front: FrontServer, call: ClientCall) -> None:
     front.reloads.ask(call)
 
 
-def _set_parameters(front: Front, call: Call) -> None:
+def _set_parameters(front: FrontServer, call: ClientCall) -> None:
     """Not persistent; a client may only tighten what the owner of the file allows."""
     given, now = call.parameters["parameters"], front.world.briefing.parameters
     if not given:
@@ -282,7 +289,7 @@ def _set_parameters(front: Front, call: Call) -> None:
     front.reloads.ask(call, {PARAMETERS[name]: value for name, value in given.items()})
 
 
-def _dump_recorder(front: Front, call: Call) -> None:
+def _dump_recorder(front: FrontServer, call: ClientCall) -> None:
     front.flights.dump(call)
 
 
@@ -320,7 +327,7 @@ METHODS: dict[str, Method] = {
 # ------------------------------------------------------------------------------------- org.varlink.service
 
 
-def service(front: Front, call: Call) -> None:
+def service(front: FrontServer, call: ClientCall) -> None:
     """`org.varlink.service`: who this is and what it speaks."""
     if call.method == "GetInfo":
         call.reply(

@@ -3,30 +3,30 @@
 import numpy as np
 
 from twind.client import Client, Refused
-from twind.learn.live.beat import Beat, in_step
-from twind.learn.live.clock import Machine
-from twind.learn.live.estimate import Estimate
-from twind.learn.live.heard import STALE
-from twind.learn.live.reins import Reins
-from twind.learn.live.robot import require_armed, require_mode, require_same
-from twind.learn.live.senses import Senses
-from twind.learn.model import Plant
-from twind.learn.observation import Reading
-from twind.learn.shaping import Shaping
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
+from twind.learn.live.rate_timer import RateTimer, in_step
+from twind.learn.live.setpoint_session import SetpointSession
+from twind.learn.live.state_message import STALE
+from twind.learn.live.state_subscriber import StateSubscriber
+from twind.learn.observation import BodyReading
+from twind.learn.plant_model import Plant
 from twind.robot.arrays import Floats
 
 
-class Stale(Exception):
+class StaleState(Exception):
     """The robot is not heard as it must be. The gate holds it, as nothing is sent."""
 
 
 class DaemonBody:
     """Keeps the protocol `env.Body`: what it is told arrives at the robot if the gate lets it."""
 
-    def __init__(self, plant: Plant, shaping: Shaping, socket: str | None) -> None:
+    def __init__(self, plant: Plant, shaping: ActionShaping, socket: str | None) -> None:
         """`socket`: the daemon's folder, None: the usual one. Raises WrongRobot, ClientError."""
-        self.plant, self._period, self._clock = plant, shaping.period, Machine()
-        self._estimate, self._joints = Estimate(plant), plant.layout.joints
+        self.plant, self._period, self._clock = plant, shaping.period, SystemClock()
+        self._estimate, self._joints = BaseEstimator(plant), plant.layout.joints
         self.model, self.data = plant.model, self._estimate.data
         with Client(socket) as client:
             status, told = client.call("GetStatus")["status"], client.call("GetRobot")
@@ -38,10 +38,10 @@ class DaemonBody:
         self.refused = 0  # setpoints, since the episode began
         self.missed = 0  # periods, since the episode began
         self.held = 0  # times that so many were missed that the gate held
-        self._beat: Beat | None = None
-        self._reins = Reins(Client(socket), self._joints, self._period)
+        self._beat: RateTimer | None = None
+        self._reins = SetpointSession(Client(socket), self._joints, self._period)
         try:
-            self._senses = Senses(Client(socket), self._joints, rate_hz)
+            self._senses = StateSubscriber(Client(socket), self._joints, rate_hz)
         except Exception:
             self._reins.drop()
             raise
@@ -57,7 +57,7 @@ class DaemonBody:
         often these were so many that the robot was left to hold."""
         return {"refused": self.refused, "missed": self.missed, "held": self.held}
 
-    def reset(self, rng: np.random.Generator) -> Reading:
+    def reset(self, rng: np.random.Generator) -> BodyReading:
         """Go to the default pose, through the gate: nothing is drawn, and who has fallen stays where it lies.
 
         Raises NotThere, Stale, ClientError.
@@ -66,12 +66,12 @@ class DaemonBody:
         self._reins.go(self.plant.default)
         states = self._senses.next_states()
         if not states:
-            raise Stale(self._senses.ended or "no states are heard")
+            raise StaleState(self._senses.ended or "no states are heard")
         self._beat = in_step(states, self._clock.now(), self._period, self._loop)
         self.refused = self.missed = self.held = 0
         return self._read(self._beat)
 
-    def advance(self, target: Floats, velocity: Floats) -> Reading:
+    def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """Send, and wait for the end of the period. A refusal is counted in the next, and moves nothing.
 
         Raises Stale, ClientError.
@@ -92,7 +92,7 @@ class DaemonBody:
         self._reins.drop()
         self._senses.close()
 
-    def _read(self, beat: Beat) -> Reading:
+    def _read(self, beat: RateTimer) -> BodyReading:
         """At the deadline."""
         self._clock.sleep_until(beat.deadline)
         heard = self._senses.newest
@@ -100,5 +100,5 @@ class DaemonBody:
             "no state has come" if heard is None else heard.stale(self._clock.now(), STALE, self._joints)
         )
         if heard is None or why:
-            raise Stale(str(why))
+            raise StaleState(str(why))
         return self._estimate.reading(heard)

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.layout import BASE, Layout
+from twind.learn.observation_layout import BASE, ObservationLayout
 from twind.robot.arrays import Floats
 
 Observations = NDArray[np.float32]
 
 
-class Reading:
+class BodyReading:
     """What is known of the robot at one moment: named views of one buffer (…, 2n + 25).
 
     A body fills it; noise or a delay may be laid over the whole buffer at once.
@@ -54,7 +54,7 @@ class Reading:
         self.sole_velocities: Floats = base[..., 19:25].reshape(feet)  # m/s
 
     @classmethod
-    def empty(cls, joints: int, shape: tuple[int, ...] = ()) -> "Reading":
+    def empty(cls, joints: int, shape: tuple[int, ...] = ()) -> "BodyReading":
         """Room for readings of `shape` robots, all zero: to be filled before it is shown to anybody."""
         return cls(np.zeros((*shape, 2 * joints + BASE)))
 
@@ -75,10 +75,10 @@ def height_of(base: Floats) -> Any:
     return 0.5 * (left + right + abs(left - right))
 
 
-class Observer:
+class ObservationBuilder:
     """Makes observations of the readings of one robot, or of `shape` robots."""
 
-    def __init__(self, layout: Layout, default: Floats, shape: tuple[int, ...] = ()) -> None:
+    def __init__(self, layout: ObservationLayout, default: Floats, shape: tuple[int, ...] = ()) -> None:
         """`default` (n,): the task's pose, rad, that positions are told from."""
         n = len(layout.joints)
         if default.shape != (n,):
@@ -94,7 +94,7 @@ class Observer:
         )
 
     def observe(
-        self, reading: Reading, action: NDArray[Any], target: Floats, command: Floats, phase: Floats
+        self, reading: BodyReading, action: NDArray[Any], target: Floats, command: Floats, phase: Floats
     ) -> Observations:
         """A new array (…, 4n + 32). `action` (…, n), `target` (…, n) rad, `command` (…, 3), `phase` (…, 4).
 

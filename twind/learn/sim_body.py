@@ -7,14 +7,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind.learn.model import Plant, fill
-from twind.learn.observation import Reading
-from twind.learn.randomise.delays import Histories
-from twind.learn.randomise.draw import Draws
-from twind.learn.randomise.physics import OneModel, Physics
-from twind.learn.randomise.pushes import Pushes
-from twind.learn.randomise.ranges import Ranges
-from twind.learn.randomise.start import Start
+from twind.learn.observation import BodyReading
+from twind.learn.plant_model import Plant, fill
+from twind.learn.randomise.delay_histories import DelayHistories
+from twind.learn.randomise.episode_draw import DrawSampler
+from twind.learn.randomise.episode_start import EpisodeStart
+from twind.learn.randomise.physics_randomiser import PhysicsRandomiser, SingleModelWriter
+from twind.learn.randomise.push_schedule import PushSchedule
+from twind.learn.randomise.randomisation_ranges import RandomisationRanges
 from twind.robot.arrays import Floats
 from twind.twin.simulation import hush
 
@@ -24,20 +24,20 @@ NOTHING: Mapping[str, Any] = {}
 class SimBody:
     """Keeps the protocol `env.Body`. Between steps the data is as after `mj_step1`: of now."""
 
-    def __init__(self, plant: Plant, ranges: Ranges, period: float) -> None:
+    def __init__(self, plant: Plant, ranges: RandomisationRanges, period: float) -> None:
         """`ranges`: what differs from episode to episode; the plant must have room for its delays."""
         hush()
         self.plant = plant
         self.model: Any = copy.copy(plant.model)
         self.data: Any = mujoco.MjData(self.model)
         n, links = len(plant.default), len(plant.places.links)
-        self._draws = Draws(ranges, n, links)
-        self._drawn = OneModel(Physics(ranges, self.model, plant.places), self.model)
-        self._start = Start(plant.model, plant.places, plant.stance)
+        self._draws = DrawSampler(ranges, n, links)
+        self._drawn = SingleModelWriter(PhysicsRandomiser(ranges, self.model, plant.places), self.model)
+        self._start = EpisodeStart(plant.model, plant.places, plant.stance)
         self._pushed = ranges.pushes is not None
-        self._pushes = Pushes(ranges.pushes, plant.mass, period)
-        self._histories, self._late = Histories(self.model), bool(self.model.nhistory)
-        self._reading = Reading.empty(n)
+        self._pushes = PushSchedule(ranges.pushes, plant.mass, period)
+        self._histories, self._late = DelayHistories(self.model), bool(self.model.nhistory)
+        self._reading = BodyReading.empty(n)
         self._rngs: list[np.random.Generator] = []
         self._between = plant.substeps - 2
         self._option: Any = self.model.opt
@@ -60,7 +60,7 @@ class SimBody:
         """Nothing: all is as it was asked."""
         return NOTHING
 
-    def reset(self, rng: np.random.Generator) -> Reading:
+    def reset(self, rng: np.random.Generator) -> BodyReading:
         """Standing in the default pose, changed as drawn from `rng`, at rest but for what is drawn."""
         plant, data = self.plant, self.data
         draw = self._draws.draw(rng)
@@ -81,7 +81,7 @@ class SimBody:
         self._pushes.begin([0], self._rngs)
         return self._read()
 
-    def advance(self, target: Floats, velocity: Floats) -> Reading:
+    def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """One control period in which the servos go to `target` (n,), rad; `velocity` is theirs to find."""
         self._due = self.data.time + self._lasts
         self._ctrl[self._goals] = target
@@ -106,7 +106,7 @@ class SimBody:
         mujoco.mj_step2(model, data)
         mujoco.mj_step1(model, data)
 
-    def _read(self) -> Reading:
+    def _read(self) -> BodyReading:
         parts = self._parts if self._steady else self.plant.parts(*self._state)
         fill(self._reading, *parts)
         return self._reading

@@ -16,10 +16,10 @@ import numpy as np
 from twind import link
 from twind.loop.procedures import Procedure, all_of, ticks
 from twind.loop.torque import loosen, say_unconfirmed, spelled, take
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
-from twind.safety.states import Event
-from twind.safety.turns import expected
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind.safety.multiturn import expected
+from twind.safety.state_machine import RobotEvent
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ TRIES = 20  # goal := present, for a robot that still swings
 JUMP = 0.05  # rad a joint may move within the first ticks of torque
 
 
-class ArmFailed(Exception):
+class ArmingFailed(Exception):
     """Arming stopped half-way; the finding says where."""
 
-    def __init__(self, code: Code, joint: int | None, value: float, bound: float, message: str) -> None:
+    def __init__(self, code: ReasonCode, joint: int | None, value: float, bound: float, message: str) -> None:
         super().__init__(message)
         self.finding = Finding(code, joint, value=value, bound=bound, message=message)
 
@@ -50,28 +50,30 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     inherited = loop.inherited
     loop.hardware.clear()  # a register write or a reboot that waits must not land on a robot with torque
     loop.arming_client = command.client
-    loop.change(Event.ARM, now)
+    loop.change(RobotEvent.ARM, now)
     try:
         held = yield from _energise(loop, inherited)
-    except (BusError, ArmFailed) as error:
+    except (BusError, ArmingFailed) as error:
         yield from back_out(loop, inherited)
-        failed = Finding(Code.ARM_FAILED, message=spelled(loop, error))
-        loop.say.refuse(command, (error.finding if isinstance(error, ArmFailed) else failed,))
+        failed = Finding(ReasonCode.ARM_FAILED, message=spelled(loop, error))
+        loop.say.refuse(command, (error.finding if isinstance(error, ArmingFailed) else failed,))
         return
     except GeneratorExit:  # what took over finds `energising` set, and lets go
         loop.hardware.clear()
-        loop.change_if(Event.ARM_FAILED, loop.clock.now())
+        loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
         _say_ended(loop, command)
         raise
     take(loop, held)
     loop.twin.place(held)
-    loop.change(Event.ARMED, loop.clock.now())
+    loop.change(RobotEvent.ARMED, loop.clock.now())
     message = "armed without a watchdog of its own that can be read back: if the daemon dies, nobody stops it"
-    findings = tuple(Finding(Code.DEVICE_MISMATCH, joint, message=message) for joint in loop.joints.unwatched)
+    findings = tuple(
+        Finding(ReasonCode.DEVICE_MISMATCH, joint, message=message) for joint in loop.joints.unwatched
+    )
     beside: dict[str, Any] = {"warnings": list(findings)} if findings else {}
     loop.say.reply(command, joints=list(range(len(loop.joints))), **beside)
     if findings:
-        loop.say.event("warning", Code.DEVICE_MISMATCH, f"{len(findings)} joints {message}", findings)
+        loop.say.event("warning", ReasonCode.DEVICE_MISMATCH, f"{len(findings)} joints {message}", findings)
 
 
 def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, tuple[Finding, ...]]:
@@ -91,7 +93,11 @@ def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, 
 def _unread(finding: Finding) -> bool:
     """Refused for a reading that never came yet (S27)."""
     value = finding.value
-    return finding.code in (Code.THERMAL_HEADROOM, Code.VOLTAGE_LOW) and value is not None and isnan(value)
+    return (
+        finding.code in (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
+        and value is not None
+        and isnan(value)
+    )
 
 
 def _say_ended(loop: Loop, command: link.Arm) -> None:
@@ -103,7 +109,7 @@ def _say_ended(loop: Loop, command: link.Arm) -> None:
 def _edited(command: link.Arm) -> list[Finding]:
     """S09: what is judged by must be what the files say. The front looks at them: a tick reads no file."""
     message = "{} is not what this daemon goes by: `twindctl reload`, restart it, or restore the file"
-    return [Finding(Code.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
+    return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
 
 
 def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
@@ -122,7 +128,7 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
-        raise ArmFailed(Code.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
+        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
     return held
 
 
@@ -140,7 +146,7 @@ def _require_one_turn(loop: Loop) -> None:
             f"would read {then[joint]} at torque-on, not {count[joint]}: position mode knows one turn, and "
             "it stands beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
         )
-        raise ArmFailed(Code.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
+        raise ArmingFailed(ReasonCode.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
 
 
 def _aimed(loop: Loop) -> Generator[None, float, Floats]:
@@ -154,12 +160,14 @@ def _aimed(loop: Loop) -> Generator[None, float, Floats]:
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
     message = "still moving (ticks): let it hang quiet, then arm again"
-    raise ArmFailed(Code.ARM_FAILED, joint, float(moved[joint]), STILL, message)
+    raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(moved[joint]), STILL, message)
 
 
 def _require_undisturbed(loop: Loop) -> None:
-    if loop.state is not State.ARMING or loop.latches:
-        raise ArmFailed(Code.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile")
+    if loop.state is not RobotState.ARMING or loop.latches:
+        raise ArmingFailed(
+            ReasonCode.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile"
+        )
 
 
 def _require_all_or_none(loop: Loop) -> None:
@@ -167,7 +175,7 @@ def _require_all_or_none(loop: Loop) -> None:
     if on.any() and not on.all():
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
-        raise ArmFailed(Code.ARM_FAILED, joint, float(on.sum()), 0.0, message)
+        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(on.sum()), 0.0, message)
 
 
 def present(loop: Loop) -> Floats:
@@ -177,14 +185,14 @@ def present(loop: Loop) -> Floats:
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
-        raise ArmFailed(Code.HW_DISCONNECTED, joint, float(age[joint]), FRESH, message)
+        raise ArmingFailed(ReasonCode.HW_DISCONNECTED, joint, float(age[joint]), FRESH, message)
     inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
     if not inside.all():
         joint = int(np.argmin(inside))
         value = float(state.position[joint])
         low = value < limits.hard_lower[joint]
         bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
-        raise ArmFailed(Code.OUT_OF_LIMIT, joint, value, bound, "move it inside by hand, then arm")
+        raise ArmingFailed(ReasonCode.OUT_OF_LIMIT, joint, value, bound, "move it inside by hand, then arm")
     return state.position
 
 
@@ -198,7 +206,7 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
         except BusError as error:
             say_unconfirmed(loop, error)
     loop.energising = False
-    loop.change_if(Event.ARM_FAILED, loop.clock.now())
+    loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
 
 
 def give_up(loop: Loop) -> Procedure:

@@ -10,42 +10,42 @@ import msgspec
 import numpy as np
 
 from twind.briefing import Briefing, JointInfo
-from twind.config.edited import texts
+from twind.config.file_changes import texts
 from twind.config.robot_file import RobotFile
-from twind.loop.described import Robot
+from twind.listening_sockets import Listener
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_port import BusPort, Enabler, Opener
+from twind.loop.bus_tap import BusTap, FlightRecorder
+from twind.loop.collision_lookahead import NEAR, CollisionLookahead
+from twind.loop.crash_recording import CrashRecording
+from twind.loop.front_link import ControlLink, FrontLink
 from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
-from twind.loop.inertial import Inertial
-from twind.loop.link import Link, Outside
-from twind.loop.notify import Notifier
-from twind.loop.outlook import NEAR, Lookahead
-from twind.loop.ports import Enabler, Opener, Port
+from twind.loop.imu_poller import ImuPoller
 from twind.loop.realtime import Granted
-from twind.loop.tape import Recorder, Tape
-from twind.loop.tick import Loop, Parts
-from twind.loop.wreck import Wreck
+from twind.loop.service_notify import Notifier
+from twind.loop.tick import Loop, LoopParts
 from twind.memfd import seal
-from twind.motion.executor import Executor
+from twind.motion.trajectory_executor import TrajectoryExecutor
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
-from twind.safety.gate import Thresholds
+from twind.safety.gate import GateThresholds
 from twind.safety.guard import Guard
-from twind.safety.guard import Thresholds as Bounds
-from twind.safety.health import Health
+from twind.safety.guard import GuardThresholds as Bounds
 from twind.safety.lease import Lease
-from twind.sockets import Listener
+from twind.telemetry.timing_monitor import TimingMonitor
 from twind.twin.binding import Binding
-from twind.twin.collision import Bodies
-from twind.twin.handover import packed
+from twind.twin.binding_transfer import packed
+from twind.twin.collision_model import CollisionModel
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
 
-NO_TAPES: Mapping[str, Tape] = MappingProxyType({})
+NO_TAPES: Mapping[str, BusTap] = MappingProxyType({})
 
 
 def build(
-    robot: Robot,
+    robot: BoundRobot,
     *,
     mode: Mode,
     rate_hz: float,
@@ -53,13 +53,13 @@ def build(
     where: Mapping[str, str | None],
     opener: Opener,
     enabler: Enabler,
-    link: Outside,
+    link: ControlLink,
     notifier: Notifier,
-    thresholds: Thresholds,
+    thresholds: GateThresholds,
     realtime: Mapping[str, Granted],
     live_denied: Finding | None = None,
-    rewire: Callable[[Robot], Enabler] | None = None,
-    tapes: Mapping[str, Tape] = NO_TAPES,
+    rewire: Callable[[BoundRobot], Enabler] | None = None,
+    tapes: Mapping[str, BusTap] = NO_TAPES,
 ) -> Loop:
     """A loop ready to run. `rewire`: makes the `enabler` for the same robot with other limits or gains.
 
@@ -67,10 +67,10 @@ def build(
     """
     binding, period = robot.binding, 1.0 / rate_hz
     ports = [
-        Port(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, Tape()))
+        BusPort(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, BusTap()))
         for bus in binding.joint_map.buses
     ]
-    parts = Parts(
+    parts = LoopParts(
         clock=clock,
         period=period,
         joints=binding.joint_map,
@@ -80,7 +80,7 @@ def build(
         support=robot.file.support,
         hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
         twin=Twin(binding, period),
-        executor=Executor(binding.limits, period),
+        executor=TrajectoryExecutor(binding.limits, period),
         guard=Guard(
             binding.limits,
             _bounds(robot.file, period),
@@ -91,7 +91,7 @@ def build(
             linked=binding.joint_map.linked,
         ),
         lease=Lease(),
-        health=Health(len(ports), thresholds.latency_warn),
+        health=TimingMonitor(len(ports), thresholds.latency_warn),
         thresholds=thresholds,
         link=link,
         notifier=notifier,
@@ -105,12 +105,12 @@ def build(
     return Loop(parts, mode)
 
 
-def _inertial(robot: RobotFile, binding: Binding) -> Inertial | None:
+def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:
     """The IMU; None: the robot has none."""
     if robot.imu is None or binding.mount is None:
         return None
     names = [bus.name for bus in binding.joint_map.buses]
-    return Inertial(robot.imu, binding.mount, names.index(robot.imu.bus))
+    return ImuPoller(robot.imu, binding.mount, names.index(robot.imu.bus))
 
 
 def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
@@ -119,10 +119,10 @@ def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
     return {bus.name: bus.joints.tolist() for bus in maps if robot.bus(bus.name).kind == "can"}
 
 
-def _outlook(binding: Binding, period: float) -> Lookahead | None:
+def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
     """Raises BindingError for names in `collision:` that the model lacks."""
-    bodies = Bodies(binding, NEAR)
-    return Lookahead(bodies, binding.limits, period) if bodies.pairs else None
+    bodies = CollisionModel(binding, NEAR)
+    return CollisionLookahead(bodies, binding.limits, period) if bodies.pairs else None
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:
@@ -132,7 +132,7 @@ def _bounds(robot: RobotFile, period: float) -> Bounds:
 
 
 def brief(
-    robot: Robot,
+    robot: BoundRobot,
     rate_hz: float,
     parameters: dict[str, Any],
     log_level: str,
@@ -148,7 +148,7 @@ def brief(
 
 
 def briefing(
-    robot: Robot,
+    robot: BoundRobot,
     rate_hz: float,
     parameters: dict[str, Any],
     log_level: str = "info",
@@ -193,14 +193,14 @@ def briefing(
 def front(
     briefing: int,
     listeners: Mapping[str, Listener],
-    recorder: Recorder | None,
+    recorder: FlightRecorder | None,
     folder: Path,
-    wreck: Wreck | None = None,
-) -> Link:
+    wreck: CrashRecording | None = None,
+) -> FrontLink:
     """The link to a front that is started with the first tick.
 
     `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`.
     """
     flight = None if recorder is None else recorder.fd
     process = FrontProcess(briefing, listeners, flight, folder, wreck)
-    return Link(process) if recorder is None else Link(process, recorder.link)
+    return FrontLink(process) if recorder is None else FrontLink(process, recorder.link)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.ports import Task
+from twind.loop.bus_port import ScriptRun
 from twind.loop.procedures import Procedure
 from twind.robot.finding import Finding
 
@@ -57,7 +57,7 @@ def _quiet(loop: Loop) -> bool:
     return bool((heard & (np.abs(loop.measured.velocity) <= SLOW)).all())
 
 
-def _tell(loop: Loop, tasks: Sequence[Task[tuple[int, ...]]]) -> None:
+def _tell(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
     """Who does not obey is said, and nobody waits for it. An e-stop has begun where everybody does."""
     stiff = [id for task in tasks for id in task.result or ()]
     loop.stops.begun |= not stiff and all(task.error is None for task in tasks)

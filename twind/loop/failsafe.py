@@ -22,17 +22,17 @@ import os
 from typing import TYPE_CHECKING
 
 from twind import link
-from twind.flight import Kind
-from twind.loop.link import Incoming, Record
-from twind.loop.ports import Link as Stage
-from twind.loop.procedures import Procedure, Rank
-from twind.loop.release import LETTING_GO, Manner, release
+from twind.flight import EntryKind
+from twind.loop.bus_port import PortState as Stage
+from twind.loop.front_link import ReceivedCommand, Record
+from twind.loop.procedures import Priority, Procedure
 from twind.loop.torque import named, past
+from twind.loop.torque_release import LETTING_GO, SettleProfile, release
 from twind.robot.arrays import Bools, every, some
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.states import Event
-from twind.streams import tell
+from twind.safety.state_machine import RobotEvent
+from twind.standard_streams import tell
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ LONGEST = (
 CARRIED = ("fixed", "gantry")  # what falls no further than its own arms
 
 
-class Failsafe:
+class FailsafeRun:
     """One robot lowered and let go, or left as it is.
 
     `left` says why torque may be on; "" is said only after it was read back off everywhere, at the very end.
@@ -77,7 +77,7 @@ class Failsafe:
             if why or loop.torque_off or loop.clock.now() > again:
                 break
             self._refused = ""
-            loop.procedures.own(Rank.SHUTDOWN, lambda: self._lower(loop))
+            loop.procedures.own(Priority.SHUTDOWN, lambda: self._lower(loop))
             while loop.procedures.rank is not None:
                 yield
             why = self._refused
@@ -102,15 +102,15 @@ class Failsafe:
 
     def _lower(self, loop: Loop) -> Procedure:
         whole = loop.support not in CARRIED
-        manner = Manner(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
+        manner = SettleProfile(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
         loop.say.event("warning", "FAILSAFE", f"the robot is lowered, then let go (support: {loop.support})")
-        loop.change_if(Event.SETTLE, loop.clock.now())
+        loop.change_if(RobotEvent.SETTLE, loop.clock.now())
         try:
-            yield from release(loop, Finding(Code.NOT_ARMED, message="the daemon was given up"), manner)
+            yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon was given up"), manner)
         except BusError as error:
             if not loop.unconfirmed:  # torque was never ordered off
                 self._refused = f"torque is on, not everybody could be taken over: {error}"
-        loop.change_if(Event.SETTLED, loop.clock.now())
+        loop.change_if(RobotEvent.SETTLED, loop.clock.now())
 
 
 def why_left(loop: Loop) -> str:
@@ -128,7 +128,7 @@ def why_left(loop: Loop) -> str:
     identity = loop.identity
     doubts = (*loop.parts.judge(devices).refusals, *identity.mismatches, *identity.verified.doubts())
     for doubt in doubts:
-        if doubt.code is not Code.DEVICE_MISSING:
+        if doubt.code is not ReasonCode.DEVICE_MISSING:
             return f"torque is on, and nobody knows where the joints are: {doubt.code}: {doubt.message}"
     beyond = past(loop)
     if some(beyond):
@@ -155,7 +155,7 @@ def _afterwards(loop: Loop) -> str:
     return f"torque could not be read back off from {named(loop, loop.hardware.slow.torque != 0)}: {why}"
 
 
-class Aloud:
+class HeadlessLink:
     """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
 
     def __init__(self, fd: int, record: Record | None = None) -> None:
@@ -173,14 +173,14 @@ class Aloud:
     def ask_reread(self) -> None:
         """Nobody reads."""
 
-    def commands(self, now: float) -> list[Incoming]:
+    def commands(self, now: float) -> list[ReceivedCommand]:
         """Nobody can ask anything."""
         return []
 
     def reply(self, reply: link.Reply) -> None:
         """Nobody has asked."""
 
-    def event(self, event: link.Event | link.Moment) -> None:
+    def event(self, event: link.Event | link.VerdictReport) -> None:
         """A line, now or never; then it is written down."""
         if isinstance(event, link.Event):
             tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
@@ -205,4 +205,4 @@ class Aloud:
         if self._record is None:
             return
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # no words: no reason not to go on
-            self._record(Kind.NEWS, link.encode(news))
+            self._record(EntryKind.NEWS, link.encode(news))

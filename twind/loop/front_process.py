@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twind.loop.wreck import Wreck
-from twind.sockets import Listener
+from twind.listening_sockets import Listener
+from twind.loop.crash_recording import CrashRecording
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
@@ -40,7 +40,7 @@ class FrontProcess:
         listeners: Mapping[str, Listener],
         flight: int | None = None,
         folder: Path | None = None,
-        wreck: Wreck | None = None,
+        wreck: CrashRecording | None = None,
     ) -> None:
         """`listeners`: by name, closed with `close`. `flight`: descriptor of the flight recorder, `folder`
         where it is written to, as `wreck` is."""
@@ -48,7 +48,7 @@ class FrontProcess:
         self._listeners = dict(listeners)
         self._flight = flight
         self._folder = folder
-        self.wreck = wreck or Wreck(None)
+        self.wreck = wreck or CrashRecording(None)
         self.ended_well = False  # the last one ended when it was told to, and had done what it had to do
         self._cpus = os.sched_getaffinity(0)  # of before the loop was pinned: a front may run anywhere
         self.socket: socket.socket | None = None

@@ -11,18 +11,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from twind.loop.inertial import Inertial
-from twind.loop.ports import Link, Port, Task
+from twind.loop.bus_port import BusPort, PortState, ScriptRun
+from twind.loop.bus_wait import ripe
+from twind.loop.imu_poller import ImuPoller
+from twind.loop.joint_readings import JointReadings, radians, reach, resolution, ticks
 from twind.loop.procedures import all_of
-from twind.loop.readings import Readings, radians, reach, resolution, ticks
-from twind.loop.ripe import ripe
 from twind.robot.arrays import Bools, Floats, Ints, every, some
-from twind.robot.joints import BusMap, JointMap
+from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import JointState
-from twind.safety.facts import Traffic
-from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
+from twind.safety.guard_types import BusTraffic
+from twind_drivers.bus import BusSample, BusWriter, PortError, Script, WireClamp
 from twind_drivers.clock import Clock
-from twind_drivers.upkeep import upkeep_stride
+from twind_drivers.slow_read_rate import upkeep_stride
 
 T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
@@ -30,7 +30,7 @@ SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class PortLost:
     """A port went away in this tick."""
 
     bus: str
@@ -43,23 +43,23 @@ class Hardware:
     def __init__(
         self,
         joints: JointMap,
-        ports: Sequence[Port],
+        ports: Sequence[BusPort],
         clock: Clock,
         period: float,
-        inertial: Inertial | None = None,
+        inertial: ImuPoller | None = None,
     ) -> None:
         self.joints, self.clock, self.period, self.inertial = joints, clock, period, inertial
         self.ports = tuple(ports)
-        self.pairs: tuple[tuple[Port, BusMap], ...]  # a bus in the counts that goals have on its wire
-        self.readings = Readings(joints, period)
+        self.pairs: tuple[tuple[BusPort, JointBusMap], ...]  # a bus in the counts that goals have on its wire
+        self.readings = JointReadings(joints, period)
         self.slow = self.readings.slow
-        self.lost: list[Lost] = []  # ports lost since the last look
+        self.lost: list[PortLost] = []  # ports lost since the last look
         self.clamped: WireClamp | None = None  # why the last goals were not sent
         self.left = False  # the last goals went out, to every bus that holds
         self.sent = -inf  # s, when all of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
-        self.traffic = tuple(Traffic() for _ in self.ports)  # of the last exchange, bus by bus
+        self.traffic = tuple(BusTraffic() for _ in self.ports)  # of the last exchange, bus by bus
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self.skew = nan  # s, of the last exchange: between the first and the last bus that had answered
@@ -111,40 +111,42 @@ class Hardware:
         self.access(read=False, write=False)
 
     @property
-    def writers(self) -> list[Writer]:
+    def writers(self) -> list[BusWriter]:
         """The write halves that exist now."""
         return [port.writer for port in self.ports if port.writer is not None]
 
     @property
     def connected(self) -> bool:
         """Every bus is open and every device identified."""
-        return all(port.link is Link.CONNECTED for port in self.ports)
+        return all(port.link is PortState.CONNECTED for port in self.ports)
 
-    def prepare(self, position: Floats, among: Bools | None = None) -> list[Task[None]]:
+    def prepare(self, position: Floats, among: Bools | None = None) -> list[ScriptRun[None]]:
         """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back. Who is not
         `among` (n,), None: all, is left out: no goal goes there until everybody is prepared anew."""
         return [self._prepare(pair, position, among) for pair in self.pairs if pair[0].writer is not None]
 
-    def prepare_back(self, position: Floats, among: Bools | None = None) -> list[Task[None]]:
+    def prepare_back(self, position: Floats, among: Bools | None = None) -> list[ScriptRun[None]]:
         """The same, of buses that get no goals but are open and identified; the others go on as they are."""
-        back = [pair for pair in self.pairs if pair[0].link is Link.CONNECTED and not pair[0].holding]
+        back = [pair for pair in self.pairs if pair[0].link is PortState.CONNECTED and not pair[0].holding]
         return [self._prepare(pair, position, among) for pair in back if pair[0].writer is not None]
 
-    def _prepare(self, pair: tuple[Port, BusMap], position: Floats, among: Bools | None) -> Task[None]:
+    def _prepare(
+        self, pair: tuple[BusPort, JointBusMap], position: Floats, among: Bools | None
+    ) -> ScriptRun[None]:
         (port, bus), mine = pair, None if among is None else among[pair[1].joints]
         assert port.writer is not None  # who asks looks first
         self.left_out[bus.joints] = False if mine is None else ~mine
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
-    def aim(self, position: Floats) -> list[Task[None]]:
+    def aim(self, position: Floats) -> list[ScriptRun[None]]:
         """Goal := position (n,), read back."""
         return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
 
-    def torque(self, on: bool) -> list[Task[None]]:
+    def torque(self, on: bool) -> list[ScriptRun[None]]:
         """Torque of every device, read back."""
         return self._order(lambda writer, _: writer.torque(on))
 
-    def damp(self) -> list[Task[tuple[int, ...]]]:
+    def damp(self) -> list[ScriptRun[tuple[int, ...]]]:
         """Every device soft, with its torque on; ids of those that did not confirm it."""
         return self._order(lambda writer, _: writer.damp())
 
@@ -158,11 +160,11 @@ class Hardware:
                 held[bus.joints] = radians(bus, task.result)
         return held
 
-    def silence(self, bus: BusMap, now: float) -> float:
+    def silence(self, bus: JointBusMap, now: float) -> float:
         """Seconds since anybody on that bus answered; inf never."""
         return now - float(self.readings.heard_at[bus.joints].max())
 
-    def _order(self, script: Callable[[Writer, BusMap], Script[T]]) -> list[Task[T]]:
+    def _order(self, script: Callable[[BusWriter, JointBusMap], Script[T]]) -> list[ScriptRun[T]]:
         """The same script on the writer of every open bus, before anything else there."""
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
@@ -171,7 +173,7 @@ class Hardware:
         none."""
         self.left_out &= on
         for port in self.ports:
-            known = port.link is Link.CONNECTED or port.holding or not identified
+            known = port.link is PortState.CONNECTED or port.holding or not identified
             port.holding = on and port.writer is not None and known
 
     @property
@@ -301,25 +303,25 @@ class Hardware:
             traffic.asked = traffic.bad = traffic.answered = False
             traffic.foreign = traffic.full = 0
 
-    def _count(self, number: int, port: Port, sample: Sample) -> None:
+    def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
         """R06 counts who is known to be there (`identity`: who is missing), and not what an IMU spoilt."""
         traffic, whole, inertial = self.traffic[number], every(sample.heard), self.inertial
         traffic.answered = whole or some(sample.heard)
         traffic.foreign, traffic.line = sample.foreign, sample.line
         if inertial is None or inertial.bus != number or not inertial.listen(sample):
-            traffic.asked = port.holding or port.link is Link.CONNECTED
+            traffic.asked = port.holding or port.link is PortState.CONNECTED
             traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
             self.discarded += sample.discarded
             port.counts.errors += not whole
 
-    def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
+    def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
         """Who begins to say that it has a hardware error is asked for it at once (R09)."""
         port = self.ports[number]
         for row in self.readings.alert(number, sample):
             if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
 
-    def _sense(self, inertial: Inertial, end: float) -> None:
+    def _sense(self, inertial: ImuPoller, end: float) -> None:
         """The IMU's reading, once the servos' is in: they never wait for it."""
         pair = self.pairs[inertial.bus]
         if self._try(pair, "sense", end):
@@ -342,7 +344,7 @@ class Hardware:
         """That bus has its upkeep in this tick."""
         return (self._turn + number) % self._stride == 0
 
-    def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf, last: float = inf) -> bool:
+    def _try(self, pair: tuple[BusPort, JointBusMap], what: str, end: float = inf, last: float = inf) -> bool:
         """Begin a transaction on an open port; False where there is none, or the port was lost."""
         port, _ = pair
         if port.reader is None:
@@ -364,7 +366,7 @@ class Hardware:
             return False
         return True
 
-    def _collect(self, asked: list[tuple[Port, BusMap]], *, look: bool = False) -> float:
+    def _collect(self, asked: list[tuple[BusPort, JointBusMap]], *, look: bool = False) -> float:
         """Feed every asked bus until it is done or its deadline passes; time of the first bytes (s).
 
         `look`: before the first wait. An answer is not there while the question still leaves (half-duplex),
@@ -392,9 +394,9 @@ class Hardware:
             waiting = still
         return min(first, self.clock.now())
 
-    def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
+    def _lose(self, pair: tuple[BusPort, JointBusMap], error: PortError) -> None:
         port, _ = pair
         self.traffic[self._place[port.name]].line = 0
         port.lose(error, self.clock.now())
         self.readings.forget(self._place[port.name])
-        self.lost.append(Lost(port.name, error))
+        self.lost.append(PortLost(port.name, error))

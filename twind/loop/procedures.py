@@ -8,12 +8,12 @@ from collections.abc import Callable, Generator, Iterable
 from enum import IntEnum
 from typing import Any
 
-from twind.loop.ports import Task
+from twind.loop.bus_port import ScriptRun
 
 Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
 
 
-class Rank(IntEnum):
+class Priority(IntEnum):
     """How urgent a procedure that owns the torque is."""
 
     ARM = 1
@@ -25,20 +25,20 @@ class Rank(IntEnum):
     CUT = 7
 
 
-class Procedures:
+class ProcedureRunner:
     """What is on its way."""
 
     def __init__(self) -> None:
         self._torque: Procedure | None = None
-        self._rank: Rank | None = None
+        self._rank: Priority | None = None
         self._others: list[Procedure] = []
 
     @property
-    def rank(self) -> Rank | None:
+    def rank(self) -> Priority | None:
         """Urgency of the procedure that owns the torque; None: nobody does."""
         return self._rank
 
-    def own(self, rank: Rank, start: Callable[[], Procedure]) -> bool:
+    def own(self, rank: Priority, start: Callable[[], Procedure]) -> bool:
         """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs."""
         if self._rank is not None and self._rank >= rank:
             return False
@@ -86,7 +86,7 @@ def _next(body: Procedure, now: float) -> bool:
     return True
 
 
-def all_of(tasks: Iterable[Task[Any]]) -> Generator[None, float, None]:
+def all_of(tasks: Iterable[ScriptRun[Any]]) -> Generator[None, float, None]:
     """Wait until every task is done; then raise the first error there was."""
     waiting = list(tasks)
     while not all(task.done for task in waiting):

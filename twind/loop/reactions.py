@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import damping, release
-from twind.loop.contacts import with_contact
-from twind.loop.procedures import Rank
+from twind.loop import damping, torque_release
+from twind.loop.blocking_contacts import with_contact
+from twind.loop.procedures import Priority
 from twind.robot.arrays import Floats, whole
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference
-from twind.safety.facts import MOVING, Judgement, Reaction
-from twind.safety.states import Event
+from twind.safety.guard_types import MOVING, GuardDecision, Reaction
+from twind.safety.state_machine import RobotEvent
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 
-def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: float) -> Floats | None:
+def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
     """Do what the guard says; what may be written. A goal that may not leave becomes the last goal again."""
     if judgement.findings or loop.parts.guard.bars:
         _tell(loop, judgement)
     if judgement.latches:
-        loop.change(Event.FAULT, now)
+        loop.change(RobotEvent.FAULT, now)
     for bus in judgement.gone:
         loop.hardware.give_up(bus, "nobody heard us there: emptied, opened anew")
     if judgement.reaction >= Reaction.HOLD:
@@ -42,7 +42,7 @@ def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: fl
     return reference.position
 
 
-def _tell(loop: Loop, judgement: Judgement) -> None:
+def _tell(loop: Loop, judgement: GuardDecision) -> None:
     """News of each code once, latches, and who began anew."""
     stop = judgement.reaction.name.lower() if judgement.reaction else ""
     for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
@@ -51,12 +51,12 @@ def _tell(loop: Loop, judgement: Judgement) -> None:
         if judgement.latches:
             loop.latch(_of_many(same))
     told = (*judgement.findings, *loop.parts.guard.bars)  # a second restart within a second is not told
-    if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
+    if restarted := [finding for finding in told if finding.code is ReasonCode.SERVO_REBOOTED]:
         loop.identity.restarted(restarted)
-    loop.identity.verified.mar([finding for finding in told if finding.code is Code.SERVO_ALERT])
+    loop.identity.verified.mar([finding for finding in told if finding.code is ReasonCode.SERVO_ALERT])
 
 
-def _act(loop: Loop, judgement: Judgement, now: float) -> None:
+def _act(loop: Loop, judgement: GuardDecision, now: float) -> None:
     """The ladder: a harder reaction takes a softer one over, never the other way."""
     causes = judgement.causes
     if judgement.reaction >= Reaction.INHIBIT:
@@ -66,7 +66,7 @@ def _act(loop: Loop, judgement: Judgement, now: float) -> None:
     elif judgement.reaction >= Reaction.SETTLE and loop.armed:
         if judgement.reaction >= Reaction.DAMP:
             damping.demand(loop, causes, now)  # a way to the rest pose under way ends by it
-        loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now, causes))
+        loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))
     elif judgement.here and loop.procedures.rank is None:
         target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
         loop.executor.give_in(_all_of(loop, judgement.here), loop.hardware.reachable(target.position), causes)
@@ -81,7 +81,7 @@ def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
     return np.flatnonzero(whole(named, loop.joints.together)).tolist()
 
 
-def _slow(loop: Loop, judgement: Judgement) -> None:
+def _slow(loop: Loop, judgement: GuardDecision) -> None:
     """The pace of motions. The way to the rest pose is a stop: never slowed."""
     before = loop.executor.pace
     loop.executor.pace = judgement.pace if loop.procedures.rank is None else 1.0

@@ -6,18 +6,18 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.loop import arming, devices, release
-from twind.loop.link import Incoming
-from twind.loop.procedures import Procedure, Rank
-from twind.loop.submissions import Submissions
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.states import Event, mode_change
+from twind.loop import arming, device_procedures, torque_release
+from twind.loop.front_link import ReceivedCommand
+from twind.loop.procedures import Priority, Procedure
+from twind.loop.submission_tracker import SubmissionTracker
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.state_machine import RobotEvent, mode_change
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
-__all__ = ["Submissions", "begin"]
+__all__ = ["SubmissionTracker", "begin"]
 
 
 def serve(loop: Loop, now: float) -> None:
@@ -28,31 +28,33 @@ def serve(loop: Loop, now: float) -> None:
         try:
             begin(loop, each, now)
         except Exception as error:  # noqa: BLE001 - one call must not cost the others theirs
-            loop.fail(Finding(Code.INTERNAL, message=repr(error)), now)
+            loop.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
             if isinstance(each.command, link.Command):
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
     if loop.link.lost:
         front_lost(loop)
     loop.calibrating.tend(now)
     loop.reloads.serve(now)
-    if loop.stop_wanted and loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now)):
+    if loop.stop_wanted and loop.procedures.own(
+        Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
+    ):
         loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
 
 
-def begin(loop: Loop, incoming: Incoming, now: float) -> None:
+def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
     """Answer a command, or start what will answer it."""
     command = incoming.command
     if isinstance(command, link.Submit):
         loop.submissions.begin(command, incoming.data, now)
-    elif isinstance(command, link.Gone):
+    elif isinstance(command, link.ConnectionClosed):
         _gone(loop, command.client)
-    elif isinstance(command, link.Adopt):
+    elif isinstance(command, link.ApplyChanges):
         loop.reloads.adopt(command, incoming.fd, now)
-    elif isinstance(command, link.Rereading):
+    elif isinstance(command, link.ReloadStarted):
         loop.reloads.begin(now)
     elif isinstance(command, link.Reachable):
         _reachable(loop, command)
-    elif isinstance(command, link.RereadFailed):
+    elif isinstance(command, link.ReloadFailed):
         loop.reloads.failed(command.message)
     else:
         _ANSWERS[type(command)](loop, command, now)
@@ -63,8 +65,8 @@ def _gone(loop: Loop, client: int) -> None:
     loop.lease.gone(client)
     loop.submissions.gone(client)
     loop.stops.gone(client)
-    if loop.procedures.rank is Rank.ARM and loop.arming_client == client:
-        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
+    if loop.procedures.rank is Priority.ARM and loop.arming_client == client:
+        loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
 
 
 def front_lost(loop: Loop) -> None:
@@ -72,16 +74,16 @@ def front_lost(loop: Loop) -> None:
     loop.link.lost = False
     loop.lease.front_lost()
     loop.submissions.forget()
-    _hold(loop, Finding(Code.LEASE_LOST, message="the front was lost"))
-    loop.say.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
+    _hold(loop, Finding(ReasonCode.LEASE_LOST, message="the front was lost"))
+    loop.say.event("error", ReasonCode.LEASE_LOST, "the front was lost; a new one is started")
     loop.reloads.front_lost()
 
 
 def _hold(loop: Loop, reason: Finding) -> None:
     """End motions, those that wait for their start too, and an arming under way. Ways to rest go on."""
     busy = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or loop.executor.waiting
-    if loop.procedures.rank is Rank.ARM:
-        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
+    if loop.procedures.rank is Priority.ARM:
+        loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
     elif loop.procedures.rank is None and busy:
         loop.executor.stop("aborted", (reason,))
 
@@ -89,14 +91,16 @@ def _hold(loop: Loop, reason: Finding) -> None:
 def _reachable(loop: Loop, news: link.Reachable) -> None:
     """While no new client can connect, motion holds and none begins; nothing moves by itself afterwards."""
     before = loop.unreachable
-    loop.unreachable = Finding(Code.SOCKETS_GONE, message=news.missing) if news.missing else None
+    loop.unreachable = Finding(ReasonCode.SOCKETS_GONE, message=news.missing) if news.missing else None
     for path in news.rebound:
-        loop.say.event("warning", Code.SOCKETS_GONE, f"{path} was removed or replaced; it is bound again")
+        loop.say.event(
+            "warning", ReasonCode.SOCKETS_GONE, f"{path} was removed or replaced; it is bound again"
+        )
     if loop.unreachable is not None and before is None:
-        loop.say.event("error", Code.SOCKETS_GONE, news.missing, (loop.unreachable,))
+        loop.say.event("error", ReasonCode.SOCKETS_GONE, news.missing, (loop.unreachable,))
         _hold(loop, loop.unreachable)
     elif loop.unreachable is None and before is not None:
-        loop.say.event("info", Code.SOCKETS_GONE, "clients can connect again; motion may be ordered")
+        loop.say.event("info", ReasonCode.SOCKETS_GONE, "clients can connect again; motion may be ordered")
     loop.publisher.urgent = loop.publisher.urgent or loop.unreachable != before
 
 
@@ -115,7 +119,7 @@ def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
     refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
     to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE  # where torque found on can be taken off
     if refusal is None and loop.energised and wanted is not loop.mode and not to_live:
-        refusal = Finding(Code.MODE_DENIES, message="torque is on: disarm first")
+        refusal = Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
     if refusal is None and wanted is Mode.LIVE:
         refusal = loop.parts.live_denied
     if refusal is not None:
@@ -145,10 +149,10 @@ def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
         return
     moving = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
     if held_by_other and moving and loop.procedures.rank is None:  # never the way to the rest pose
-        reason = Finding(Code.LEASE_LOST, message=f"the lease was taken by {command.holder}")
+        reason = Finding(ReasonCode.LEASE_LOST, message=f"the lease was taken by {command.holder}")
         loop.executor.stop("aborted", (reason,))  # taken from another: motion holds first
     if held_by_other:
-        loop.say.event("warning", Code.LEASE_LOST, f"lease taken by {command.holder}")
+        loop.say.event("warning", ReasonCode.LEASE_LOST, f"lease taken by {command.holder}")
     loop.publisher.urgent = True
     loop.say.reply(command, lease=_lease(loop, command.client, now))
 
@@ -158,7 +162,7 @@ def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
         loop.say.reply(command, lease=_lease(loop, command.client, now))
     else:
         loop.say.refuse(
-            command, (Finding(Code.LEASE_MISSING, message="this connection does not hold the lease"),)
+            command, (Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease"),)
         )
 
 
@@ -177,33 +181,35 @@ def _release(loop: Loop, command: link.ReleaseLease, now: float) -> None:
 def _arm(loop: Loop, command: link.Arm, now: float) -> None:
     everyone = list(range(len(loop.joints)))
     if command.joints is not None and sorted(command.joints) != everyone:
-        finding = Finding(Code.BAD_SHAPE, message="arming some joints is not supported: name all, or none")
+        finding = Finding(
+            ReasonCode.BAD_SHAPE, message="arming some joints is not supported: name all, or none"
+        )
         loop.say.refuse(command, (finding,))
         return
-    _own(loop, command, Rank.ARM, lambda: arming.arm(loop, command, now))
+    _own(loop, command, Priority.ARM, lambda: arming.arm(loop, command, now))
 
 
 def _disarm(loop: Loop, command: link.Disarm, now: float) -> None:
     if loop.torque_on and not loop.hardware.writers:
         message = f"mode {loop.mode} has nothing that writes: torque was found on; disarm in mode live"
-        loop.say.refuse(command, (Finding(Code.MODE_DENIES, message=message),))
+        loop.say.refuse(command, (Finding(ReasonCode.MODE_DENIES, message=message),))
         return
-    _own(loop, command, Rank.DISARM, lambda: release.disarm(loop, command, now))
+    _own(loop, command, Priority.DISARM, lambda: torque_release.disarm(loop, command, now))
 
 
 def _estop(loop: Loop, command: link.EStop, now: float) -> None:
-    if command.level not in release.RANKS:
-        known = list(release.RANKS)
+    if command.level not in torque_release.RANKS:
+        known = list(torque_release.RANKS)
         loop.say.error(command, "NotFound", what="level", name=command.level, known=known)
         return
-    loop.latch(Finding(Code.ESTOP, message=command.reason or f"e-stop ({command.level})"))
+    loop.latch(Finding(ReasonCode.ESTOP, message=command.reason or f"e-stop ({command.level})"))
     loop.stops.ask(command)
     if loop.stop_wanted and loop.torque_off:
         return  # nothing is left to stop, and the end of the daemon must not be put off for ever
-    release.stop(loop, command.level, now)
+    torque_release.stop(loop, command.level, now)
 
 
-def _own(loop: Loop, command: link.Command, rank: Rank, start: Callable[[], Procedure]) -> None:
+def _own(loop: Loop, command: link.Command, rank: Priority, start: Callable[[], Procedure]) -> None:
     if not loop.procedures.own(rank, start):
         running = loop.procedures.rank
         loop.say.error(command, "Busy", what=running.name.lower() if running is not None else "starting")
@@ -224,15 +230,15 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
         return
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
-    if Code.ESTOP not in loop.latches:
+    if ReasonCode.ESTOP not in loop.latches:
         loop.stop_level = None
     if not loop.latches:
         if loop.inhibited:
             for port in loop.hardware.ports:  # who they are was not watched: ask anew
                 port.identify()
         loop.inhibited = False
-        if loop.condition.latched or loop.state is State.INHIBITED:
-            loop.change(Event.RESET, now)
+        if loop.condition.latched or loop.state is RobotState.INHIBITED:
+            loop.change(RobotEvent.RESET, now)
             loop.identity.settle_state(now)
         if loop.mode is not Mode.LIVE and (loop.executor.motion is Motion.IDLE or loop.twin.halted):
             loop.enter(loop.mode)  # the simulation takes goals again, from where it stopped
@@ -288,8 +294,8 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Mark: _mark,
     link.Cancel: _cancel,
     link.Setpoint: _setpoint,
-    link.ReadRegister: devices.read,
-    link.WriteRegister: devices.write,
-    link.Reboot: devices.reboot,
-    link.Scan: devices.scan,
+    link.ReadRegister: device_procedures.read,
+    link.WriteRegister: device_procedures.write,
+    link.Reboot: device_procedures.reboot,
+    link.Scan: device_procedures.scan,
 }

@@ -14,42 +14,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.loop import arming, requests
-from twind.loop.calibrating import Calibrating
-from twind.loop.figures import Figures
-from twind.loop.homing import Homing
-from twind.loop.identity import Identity, Judge
-from twind.loop.procedures import Procedures, Rank
-from twind.loop.publish import Publisher
+from twind.loop.calibrating_state import CalibratingState
+from twind.loop.estop_replies import EStopReplies
+from twind.loop.guard_input import facts
+from twind.loop.homing_procedure import HomingProcedure
+from twind.loop.identification import IdentificationState, Judge
+from twind.loop.loop_figures import LoopFigures
+from twind.loop.procedures import Priority, ProcedureRunner
 from twind.loop.reactions import react
 from twind.loop.realtime import Granted
-from twind.loop.reload import Reloads
-from twind.loop.stops import Stops
-from twind.loop.voice import Voice
-from twind.loop.watch import facts
+from twind.loop.reload_coordinator import ReloadCoordinator
+from twind.loop.responder import Responder
+from twind.loop.state_publisher import StatePublisher
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety import gate
 from twind.safety.guard import Guard
-from twind.safety.headroom import Condition
-from twind.safety.states import LATCHED, TABLE, Event, Latch
-from twind.safety.way import STREAM, Way
+from twind.safety.headroom import JointCondition
+from twind.safety.state_machine import LATCHED, TABLE, RobotEvent, StateLatch
+from twind.telemetry.command_latency import STREAM, CommandLatencyTracer
 
 if TYPE_CHECKING:
-    from twind.loop.described import Robot
+    from twind.loop.bound_robot import BoundRobot
+    from twind.loop.bus_port import Enabler
+    from twind.loop.collision_lookahead import CollisionLookahead
+    from twind.loop.front_link import ControlLink
     from twind.loop.hardware import Hardware
-    from twind.loop.link import Outside
-    from twind.loop.notify import Notifier
-    from twind.loop.outlook import Lookahead
-    from twind.loop.ports import Enabler
-    from twind.motion.executor import Executor
+    from twind.loop.service_notify import Notifier
+    from twind.motion.trajectory_executor import TrajectoryExecutor
+    from twind.robot.actuator_ratings import ActuatorRatings
+    from twind.robot.joint_limits import JointLimits
     from twind.robot.joints import JointMap
-    from twind.robot.limits import Limits
-    from twind.robot.ratings import Ratings
-    from twind.safety.health import Health
     from twind.safety.lease import Lease
+    from twind.telemetry.timing_monitor import TimingMonitor
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 
@@ -59,37 +59,39 @@ PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class LoopParts:
     """What a loop is made of; put together in `assembly`."""
 
     clock: Clock
     period: float  # s
     joints: JointMap
-    limits: Limits
-    ratings: Ratings
+    limits: JointLimits
+    ratings: ActuatorRatings
     rest: Floats  # rad, (n,)
     support: str
     hardware: Hardware
     twin: Twin
-    executor: Executor
+    executor: TrajectoryExecutor
     guard: Guard
     lease: Lease
-    health: Health
-    thresholds: gate.Thresholds
-    link: Outside
+    health: TimingMonitor
+    thresholds: gate.GateThresholds
+    link: ControlLink
     notifier: Notifier
     realtime: Mapping[str, Granted]
     judge: Judge  # devices -> findings of S09
     live_denied: Finding | None  # why this daemon cannot go live; None: it can
-    one: Robot  # what joints, limits and ratings come from
-    rewire: Callable[[Robot], Enabler] | None = None  # how write halves are made for a robot that was changed
-    outlook: Lookahead | None = None  # None: no two bodies of the model can collide
+    one: BoundRobot  # what joints, limits and ratings come from
+    rewire: Callable[[BoundRobot], Enabler] | None = (
+        None  # how write halves are made for a robot that was changed
+    )
+    outlook: CollisionLookahead | None = None  # None: no two bodies of the model can collide
 
 
 class Loop:
     """State of the daemon: everything a tick reads and writes."""
 
-    def __init__(self, parts: Parts, mode: Mode) -> None:
+    def __init__(self, parts: LoopParts, mode: Mode) -> None:
         self.parts = parts
         self.clock, self.period, self.joints, self.limits = (
             parts.clock,
@@ -100,19 +102,19 @@ class Loop:
         self.rest, self.support = parts.rest, parts.support
         self.hardware, self.twin, self.executor = parts.hardware, parts.twin, parts.executor
         self.lease, self.health, self.link = parts.lease, parts.health, parts.link
-        self.outlook, self.way = parts.outlook, Way(parts.health)
-        self.say = Voice(parts.link, parts.clock)
-        self.procedures = Procedures()
-        self.stops = Stops(self)
-        self.submissions = requests.Submissions(self)
-        self.reloads = Reloads(self)
-        self.calibrating, self.homing = Calibrating(self), Homing(self)
-        self.figures = Figures(parts.period, parts.realtime)
-        self.publisher = Publisher(self)
+        self.outlook, self.way = parts.outlook, CommandLatencyTracer(parts.health)
+        self.say = Responder(parts.link, parts.clock)
+        self.procedures = ProcedureRunner()
+        self.stops = EStopReplies(self)
+        self.submissions = requests.SubmissionTracker(self)
+        self.reloads = ReloadCoordinator(self)
+        self.calibrating, self.homing = CalibratingState(self), HomingProcedure(self)
+        self.figures = LoopFigures(parts.period, parts.realtime)
+        self.publisher = StatePublisher(self)
         self.mode = mode
-        self.condition = Latch()
-        self.latches: dict[Code, Finding] = {}
-        self.identity = Identity(self, parts.judge)
+        self.condition = StateLatch()
+        self.latches: dict[ReasonCode, Finding] = {}
+        self.identity = IdentificationState(self, parts.judge)
         self.armed = self.inhibited = self.finished = False
         self.energising = False  # torque was ordered on or off, and is not read back yet
         self.unconfirmed = False  # torque off was ordered, and somebody has not said that it is
@@ -174,9 +176,9 @@ class Loop:
         except Exception as error:
             self._failures += 1
             if self._failures >= PATIENCE:
-                self.inhibit(Finding(Code.INTERNAL, message=repr(error)), now)
+                self.inhibit(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
                 raise
-            self.fail(Finding(Code.INTERNAL, message=repr(error)), now)
+            self.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
         else:
             self._failures = 0
             self.parts.notifier.alive(now)
@@ -196,8 +198,8 @@ class Loop:
         self.written = None
         self.way.forget()
         self.hardware.access(read=mode is not Mode.SIM, write=mode is Mode.LIVE)
-        if mode is Mode.SIM and self.state not in (State.DISCONNECTED, *LATCHED):
-            self.change(Event.PORT_LOST, self.clock.now())
+        if mode is Mode.SIM and self.state not in (RobotState.DISCONNECTED, *LATCHED):
+            self.change(RobotEvent.PORT_LOST, self.clock.now())
         self.executor.idle()
         if mode is not Mode.LIVE:
             whole = mode is Mode.MIRROR and bool(np.isfinite(self.measured.position).all())
@@ -207,7 +209,7 @@ class Loop:
             self.twin.place(place)
             self.executor.begin(place)
 
-    def change(self, event: Event, now: float, stop: str = "") -> None:
+    def change(self, event: RobotEvent, now: float, stop: str = "") -> None:
         """The robot's state takes an event; news of it leave this tick. `stop`: as in `link.Event`."""
         before = self.state
         self.condition = self.condition.after(event)
@@ -217,7 +219,7 @@ class Loop:
             cause = event.name.lower()
             self.say.event("info", self.state.value, said, before=before.value, cause=cause, stop=stop)
 
-    def change_if(self, event: Event, now: float) -> None:
+    def change_if(self, event: RobotEvent, now: float) -> None:
         """The same where the state allows it; torque that goes off is never held up by a state."""
         if self.state in TABLE[event]:
             self.change(event, now)
@@ -233,12 +235,12 @@ class Loop:
         """A fault of our own: hold the last goal, latch, say so. A robot on its way down goes on."""
         self.say.event("error", finding.code, finding.message, (finding,), stop="hold")
         self.latch(finding)
-        self.change(Event.FAULT, now)
-        if self.procedures.rank is None or self.procedures.rank <= Rank.ARM:
+        self.change(RobotEvent.FAULT, now)
+        if self.procedures.rank is None or self.procedures.rank <= Priority.ARM:
             if self.written is not None and self.executor.motion is not Motion.IDLE:
                 self.executor.begin(self.written)
-            if self.procedures.rank is Rank.ARM:
-                self.procedures.own(Rank.DISARM, lambda: arming.give_up(self))
+            if self.procedures.rank is Priority.ARM:
+                self.procedures.own(Priority.DISARM, lambda: arming.give_up(self))
 
     def inhibit(self, finding: Finding, now: float) -> None:
         """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays.
@@ -248,17 +250,17 @@ class Loop:
         """
         self.inhibited = True
         self.latch(finding)  # first: what is ended by it says so
-        if self.procedures.rank is Rank.ARM or not self.energising:
+        if self.procedures.rank is Priority.ARM or not self.energising:
             self.procedures.abandon()
         self.soft_since = None if self.procedures.rank is None else self.soft_since
         self.executor.idle()
         self.hardware.clear()
         self.hardware.hold(False)
         self.hardware.quiet_until = now + QUIET
-        self.change(Event.INHIBIT, now, stop="inhibit")
+        self.change(RobotEvent.INHIBIT, now, stop="inhibit")
 
     @property
-    def state(self) -> State:
+    def state(self) -> RobotState:
         """Of the robot and its bus."""
         return self.condition.state
 
@@ -301,14 +303,14 @@ class Loop:
 
     # ------------------------------------------------------------------------------- judging
 
-    def snapshot(self, client: int, now: float) -> gate.Snapshot:
+    def snapshot(self, client: int, now: float) -> gate.GateSnapshot:
         """What the gate must know, now."""
         live = self.mode is Mode.LIVE
         target = self.measured if live else self.simulated
         still = np.zeros(len(self.joints))
         reference = self.executor.reference or Reference(target.position, still, still)
         slow = self.hardware.slow
-        return gate.Snapshot(
+        return gate.GateSnapshot(
             now=now,
             mode=self.mode,
             state=self.state,
@@ -324,7 +326,7 @@ class Loop:
             busy=self.submissions.busy,
             bars=self.parts.guard.bars,
             unreachable=self.unreachable,
-            condition=Condition(
+            condition=JointCondition(
                 slow.temperature,
                 slow.voltage,
                 now - slow.health_time,
@@ -337,7 +339,7 @@ class Loop:
         """S05–S11 for the verb Arm."""
         verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
         if self.mode is Mode.LIVE and not self.hardware.connected:
-            finding = Finding(Code.HW_DISCONNECTED, message="not every bus is open and identified")
+            finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))
         return verdict
 
@@ -345,8 +347,8 @@ class Loop:
         """The simulation met what is no number, and stands where it was sound last: what it followed ends."""
         self._resets = self.twin.resets
         message = "the simulation broke down; it is back where it was sound last: check the model"
-        finding = Finding(Code.INTERNAL, value=float(self._resets), message=message)
-        self.say.event("error", Code.INTERNAL, message, (finding,))
+        finding = Finding(ReasonCode.INTERNAL, value=float(self._resets), message=message)
+        self.say.event("error", ReasonCode.INTERNAL, message, (finding,))
         if self.mode is not Mode.LIVE and self.executor.motion is not Motion.IDLE:
             self.executor.stop("aborted", (finding,))
 
@@ -354,7 +356,7 @@ class Loop:
         """What the exchange brought: devices, health, outcomes; `read` is when it was over (s)."""
         if self.hardware.clamped is not None:
             error = self.hardware.clamped
-            self.fail(Finding(Code.WIRE_CLAMP, value=float(error.value), message=str(error)), now)
+            self.fail(Finding(ReasonCode.WIRE_CLAMP, value=float(error.value), message=str(error)), now)
         self.identity.watch(now)
         if self.measured.heard.any():
             self.health.hop("state", read - self.measured.time, now)

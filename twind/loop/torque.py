@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.loop.procedures import Procedure, all_of
-from twind.robot.finding import Code
-from twind.safety.guard import Thresholds
+from twind.robot.finding import ReasonCode
+from twind.safety.guard import GuardThresholds
 from twind_drivers.bus import BusError, NoReply
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from twind.robot.arrays import Bools, Floats
 
 INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
-EDGE = Thresholds().beyond_hard  # rad beyond a hard limit that are the encoder's, not the joint's (R14)
+EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that are the encoder's, not the joint's (R14)
 
 
 def past(loop: Loop) -> Bools:
@@ -50,7 +50,7 @@ def spelled(loop: Loop, error: Exception) -> str:
 def say_unconfirmed(loop: Loop, error: BusError) -> None:
     """Torque off that somebody did not confirm."""
     said = f"torque could not be read back off: {spelled(loop, error)}"
-    loop.say.event("error", Code.TORQUE_MISMATCH, said)
+    loop.say.event("error", ReasonCode.TORQUE_MISMATCH, said)
 
 
 def take(loop: Loop, held: Floats) -> None:
@@ -88,7 +88,9 @@ def loosen(loop: Loop) -> Procedure:
 
 def again(loop: Loop) -> Procedure:
     """Somebody who did not confirm torque off is heard again, with torque on: off."""
-    loop.say.event("warning", Code.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more")
+    loop.say.event(
+        "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
+    )
     try:
         yield from loosen(loop)
     except BusError as error:

@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind.robot.limits import Limits
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
 SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it and nobody asks for another
@@ -21,7 +21,11 @@ EDGE, MARGIN = 0.05, 0.2  # rad/s, of the brake rule (S21): speed <= max(EDGE, s
 
 
 def settle(
-    reference: Reference, rest_position: Floats, limits: Limits, seconds: float = 4.0, speed: float = SPEED
+    reference: Reference,
+    rest_position: Floats,
+    limits: JointLimits,
+    seconds: float = 4.0,
+    speed: float = SPEED,
 ) -> Trajectory:
     """From `reference` to rest at `rest_position` (n,), at the share `speed` of every limit, faster when
     `seconds` ask it.
@@ -36,7 +40,7 @@ def settle(
     return _braking_first(reference.position, velocity, rest_position, limits, seconds, speed)
 
 
-def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float, speed: float) -> float:
+def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float) -> float:
     """Time (s) of a quintic from standstill to standstill, whose peaks are 1.875 d / T and 5.774 d / T²."""
     distance = np.abs(end - start)
 
@@ -61,7 +65,7 @@ def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
     return position, (end - start) * 30.0 * (u * (1.0 - u)) ** 2
 
 
-def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: Limits) -> bool:
+def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimits) -> bool:
     """The brake rule on the way, sampled, towards the limit that each joint moves to."""
     u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SAMPLES))  # dense at the ends, where the rule bites
     position, speed = _way(start, end, u)
@@ -71,7 +75,7 @@ def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: Limits) ->
 
 
 def _braking_first(
-    place: Floats, velocity: Floats, end: Floats, limits: Limits, seconds: float, speed: float
+    place: Floats, velocity: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float
 ) -> Trajectory:
     """Each joint brakes evenly until an instant of the grid (exact as cubics between those), then the way."""
     stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID

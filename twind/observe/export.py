@@ -10,20 +10,20 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind.client.clocks import Clocks
-from twind.ctl.progress import Progress
+from twind.client.clock_pair import ClockPair
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, Rejected, show
-from twind.flight import NO_BUS, Entry, Flight, FlightError, Kind, load
+from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightError, FlightFile, load
 from twind.link import Tick
-from twind.observe.recording.flight_news import answers, news, wire
-from twind.observe.recording.of_flight import wall_offset
-from twind.observe.recording.topics import WIRE
+from twind.observe.recording.flight_messages import answers, news, wire
+from twind.observe.recording.flight_reader import wall_offset
+from twind.observe.recording.recording_topics import WIRE
 from twind.observe.recover import recover
-from twind.observe.writing.file import RecordFile
-from twind.observe.writing.head import attachments, clock_words
-from twind.observe.writing.lines import Line, Scribe
+from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
+from twind.observe.writing.record_file import RecordFile
+from twind.observe.writing.record_header import attachments, clock_words
 
-_NAMES = {Kind.OUT: "out", Kind.IN: "in", Kind.PORT: "port"}
+_NAMES = {EntryKind.OUT: "out", EntryKind.IN: "in", EntryKind.PORT: "port"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Export; 1 where that file gives nothing."""
-    with Progress(options, "export") as progress:
+    with ProgressLine(options, "export") as progress:
         progress.tell(options.file.name)
         messages = export(options.file, options.out, ros=options.ros)
     said = f"{options.out}: {messages} messages"
@@ -63,7 +63,7 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
     flight = load(path)
     if not flight.contents.entries:
         raise Rejected(f"{path}: nothing was recorded yet")
-    clocks = Clocks(0.0, wall_offset(flight))
+    clocks = ClockPair(0.0, wall_offset(flight))
     lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
     briefing = flight.briefing
     files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
@@ -79,27 +79,27 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
     return file.messages
 
 
-def _lines(flight: Flight, clocks: Clocks) -> Iterator[Line]:
+def _lines(flight: FlightFile, clocks: ClockPair) -> Iterator[RecordLine]:
     """Everything, by kind."""
-    scribe = Scribe([joint.name for joint in flight.briefing.joints], clocks)
+    scribe = RecordEncoder([joint.name for joint in flight.briefing.joints], clocks)
     modes = {each.time: each.mode for each in news(flight) if isinstance(each, Tick)}
     for answer in answers(flight):
         scribe.mode = modes.get(answer["time"], scribe.mode)
         yield from scribe.take(answer)
     buses = [str(name) for name in flight.meta.get("buses") or ()]
     for entry in wire(flight):
-        yield Line(WIRE, clocks.wall(entry.time), _wire(entry, buses))
+        yield RecordLine(WIRE, clocks.wall(entry.time), _wire(entry, buses))
 
 
-def _wire(entry: Entry, buses: list[str]) -> bytes:
+def _wire(entry: FlightEntry, buses: list[str]) -> bytes:
     bus = None if entry.bus == NO_BUS else entry.bus
     name = buses[bus] if bus is not None and bus < len(buses) else "" if bus is None else str(bus)
     said = {"bus": name, "kind": _NAMES[entry.kind], "hex": entry.data.hex()}
-    if entry.kind == Kind.PORT:
+    if entry.kind == EntryKind.PORT:
         said = {"bus": name, "kind": "port", "text": entry.data.decode(errors="replace")}
     return json.dumps(said).encode()
 
 
-def _about(flight: Flight, clocks: Clocks) -> dict[str, str]:
+def _about(flight: FlightFile, clocks: ClockPair) -> dict[str, str]:
     about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
     return about | clock_words(clocks) | {f"flight_{key}": str(value) for key, value in flight.meta.items()}

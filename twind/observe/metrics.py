@@ -37,13 +37,13 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 0; of --once 3 where no daemon is, or says enough: it prints `twind_up 0` then."""
     if options.text and not options.once:
         raise UsageError("--text needs --once: a scraper asks for the format that it wants")
-    from twind.observe.measuring import serve  # 0.1 s of imports that `twindctl --help` need not pay
+    from twind.observe.measuring import metrics_server  # 0.1 s of imports that `twindctl --help` need not pay
 
     if options.once:
-        return serve.once(options)
+        return metrics_server.once(options)
     listener = unix(options.unix) if options.unix else loopback(options.listen or LISTEN)
     try:
-        serve.serve(options, listener)
+        metrics_server.serve(options, listener)
     finally:
         listener.close()
         if options.unix:

@@ -44,8 +44,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--from {options.begin:g} --to {options.end:g}: there is nothing between them")
     out = options.out or options.file.with_name(options.file.name + ".png")
     _spare(out)
-    from twind.observe.plotting.page import figure, save
-    from twind.observe.recording.columns import open_recording
+    from twind.observe.plotting.plot_page import figure, save
+    from twind.observe.recording.recording_columns import open_recording
 
     recording = open_recording(options.file)
     chosen = None if options.joints is None else tuple(filter(None, re.split(r"[,\s]+", options.joints)))

@@ -9,12 +9,12 @@ import os
 import time
 from pathlib import Path
 
-from twind.client.clocks import clocks
-from twind.ctl.stopping import told_to_stop
+from twind.client.clock_pair import clocks
+from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import UsageError, observer
-from twind.observe.writing.course import Course
-from twind.observe.writing.folder import Bounds
-from twind.observe.writing.writer import RecordWriter
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_writer import RecordWriter
+from twind.observe.writing.recorder import Recorder
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -75,19 +75,19 @@ def run(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
-    bounds = Bounds(options.keep, options.free, options.max_size)
+    bounds = DiskQuota(options.keep, options.free, options.max_size)
     with told_to_stop() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:
-            return Course(options, writer, stop).run()
+            return Recorder(options, writer, stop).run()
         finally:
             writer.close()
 
 
 def usual_folder(options: argparse.Namespace) -> Path:
     """`recordings` below the daemon's state folder, or below this user's own where that is not for us."""
-    from twind.config.settings import places
+    from twind.config.daemon_settings import places
 
     with observer(options) as client:
         state = client.call("GetParameters")["parameters"].get("state_dir")

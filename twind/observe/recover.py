@@ -13,11 +13,18 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, Rejected, show
-from twind.observe.recording.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap, Schema
-from twind.observe.recording.topics import RECOVERED
-from twind.observe.writing.file import CHUNK, as_text
+from twind.observe.recording.mcap_records import (
+    McapAttachment,
+    McapMessage,
+    McapMetadata,
+    McapScanner,
+    McapSchema,
+    NotMcap,
+)
+from twind.observe.recording.recording_topics import RECOVERED
+from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
 from twind.version import __version__
 
@@ -26,7 +33,7 @@ TOLD = 1000  # messages between two words of how far it is
 
 
 @dataclass(frozen=True, slots=True)
-class Recovered:
+class RecoveryResult:
     """What was kept of a file, and what was not."""
 
     out: Path | None  # None: it was whole already
@@ -59,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Recover; 1 where nothing can be."""
-    with Progress(options, "recover") as progress:
+    with ProgressLine(options, "recover") as progress:
         found = recover(options.file, options.out, tell=lambda share: progress.tell(options.file.name, share))
     data = {
         "file": str(options.file),
@@ -76,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 def recover(
     path: Path, out: Path | None = None, *, ros: bool = False, tell: Callable[[float], None] = lambda _: None
-) -> Recovered:
+) -> RecoveryResult:
     """Write all that is whole of `path` to `out`; nothing where it is whole and no `out` is named.
 
     `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
@@ -99,15 +106,15 @@ def recover(
         raise Rejected(f"{error.filename or target}: {error.strerror}") from None
 
 
-def _look(path: Path) -> Recovered:
+def _look(path: Path) -> RecoveryResult:
     """As it is; `out` is the path itself where it is not whole."""
-    file, span = McapFile(path), _Span()
+    file, span = McapScanner(path), _MessageSpan()
     for each in file.contents():
         span.take(each)
     return _found(file, span, path if _why(file) else None)
 
 
-def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) -> Recovered:
+def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) -> RecoveryResult:
     fd = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
     try:
         with open(fd, "wb") as stream:
@@ -121,8 +128,10 @@ def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) ->
     return found
 
 
-def _rewrite(path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[float], None]) -> Recovered:
-    file, span = McapFile(path), _Span()
+def _rewrite(
+    path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[float], None]
+) -> RecoveryResult:
+    file, span = McapScanner(path), _MessageSpan()
     writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
@@ -132,9 +141,9 @@ def _rewrite(path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[f
             writer.start(profile=file.profile, library=file.library or f"twind {__version__}")
             started = True
         span.take(each)
-        if isinstance(each, Metadata):
+        if isinstance(each, McapMetadata):
             writer.add_metadata(each.name, each.data)
-        elif isinstance(each, Attachment):
+        elif isinstance(each, McapAttachment):
             writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
         else:
             if span.messages % TOLD == 0:
@@ -154,13 +163,13 @@ def _rewrite(path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[f
     return found
 
 
-def _channel(writer: Writer, file: McapFile, number: int, schemas: dict[int, int], ros: bool) -> int:
+def _channel(writer: Writer, file: McapScanner, number: int, schemas: dict[int, int], ros: bool) -> int:
     """The new number of a channel. `schemas`: new numbers by old ones, TEXT that of std_msgs/String."""
     channel = file.channels[number]
     wrap = ros and channel.encoding == "json"
     kind = TEXT if wrap else channel.schema
     if kind not in schemas:
-        text = Schema(STRING, "ros2msg", definition_text(STRING).encode())
+        text = McapSchema(STRING, "ros2msg", definition_text(STRING).encode())
         schema = text if wrap else file.schemas[kind]
         schemas[kind] = writer.register_schema(schema.name, schema.encoding, schema.data)
     encoding = "cdr" if wrap else channel.encoding
@@ -168,25 +177,25 @@ def _channel(writer: Writer, file: McapFile, number: int, schemas: dict[int, int
     return found
 
 
-class _Span:
+class _MessageSpan:
     """Messages, and the times of the first and the last."""
 
     def __init__(self) -> None:
         self.messages, self.first, self.last = 0, 0, 0
 
-    def take(self, each: Message | Attachment | Metadata) -> None:
-        if isinstance(each, Message):
+    def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
+        if isinstance(each, McapMessage):
             self.first = each.log_time if not self.messages else min(self.first, each.log_time)
             self.last = max(self.last, each.log_time)
             self.messages += 1
 
 
-def _found(file: McapFile, span: _Span, out: Path | None) -> Recovered:
+def _found(file: McapScanner, span: _MessageSpan, out: Path | None) -> RecoveryResult:
     seconds = (span.last - span.first) / 1e9
-    return Recovered(out, span.messages, seconds, file.size - file.kept, file.damaged, _why(file))
+    return RecoveryResult(out, span.messages, seconds, file.size - file.kept, file.damaged, _why(file))
 
 
-def _why(file: McapFile) -> str:
+def _why(file: McapScanner) -> str:
     """It is not whole; empty: it is."""
     if file.cut:
         return file.cut

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 
 if TYPE_CHECKING:
-    from twind.flight import Flight
-    from twind.observe.replaying.bus import ToldBus
-    from twind.observe.replaying.outcome import Outcome
-    from twind.observe.replaying.score import Score
-    from twind.observe.replaying.servos import Passage
+    from twind.flight import FlightFile
+    from twind.observe.replaying.replay_bus import ReplayBus
+    from twind.observe.replaying.replay_outcome import ReplayOutcome
+    from twind.observe.replaying.replay_script import ReplayScript
+    from twind.observe.replaying.replay_servos import ReplayPosition
 
 TOLERANCE = 0.25  # s that a fault may come earlier or later than it was recorded
 LONGEST = 60  # characters of a folder in which sockets can lie in folders
@@ -34,11 +34,11 @@ with --view."""
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
+class ReplayResult:
     """A recording, played."""
 
-    asked: "Score"
-    outcome: "Outcome"
+    asked: "ReplayScript"
+    outcome: "ReplayOutcome"
     verbatim: float  # share of the questions that were answered with recorded bytes
     missed: int  # ticks of the daemon
 
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     return _report(options, flight, _play(flight, robot, options.last, realtime=options.realtime))
 
 
-def _load(path: Path) -> "Flight":
+def _load(path: Path) -> "FlightFile":
     from twind.flight import FlightError, load
 
     if path.suffix == ".mcap":
@@ -100,21 +100,21 @@ def _load(path: Path) -> "Flight":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "Flight", robot: Path | None, last: float, *, realtime: bool) -> "Played":
+def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
     """Raises Rejected."""
-    from twind.observe.replaying.conductor import Conductor
-    from twind.observe.replaying.daemon import Daemon
-    from twind.observe.replaying.ports import Ports
-    from twind.observe.replaying.score import Unplayable, score
-    from twind.observe.replaying.servos import Passage
-    from twind.observe.replaying.stage import lay_out
-    from twind.observe.replaying.story import Unknown
+    from twind.observe.replaying.device_timeline import IncompleteRecording
+    from twind.observe.replaying.replay_client import ReplayClient
+    from twind.observe.replaying.replay_daemon import ReplayDaemon
+    from twind.observe.replaying.replay_files import lay_out
+    from twind.observe.replaying.replay_ports import ReplayPorts
+    from twind.observe.replaying.replay_script import NotReplayable, score
+    from twind.observe.replaying.replay_servos import ReplayPosition
     from twind_drivers.clock import MonotonicClock
 
     clock = MonotonicClock()
     try:
         asked = score(flight, last)
-        passage = Passage(asked.begin)
+        passage = ReplayPosition(asked.begin)
         with contextlib.ExitStack() as stack:
             short = None if len(tempfile.gettempdir()) < LONGEST else "/tmp"  # a socket's path is 107 bytes
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-", dir=short)))
@@ -125,38 +125,40 @@ def _play(flight: "Flight", robot: Path | None, last: float, *, realtime: bool) 
                 place.mkdir()
             buses = list(_buses(flight, asked, passage, clock.now))
             links = {name: places[0] / str(place) for place, name in enumerate(files.buses)}
-            ports = stack.enter_context(Ports(buses, links, clock, realtime=realtime))
-            daemon = stack.enter_context(Daemon(files, asked.mode, links, places[1], realtime=realtime))
+            ports = stack.enter_context(ReplayPorts(buses, links, clock, realtime=realtime))
+            daemon = stack.enter_context(ReplayDaemon(files, asked.mode, links, places[1], realtime=realtime))
             conductor = stack.enter_context(
-                contextlib.closing(Conductor(asked, daemon.sockets, passage, clock))
+                contextlib.closing(ReplayClient(asked, daemon.sockets, passage, clock))
             )
             conductor.prepare()
             replayed = conductor.play()
             ports.check()
             verbatim, made = (sum(getattr(bus, what) for bus in buses) for what in ("verbatim", "made"))
-            return Played(asked, replayed, verbatim / max(1, verbatim + made), conductor.missed)
-    except (Unplayable, Unknown) as error:
+            return ReplayResult(asked, replayed, verbatim / max(1, verbatim + made), conductor.missed)
+    except (NotReplayable, IncompleteRecording) as error:
         raise Rejected(f"this file cannot be played: {error}") from None
 
 
-def _require_serial(flight: "Flight") -> None:
+def _require_serial(flight: "FlightFile") -> None:
     """Raises Unplayable: a bus that is not serial."""
-    from twind.observe.replaying.score import VIEW, Unplayable
+    from twind.observe.replaying.replay_script import VIEW, NotReplayable
 
     for bus in flight.briefing.description["buses"]:
         if bus["kind"] == "can":
-            raise Unplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+            raise NotReplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
 
 
-def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> Iterator["ToldBus"]:
-    from twind.observe.replaying.bus import ToldBus
-    from twind.observe.replaying.score import SIM
-    from twind.observe.replaying.story import story
+def _buses(
+    flight: "FlightFile", asked: "ReplayScript", passage: "ReplayPosition", now: Any
+) -> Iterator["ReplayBus"]:
+    from twind.observe.replaying.device_timeline import story
+    from twind.observe.replaying.replay_bus import ReplayBus
+    from twind.observe.replaying.replay_script import SIM
 
     for place, bus in enumerate(flight.briefing.description["buses"]):
         if asked.mode == SIM:  # its port is given a name all the same, behind which there is nothing
             continue
-        yield ToldBus(
+        yield ReplayBus(
             story(bus["name"], place, flight.contents),
             passage,
             baud=bus["baud"],
@@ -171,8 +173,8 @@ def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> It
 # ------------------------------------------------------------------------------------------- telling
 
 
-def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> int:
-    from twind.observe.replaying.outcome import differences, uncompared
+def _report(options: argparse.Namespace, flight: "FlightFile", played: ReplayResult) -> int:
+    from twind.observe.replaying.replay_outcome import differences, uncompared
 
     score = played.asked
     found = list(differences(score.recorded, played.outcome, TOLERANCE))
@@ -196,9 +198,9 @@ def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> in
     return REFUSED if found or doubts else DONE
 
 
-def _doubts(played: Played) -> Iterator[str]:
+def _doubts(played: ReplayResult) -> Iterator[str]:
     """Why it proves nothing that the same came out."""
-    from twind.observe.replaying.score import SIM
+    from twind.observe.replaying.replay_script import SIM
 
     if not played.asked.whole:
         yield "not all was asked again that may have changed what came out"
@@ -206,7 +208,7 @@ def _doubts(played: Played) -> Iterator[str]:
         yield "no question had its recorded answer"
 
 
-def _head(file: str, flight: "Flight", played: Played) -> Iterator[str]:
+def _head(file: str, flight: "FlightFile", played: ReplayResult) -> Iterator[str]:
     briefing, score = flight.briefing, played.asked
     seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
@@ -216,7 +218,7 @@ def _head(file: str, flight: "Flight", played: Played) -> Iterator[str]:
 
 
 def _verdict(
-    played: Played, found: Sequence[str], doubts: Sequence[str], open_: Sequence[str]
+    played: ReplayResult, found: Sequence[str], doubts: Sequence[str], open_: Sequence[str]
 ) -> Iterator[str]:
     if found:
         yield from _outcome("replayed", played.outcome)
@@ -237,7 +239,7 @@ def _verdict(
     yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
 
 
-def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:
+def _outcome(what: str, outcome: "ReplayOutcome") -> Iterator[str]:
     yield f"{what}:"
     for number, each in enumerate(outcome.answers, 1):
         yield f"  {number:3}  {each.words()}"
@@ -251,10 +253,10 @@ def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:
 
 def _view(options: argparse.Namespace) -> int:
     """The states in the viewer, until Ctrl-C."""
-    from twind.observe.recording.columns import open_recording
-    from twind.observe.replaying.shown import messages
+    from twind.observe.recording.recording_columns import open_recording
+    from twind.observe.replaying.recorded_states import messages
     from twind.observe.viewing import show as show_in_browser
-    from twind.observe.viewing.likeness import Likeness, NoLikeness
+    from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
     from twind_drivers.clock import MonotonicClock
 
     recording = open_recording(Path(options.file))
@@ -264,8 +266,8 @@ def _view(options: argparse.Namespace) -> int:
         )
     robot = {"robot": recording.robot, "calibration": recording.calibration, "mjcf": recording.mjcf}
     try:
-        Likeness(robot)
-    except (NoLikeness, LookupError, TypeError, ValueError, AttributeError) as error:
+        RobotModel(robot)
+    except (NoRobotModel, LookupError, TypeError, ValueError, AttributeError) as error:
         raise Rejected(f"{options.file}: the robot in it cannot be shown: {error!r}") from None
     paced = messages(recording, MonotonicClock(), options.speed or 1.0)
     return show_in_browser(robot, paced, title=f"{recording.path.name}")

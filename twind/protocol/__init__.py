@@ -1,6 +1,6 @@
 """The control interface: its IDL text, what it demands of a call, and strict JSON. Standard library only."""
 
-from twind.protocol.idl import Interface, WrongParameter, parse
+from twind.protocol.idl import IdlInterface, WrongParameter, parse
 from twind.protocol.interfaces import CONTROL, SERVICE, load
 
-__all__ = ["CONTROL", "SERVICE", "Interface", "WrongParameter", "load", "parse"]
+__all__ = ["CONTROL", "SERVICE", "IdlInterface", "WrongParameter", "load", "parse"]

@@ -20,7 +20,7 @@ class WrongParameter(Exception):
         self.where, self.reason = where, reason
 
 
-class Type:
+class IdlType:
     """What a value may be."""
 
     def check(self, value: object, where: str) -> None:
@@ -29,7 +29,7 @@ class Type:
 
 
 @dataclass(frozen=True, slots=True)
-class Plain(Type):
+class ScalarType(IdlType):
     """bool, int, float, string or object. A bool is no number; an int is a float where a float is asked."""
 
     name: str
@@ -50,10 +50,10 @@ class Plain(Type):
 
 
 @dataclass(frozen=True, slots=True)
-class Maybe(Type):
+class OptionalType(IdlType):
     """The value, or null."""
 
-    of: Type
+    of: IdlType
 
     def check(self, value: object, where: str) -> None:
         """Raises WrongParameter."""
@@ -62,26 +62,30 @@ class Maybe(Type):
 
 
 @dataclass(frozen=True, slots=True)
-class List(Type):
+class ListType(IdlType):
     """Any number of values of one type."""
 
-    of: Type
+    of: IdlType
 
     def check(self, value: object, where: str) -> None:
         """Raises WrongParameter."""
         if type(value) is not list:
             raise WrongParameter(where, f"expected an array, got {_described(value)}")
-        if isinstance(self.of, Plain) and self.of.name == "float" and all(type(x) is float for x in value):
+        if (
+            isinstance(self.of, ScalarType)
+            and self.of.name == "float"
+            and all(type(x) is float for x in value)
+        ):
             return  # the bulk of a trajectory
         for place, item in enumerate(value):
             self.of.check(item, f"{where}[{place}]")
 
 
 @dataclass(frozen=True, slots=True)
-class Table(Type):
+class MapType(IdlType):
     """Values of one type by name."""
 
-    of: Type
+    of: IdlType
 
     def check(self, value: object, where: str) -> None:
         """Raises WrongParameter."""
@@ -92,7 +96,7 @@ class Table(Type):
 
 
 @dataclass(frozen=True, slots=True)
-class Choice(Type):
+class EnumType(IdlType):
     """One of some words."""
 
     words: tuple[str, ...]
@@ -104,10 +108,10 @@ class Choice(Type):
 
 
 @dataclass(frozen=True, slots=True)
-class Struct(Type):
+class StructType(IdlType):
     """Named fields; those of type `Maybe` may be absent, others and unknown ones may not."""
 
-    fields: Mapping[str, Type]
+    fields: Mapping[str, IdlType]
 
     def check(self, value: object, where: str) -> None:
         """Raises WrongParameter."""
@@ -117,7 +121,7 @@ class Struct(Type):
         for name, kind in self.fields.items():
             if name in value:
                 kind.check(value[name], prefix + name)
-            elif not isinstance(kind, Maybe):
+            elif not isinstance(kind, OptionalType):
                 raise WrongParameter(prefix + name, "is missing")
         if len(value) > len(self.fields) or value.keys() - self.fields.keys():
             unknown = sorted(value.keys() - self.fields.keys())[0]
@@ -126,11 +130,11 @@ class Struct(Type):
 
 
 @dataclass(slots=True)
-class Named(Type):
+class NamedType(IdlType):
     """A type of the interface by its name; resolved when first used, so that order does not matter."""
 
     name: str
-    types: Mapping[str, Type]
+    types: Mapping[str, IdlType]
 
     def check(self, value: object, where: str) -> None:
         """Raises WrongParameter."""
@@ -138,30 +142,30 @@ class Named(Type):
 
 
 @dataclass(frozen=True, slots=True)
-class Method:
+class IdlMethod:
     """One method: what goes in and what comes out."""
 
     name: str
-    parameters: Struct
-    results: Struct
+    parameters: StructType
+    results: StructType
 
 
 @dataclass(frozen=True, slots=True)
-class Interface:
+class IdlInterface:
     """One interface: its name, its text as written, its members."""
 
     name: str
     description: str
-    types: dict[str, Type] = field(default_factory=dict)
-    methods: dict[str, Method] = field(default_factory=dict)
-    errors: dict[str, Struct] = field(default_factory=dict)
+    types: dict[str, IdlType] = field(default_factory=dict)
+    methods: dict[str, IdlMethod] = field(default_factory=dict)
+    errors: dict[str, StructType] = field(default_factory=dict)
 
 
-def parse(text: str) -> Interface:
+def parse(text: str) -> IdlInterface:
     """The interface that `text` defines. Raises SyntaxError naming what stands in the wrong place."""
-    reader = _Reader(text)
+    reader = _IdlTokens(text)
     reader.expect("interface")
-    interface = Interface(reader.word(), text)
+    interface = IdlInterface(reader.word(), text)
     reader.types = interface.types
     while reader.token is not None:
         kind, name = reader.word(), reader.word()
@@ -170,7 +174,7 @@ def parse(text: str) -> Interface:
         elif kind == "method":
             parameters = reader.struct()
             reader.expect("->")
-            interface.methods[name] = Method(name, parameters, reader.struct())
+            interface.methods[name] = IdlMethod(name, parameters, reader.struct())
         elif kind == "error":
             interface.errors[name] = reader.struct()
         else:
@@ -181,12 +185,12 @@ def parse(text: str) -> Interface:
     return interface
 
 
-class _Reader:
+class _IdlTokens:
     """Tokens of an interface definition, one ahead."""
 
     def __init__(self, text: str) -> None:
         self._tokens = _tokens(text)
-        self.types: Mapping[str, Type] = {}
+        self.types: Mapping[str, IdlType] = {}
         self.named: set[str] = set()
         self.token: str | None = next(self._tokens, None)
 
@@ -207,16 +211,16 @@ class _Reader:
             raise SyntaxError(f"expected a name, got {got!r}")
         return got
 
-    def struct(self) -> Struct:
+    def struct(self) -> StructType:
         composite = self.composite()
-        if not isinstance(composite, Struct):
+        if not isinstance(composite, StructType):
             raise SyntaxError(f"expected (name: type, ...), got words {composite}")
         return composite
 
-    def composite(self) -> Type:
+    def composite(self) -> IdlType:
         """A struct, or an enum: words without types."""
         self.expect("(")
-        fields: dict[str, Type] = {}
+        fields: dict[str, IdlType] = {}
         words: list[str] = []
         while self.token != ")":
             name = self.word()
@@ -230,22 +234,22 @@ class _Reader:
         self.take()
         if words and fields:
             raise SyntaxError(f"words {words} among typed fields")
-        return Choice(tuple(words)) if words else Struct(fields)
+        return EnumType(tuple(words)) if words else StructType(fields)
 
-    def type(self) -> Type:
+    def type(self) -> IdlType:
         if self.token == "(":
             return self.composite()
         token = self.take()
         if token == "?":
-            return Maybe(self.type())
+            return OptionalType(self.type())
         if token == "[]":
-            return List(self.type())
+            return ListType(self.type())
         if token == "[string]":
-            return Table(self.type())
+            return MapType(self.type())
         if token in ("bool", "int", "float", "string", "object"):
-            return Plain(token)
+            return ScalarType(token)
         self.named.add(token)
-        return Named(token, self.types)
+        return NamedType(token, self.types)
 
 
 def _tokens(text: str) -> Iterator[str]:

@@ -1,12 +1,12 @@
 """The interfaces the daemon speaks, as they stand in the package's IDL files."""
 
-from twind.protocol.idl import Interface, parse
+from twind.protocol.idl import IdlInterface, parse
 
 CONTROL = "io.twind.Control"
 SERVICE = "org.varlink.service"
 
 
-def load(name: str) -> Interface:
+def load(name: str) -> IdlInterface:
     """`CONTROL` or `SERVICE`, parsed. Raises FileNotFoundError for another name."""
     # Imported here: it brings tempfile, shutil and urllib along, a quarter of the time of `twindctl status`.
     from importlib.resources import files  # noqa: PLC0415

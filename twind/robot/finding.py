@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 
-class Code(StrEnum):
+class ReasonCode(StrEnum):
     """Every reason code. Submit time S01–S28, run time R01–R26; causes and remedies: docs/reason-codes.md."""
 
     FRAME_TOO_LARGE = "FRAME_TOO_LARGE"  # S01
@@ -94,7 +94,7 @@ class Code(StrEnum):
 class Finding:
     """One reason. `joint` is an index until the edge names it; `message` says what the numbers cannot."""
 
-    code: Code
+    code: ReasonCode
     joint: int | None = None
     point: int | None = None  # index of the trajectory point at or after which it happens
     time: float | None = None  # s from the trajectory's start

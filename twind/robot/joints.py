@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
-from twind.robot.transmission import Linked
-from twind.robot.turns import Turns
+from twind.robot.transmission import MappedTransmission
+from twind.robot.turn_range import TurnRange
 
 
 @dataclass(frozen=True)
-class BusMap:
+class JointBusMap:
     """The joints of one bus, in the order of its ids, and the factors from counts to SI. Arrays are (m,).
 
     position = (ticks - zero) * scale; velocity = raw * velocity_scale; effort = raw * effort_scale.
@@ -27,9 +27,11 @@ class BusMap:
     upper: Ints  # ticks: the largest
     fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
     load_scale: Floats | None = None  # share of the current limit per count of effort; NaN unknown; None: all
-    linked: tuple[Linked, ...] = ()  # transmissions; what the factors give of their rows is their actuators'
+    linked: tuple[
+        MappedTransmission, ...
+    ] = ()  # transmissions; what the factors give of their rows is their actuators'
 
-    def turned(self, shift: Ints) -> "BusMap":
+    def turned(self, shift: Ints) -> "JointBusMap":
         """The same joints in counts that are `shift` (m,) ticks smaller: those of the wire, off by turns."""
         return replace(self, zero=self.zero - shift, lower=self.lower - shift, upper=self.upper - shift)
 
@@ -39,16 +41,16 @@ class JointMap:
     """Joints in one order, names at the edges only. Calibrated (n,) says which have a measured zero."""
 
     names: tuple[str, ...]
-    buses: tuple[BusMap, ...]
+    buses: tuple[JointBusMap, ...]
     calibrated: tuple[bool, ...]
-    turns: Turns | None = None  # on which of its turns each actuator stands; None: as it reads
+    turns: TurnRange | None = None  # on which of its turns each actuator stands; None: as it reads
     unwatched: tuple[int, ...] = ()  # joints whose actuator cannot show that its own watchdog is armed
 
     def __len__(self) -> int:
         return len(self.names)
 
     @cached_property
-    def linked(self) -> tuple[Linked, ...]:
+    def linked(self) -> tuple[MappedTransmission, ...]:
         """The transmissions of all buses; their rows are places in this order."""
         return tuple(replace(each, rows=bus.joints[each.rows]) for bus in self.buses for each in bus.linked)
 

@@ -11,7 +11,7 @@ class Mode(StrEnum):
     LIVE = "live"  # bus read and write; commands go to the robot
 
 
-class State(StrEnum):
+class RobotState(StrEnum):
     """The robot and its bus. A port opens DISCONNECTED → IDENTIFYING → CONNECTED; torque from ARMED on."""
 
     DISCONNECTED = "disconnected"

@@ -102,7 +102,7 @@ class Differential:
 
 
 @dataclass(frozen=True)
-class Linked:
+class MappedTransmission:
     """A transmission among the joints of a bus, or of all. Arrays are (k,), in its own order."""
 
     rows: Ints  # of its actuators among them, each the seat of one of its joints

@@ -5,7 +5,9 @@ For whoever writes recordings or speaks to ROS: `encode` and `decode` know every
 """
 
 from twind.ros.cdr import CdrError, decode, encode
-from twind.ros.definitions import (
+from twind.ros.imu_message import ImuBuffer
+from twind.ros.joint_state_message import JointStateBuffer, JointStateLayout, stamp
+from twind.ros.message_definitions import (
     DIAGNOSTIC_ARRAY,
     FLOAT,
     FLOATS,
@@ -17,13 +19,11 @@ from twind.ros.definitions import (
     STRING,
     TRIGGER,
     DefinitionError,
-    Definitions,
+    MessageDefinitions,
     definition_text,
     participant_entities,
 )
-from twind.ros.hashes import dds_type, type_hash
-from twind.ros.imu import ImuBuffer
-from twind.ros.joint_state import JointStateBuffer, JointStateLayout, stamp
+from twind.ros.type_hashes import dds_type, type_hash
 
 __all__ = [
     "DIAGNOSTIC_ARRAY",
@@ -38,10 +38,10 @@ __all__ = [
     "TRIGGER",
     "CdrError",
     "DefinitionError",
-    "Definitions",
     "ImuBuffer",
     "JointStateBuffer",
     "JointStateLayout",
+    "MessageDefinitions",
     "dds_type",
     "decode",
     "definition_text",

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twind.ros.definitions import PRIMITIVES, TEXT, Definitions, Field, definitions_of
+from twind.ros.message_definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
 
 HEAD = b"\x00\x01\x00\x00"  # XCDR1, little endian
 _COUNT = struct.Struct("<I")
@@ -23,7 +23,7 @@ class CdrError(ValueError):
     """A message that does not fit its definition, or bytes that do not. The text names type and field."""
 
 
-def encode(kind: str | Definitions, message: Mapping[str, Any]) -> bytes:
+def encode(kind: str | MessageDefinitions, message: Mapping[str, Any]) -> bytes:
     """The bytes of `message`, header included. Raises CdrError."""
     definitions = definitions_of(kind)
     out = bytearray(HEAD)
@@ -31,12 +31,12 @@ def encode(kind: str | Definitions, message: Mapping[str, Any]) -> bytes:
     return bytes(out)
 
 
-def decode(kind: str | Definitions, data: bytes) -> Message:
+def decode(kind: str | MessageDefinitions, data: bytes) -> Message:
     """The message whose bytes, header included, are `data`. Raises CdrError."""
     if data[:2] != HEAD[:2]:
         raise CdrError(f"bytes begin with {data[:4].hex(' ')!r}: only XCDR1, little endian (00 01) is read")
     definitions = definitions_of(kind)
-    source = Source(data)
+    source = CdrReader(data)
     try:
         message = source.message(definitions, definitions.name)
     except (struct.error, UnicodeDecodeError) as error:
@@ -53,7 +53,7 @@ def _align(out: bytearray, size: int) -> None:
     out += bytes(-(len(out) - len(HEAD)) % size)
 
 
-def _put(out: bytearray, definitions: Definitions, name: str, message: Mapping[str, Any]) -> None:
+def _put(out: bytearray, definitions: MessageDefinitions, name: str, message: Mapping[str, Any]) -> None:
     fields = definitions.fields(name)
     unknown = set(message) - {field.name for field in fields}
     if unknown:
@@ -66,7 +66,7 @@ def _put(out: bytearray, definitions: Definitions, name: str, message: Mapping[s
             raise CdrError(f"{name}: {field.name}: {error}") from None
 
 
-def _put_field(out: bytearray, definitions: Definitions, field: Field, value: Any) -> None:
+def _put_field(out: bytearray, definitions: MessageDefinitions, field: MessageField, value: Any) -> None:
     if not field.many:
         _put_one(out, definitions, field.kind, value)
         return
@@ -87,7 +87,7 @@ def _put_field(out: bytearray, definitions: Definitions, field: Field, value: An
             _put_one(out, definitions, field.kind, each)
 
 
-def _put_one(out: bytearray, definitions: Definitions, kind: str, value: Any) -> None:
+def _put_one(out: bytearray, definitions: MessageDefinitions, kind: str, value: Any) -> None:
     if kind in PRIMITIVES:
         letter, size = PRIMITIVES[kind]
         _align(out, size)
@@ -103,17 +103,17 @@ def _put_one(out: bytearray, definitions: Definitions, kind: str, value: Any) ->
 # ------------------------------------------------------------------------------------------ in
 
 
-class Source:
+class CdrReader:
     """The bytes of a message, read from front to back: `place` is the next byte."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.place = data, len(HEAD)
 
-    def message(self, definitions: Definitions, name: str) -> Message:
+    def message(self, definitions: MessageDefinitions, name: str) -> Message:
         """Every field of a type."""
         return {field.name: self.field(definitions, field) for field in definitions.fields(name)}
 
-    def field(self, definitions: Definitions, field: Field) -> Any:
+    def field(self, definitions: MessageDefinitions, field: MessageField) -> Any:
         """One field, or all of its row."""
         if not field.many:
             return self.one(definitions, field.kind)
@@ -124,7 +124,7 @@ class Source:
             raise struct.error(f"{field.name}: {count} values are more than the bytes that are left")
         return [self.one(definitions, field.kind) for _ in range(count)]
 
-    def one(self, definitions: Definitions, kind: str) -> Any:
+    def one(self, definitions: MessageDefinitions, kind: str) -> Any:
         """One value."""
         if kind in PRIMITIVES:
             return self.numbers(*PRIMITIVES[kind], 1)[0]

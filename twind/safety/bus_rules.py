@@ -3,15 +3,24 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
-from twind.safety.facts import Facts, Reaction, Said, Thresholds, Traffic, held, hold, ours
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind.safety.guard_types import (
+    BusTraffic,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    held,
+    hold,
+    ours,
+)
 
 WINDOW = 1.0  # s that are looked back
 ROUNDING = 1e-9  # of a share
 
 
-class Record:
+class BusErrorHistory:
     """What one bus did lately. A good bus costs nothing to remember."""
 
     def __init__(self) -> None:
@@ -19,7 +28,7 @@ class Record:
         self._bad: deque[float] = deque()  # s, each bad exchange within the window
         self._foreign: deque[tuple[float, int]] = deque()  # s and packets, within the window
 
-    def add(self, traffic: Traffic, now: float) -> None:
+    def add(self, traffic: BusTraffic, now: float) -> None:
         """One more tick. A bus that was not asked says nothing about itself."""
         if traffic.asked:
             self.bad_in_a_row = self.bad_in_a_row + 1 if traffic.bad else 0
@@ -53,15 +62,15 @@ class Record:
 class BusRules:
     """Judges each bus by its last second."""
 
-    def __init__(self, names: Sequence[str], bounds: Thresholds) -> None:
+    def __init__(self, names: Sequence[str], bounds: GuardThresholds) -> None:
         self._names, self._bounds = tuple(names), bounds
-        self._records = tuple(Record() for _ in names)
+        self._records = tuple(BusErrorHistory() for _ in names)
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """What is wrong with the buses. `facts.traffic` is in the order of their names."""
         if facts.discarded:
             message = "bytes that were no answer of ours were dropped"
-            yield Said(Finding(Code.RX_SHAPE, value=float(facts.discarded), message=message))
+            yield RuleResult(Finding(ReasonCode.RX_SHAPE, value=float(facts.discarded), message=message))
         for bus, (record, traffic) in enumerate(zip(self._records, facts.traffic, strict=True)):
             if not (record.blemished or traffic.bad or traffic.foreign or traffic.full):
                 continue
@@ -73,7 +82,7 @@ class BusRules:
             if record.full_in_a_row:
                 yield self._full(facts, bus, record.full_in_a_row)
 
-    def _errors(self, facts: Facts, bus: int, record: Record) -> Iterator[Said]:
+    def _errors(self, facts: GuardInput, bus: int, record: BusErrorHistory) -> Iterator[RuleResult]:
         """R06: a share of a second's exchanges, or several in a row. The fault leaves everything as it is.
 
         On a bus too bad to move nobody arms.
@@ -82,23 +91,23 @@ class BusRules:
         row, share = record.bad_in_a_row, record.bad * facts.period / WINDOW  # of as many as a second has
         if row >= bounds.errors_row_fault:
             finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
-            yield Said(finding, reaction, latches=held(facts), bars=True, bus=bus)
+            yield RuleResult(finding, reaction, latches=held(facts), bars=True, bus=bus)
         elif row >= bounds.errors_row_hold:
             finding = self._bad(bus, row, bounds.errors_row_hold, "bad exchanges in a row")
-            yield Said(finding, reaction, bars=True, bus=bus)
+            yield RuleResult(finding, reaction, bars=True, bus=bus)
         elif share >= bounds.errors_hold - ROUNDING and record.bad >= bounds.errors_least:
             finding = self._bad(bus, share, bounds.errors_hold, "of the last second's exchanges were bad")
-            yield Said(finding, reaction, bars=True, bus=bus)
+            yield RuleResult(finding, reaction, bars=True, bus=bus)
         elif share >= bounds.errors_warn - ROUNDING:
             finding = self._bad(bus, share, bounds.errors_warn, "of the last second's exchanges were bad")
-            yield Said(finding, bus=bus)
+            yield RuleResult(finding, bus=bus)
 
     def _bad(self, bus: int, value: float, bound: float, what: str) -> Finding:
         remedy = "check its wiring, termination, power and baud rate; if virtual, this machine's load"
         message = f"bus {self._names[bus]}: {what}: {remedy}"
-        return Finding(Code.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
+        return Finding(ReasonCode.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
-    def _foreign(self, facts: Facts, bus: int, count: int) -> Iterator[Said]:
+    def _foreign(self, facts: GuardInput, bus: int, count: int) -> Iterator[RuleResult]:
         """R08: somebody else talks. Nothing more is written, since two masters cannot both be obeyed."""
         bound = self._bounds.foreign
         if count < bound:
@@ -107,13 +116,13 @@ class BusRules:
             f"packets on bus {self._names[bus]} in a second that nobody asked for: "
             "disconnect the other master, or the second servo with one id"
         )
-        finding = Finding(Code.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
-        if ours(facts) and facts.state is not State.INHIBITED:
-            yield Said(finding, Reaction.INHIBIT, latches=True, bars=True, bus=bus)
+        finding = Finding(ReasonCode.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
+        if ours(facts) and facts.state is not RobotState.INHIBITED:
+            yield RuleResult(finding, Reaction.INHIBIT, latches=True, bars=True, bus=bus)
         else:
-            yield Said(finding, bars=True, bus=bus)
+            yield RuleResult(finding, bars=True, bus=bus)
 
-    def _full(self, facts: Facts, bus: int, count: int) -> Said:
+    def _full(self, facts: GuardInput, bus: int, count: int) -> RuleResult:
         """R23: what we send does not leave. The line has thrown it away."""
         most = self._bounds.full
         many = count >= most
@@ -122,6 +131,6 @@ class BusRules:
             "slower than its baud rate says?"
         )
         bound = float(most if many else 1)
-        finding = Finding(Code.TX_BACKLOG, value=float(count), bound=bound, message=message)
+        finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=bound, message=message)
         fault = many and held(facts)
-        return Said(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)
+        return RuleResult(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)

@@ -6,9 +6,9 @@ from math import inf
 import numpy as np
 
 from twind.robot.arrays import Bools, same, some
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
 
 ALERT = 0x80  # of a status's error byte: the hardware error bits say more
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
@@ -19,7 +19,7 @@ CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 
 
 def words(bits: int, *, can: bool = False) -> str:
     """The names of the bits of a hardware error: of register 70 (e-manual, Hardware Error Status), and what
-    else a CAN actuator may say (`twind_drivers.can.family`)."""
+    else a CAN actuator may say (`twind_drivers.can.actuator_family`)."""
     if bits <= 0:  # -1 unknown; 0 was read before the alert
         return "which one was not read yet"
     names = BITS | ON_CAN if can else BITS
@@ -29,7 +29,7 @@ def words(bits: int, *, can: bool = False) -> str:
 class DeviceRules:
     """Remembers per joint: how often its torque disagreed, and its clock when that was last read."""
 
-    def __init__(self, leg: Bools, free: bool, bounds: Thresholds, can: Collection[int] = ()) -> None:
+    def __init__(self, leg: Bools, free: bool, bounds: GuardThresholds, can: Collection[int] = ()) -> None:
         """`leg` (n,): carries the robot. `free`: nothing else does, so that it cannot hold itself with a
         joint that may be limp. `can`: joints whose actuators are on CAN."""
         count, self._can = len(leg), can
@@ -47,7 +47,7 @@ class DeviceRules:
         self._dogs = b""  # the watchdogs, too; and joints whose tripped
         self._tripped: list[int] = []
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """What is wrong with the servos."""
         if some(facts.alerts) and facts.mode is not Mode.SIM:
             yield from self._alerts(facts)
@@ -66,19 +66,19 @@ class DeviceRules:
             self._tripped = np.flatnonzero(tripped).tolist()
         for joint in self._tripped:
             message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
-            finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
-            yield Said(finding, hold(facts), latches=True)
+            finding = Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+            yield RuleResult(finding, hold(facts), latches=True)
         yield from self._torque(facts)
 
-    def _rest(self, facts: Facts) -> Reaction:
+    def _rest(self, facts: GuardInput) -> Reaction:
         """What the others do when one joint may have gone limp."""
         return Reaction.SETTLE if self._free else hold(facts)
 
-    def _limp(self, facts: Facts, joint: int) -> Reaction:
+    def _limp(self, facts: GuardInput, joint: int) -> Reaction:
         """What the others do when one joint has gone limp: on a leg less the robot is falling already."""
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
-    def _alerts(self, facts: Facts) -> Iterator[Said]:
+    def _alerts(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R09: a hardware error. With its bits unread it has no bound, so that it is told again with them."""
         for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
             bits = int(facts.fault[joint])
@@ -86,29 +86,29 @@ class DeviceRules:
             message = f"hardware error: {named}: find the cause, disarm, then `twindctl reboot BUS ID`"
             message += ", or switch its power off and on" if joint in self._can else ""
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
-            finding = Finding(Code.SERVO_ALERT, joint, value=value, bound=bound, message=message)
+            finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if ours(facts):
                 let_go = held(facts) and facts.torque[joint] == 0  # it shut itself down
                 reaction = self._limp(facts, joint) if let_go else self._rest(facts)
-                yield Said(finding, reaction, latches=True, bars=True)
+                yield RuleResult(finding, reaction, latches=True, bars=True)
             else:
-                yield Said(finding, bars=True)
+                yield RuleResult(finding, bars=True)
 
-    def _restarts(self, facts: Facts) -> Iterator[Said]:
+    def _restarts(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R11: a clock that is not where it must be, and no older than the time since it was read."""
         tick = facts.tick.astype(np.int64)
         for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
             finding = Finding(
-                Code.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
+                ReasonCode.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
             )
             if ours(facts):
-                yield Said(finding, self._limp(facts, joint), latches=True, bars=True)
+                yield RuleResult(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
-                yield Said(finding, bars=True)
+                yield RuleResult(finding, bars=True)
         self._tick, self._tick_time = tick, facts.health_time.copy()
         self._ticked = facts.health_time.tobytes()
 
-    def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: Facts) -> Bools:
+    def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: GuardInput) -> Bools:
         """Joints (n,) whose servo has begun anew between the last two readings of its clock.
 
         It wraps at 32768 ms, perhaps several times between two readings. One that was not read for so long
@@ -124,7 +124,7 @@ class DeviceRules:
         restarted: Bools = known & young & ~right
         return restarted
 
-    def _torque(self, facts: Facts) -> Iterator[Said]:
+    def _torque(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R10: torque that reads back off, or unknown, in too many refreshes in a row. R11: no watchdog."""
         if not facts.torque_settled:
             self._forget(facts.now)
@@ -132,16 +132,16 @@ class DeviceRules:
             return
         for joint in np.flatnonzero(self._unwatched).tolist():
             message = _rebooted("is its watchdog, armed before")
-            finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
-            yield Said(finding, self._limp(facts, joint), latches=True)
+            finding = Finding(ReasonCode.SERVO_REBOOTED, joint, value=0.0, message=message)
+            yield RuleResult(finding, self._limp(facts, joint), latches=True)
         for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
             message = "torque reads back off (0) or unknown (-1) while armed"
             value = float(facts.torque[joint])
-            finding = Finding(Code.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
+            finding = Finding(ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
             off = facts.torque[joint] == 0
-            yield Said(finding, self._limp(facts, joint) if off else self._rest(facts), latches=True)
+            yield RuleResult(finding, self._limp(facts, joint) if off else self._rest(facts), latches=True)
 
-    def _refresh(self, facts: Facts) -> None:
+    def _refresh(self, facts: GuardInput) -> None:
         """Some were read anew: whose torque disagrees, and who has no watchdog."""
         fresh = facts.status_time > self._refreshed
         self._refreshed, self._seen = (

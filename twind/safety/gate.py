@@ -12,30 +12,48 @@ import numpy as np
 
 from twind.robot import splines
 from twind.robot.arrays import Bools, Floats
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.limits import Limits
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_limits import JointLimits
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import retime
-from twind.safety.form import wellformed
-from twind.safety.headroom import Condition, headroom
-from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, resting, some, start
+from twind.safety.curve_rules import (
+    CurveSubject,
+    GateThresholds,
+    WorstPoint,
+    judge,
+    relaxed,
+    resting,
+    some,
+    start,
+)
+from twind.safety.headroom import JointCondition, headroom
+from twind.safety.trajectory_validation import wellformed
 
-__all__ = ["Demand", "Judged", "Snapshot", "Thresholds", "admit", "arming", "check", "checking"]
+__all__ = [
+    "GateResult",
+    "GateSnapshot",
+    "GateThresholds",
+    "TrajectoryRequest",
+    "admit",
+    "arming",
+    "check",
+    "checking",
+]
 
 MOST = 64  # findings of one code
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class GateSnapshot:
     """What the gate must know, at one instant. Arrays are (n,), in joint order."""
 
     now: float  # s
     mode: Mode
-    state: State
+    state: RobotState
     motion: Motion
-    latched: tuple[Code, ...]  # what has latched a fault or an e-stop
+    latched: tuple[ReasonCode, ...]  # what has latched a fault or an e-stop
     lease_held: bool  # by the connection that asks
     mismatches: tuple[Finding, ...]  # calibration against read-back (S09)
     calibrated: Bools
@@ -46,11 +64,11 @@ class Snapshot:
     busy: bool = False  # one trajectory runs and one waits
     bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11, R18)
     unreachable: Finding | None = None  # why no new client can connect; None: clients can
-    condition: Condition | None = None  # temperature and supply; None: not known, which refuses
+    condition: JointCondition | None = None  # temperature and supply; None: not known, which refuses
 
 
 @dataclass(frozen=True, slots=True)
-class Demand:
+class TrajectoryRequest:
     """How the trajectory is asked for."""
 
     policy: str = "reject"  # or "retime": one uniform stretch in time, reported
@@ -59,7 +77,7 @@ class Demand:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class GateResult:
     """The verdict, and what would run: the path as asked, or as the verdict's changes say.
 
     Where the path's form allows no curve, `spline` stays at the reference.
@@ -73,7 +91,9 @@ class Judged:
 # ------------------------------------------------------------------------------------------ admission
 
 
-def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpoint: bool = False) -> Verdict:
+def admit(
+    snapshot: GateSnapshot, commanded: Bools, thresholds: GateThresholds, *, setpoint: bool = False
+) -> Verdict:
     """May these joints be moved at all, now (S05, S06, S08–S11, S27)? The hardware counts in live only.
 
     A stream begins with its first `setpoint`: what gets hot later is the guard's to slow down and settle.
@@ -81,9 +101,9 @@ def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpo
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
-        if snapshot.state is not State.ARMED:
+        if snapshot.state is not RobotState.ARMED:
             reason = f"state is {snapshot.state}; arm first"
-            refusals.append(Finding(Code.NOT_ARMED, message=reason))
+            refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
         refusals += _calibration(snapshot, commanded) + _hearing(snapshot, commanded, thresholds)
         late, warnings = _latency(snapshot, thresholds)
         refusals += late
@@ -92,105 +112,113 @@ def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpo
     return Verdict(tuple(refusals), tuple(warnings))
 
 
-def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = None) -> Verdict:
+def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | None = None) -> Verdict:
     """May torque be switched on (S05–S07, S09–S11, S27)? Only in live, from `connected`."""
     chosen = np.ones_like(snapshot.calibrated) if joints is None else joints
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     if snapshot.mode is not Mode.LIVE:
         reason = f"mode {snapshot.mode} has no torque to switch on; arm in mode live"
-        return Verdict((*refusals, Finding(Code.MODE_DENIES, message=reason)))
-    if snapshot.state is not State.CONNECTED:
+        return Verdict((*refusals, Finding(ReasonCode.MODE_DENIES, message=reason)))
+    if snapshot.state is not RobotState.CONNECTED:
         reason = f"state is {snapshot.state}; arming starts from connected"
-        refusals.append(Finding(Code.ARM_FAILED, message=reason))
+        refusals.append(Finding(ReasonCode.ARM_FAILED, message=reason))
     if not chosen.any():
-        refusals.append(Finding(Code.NO_JOINTS, message="no joint to arm"))
+        refusals.append(Finding(ReasonCode.NO_JOINTS, message="no joint to arm"))
     refusals += _calibration(snapshot, chosen) + _hearing(snapshot, chosen, thresholds)
     late, warnings = _latency(snapshot, thresholds)
     room = _room(snapshot, chosen, thresholds)
     return Verdict((*refusals, *late, *room, *snapshot.bars), tuple(warnings))
 
 
-def _lease(snapshot: Snapshot) -> list[Finding]:
+def _lease(snapshot: GateSnapshot) -> list[Finding]:
     """S05."""
     reason = "this connection does not hold the lease; take it first"
-    return [] if snapshot.lease_held else [Finding(Code.LEASE_MISSING, message=reason)]
+    return [] if snapshot.lease_held else [Finding(ReasonCode.LEASE_MISSING, message=reason)]
 
 
-def _latches(snapshot: Snapshot) -> list[Finding]:
+def _latches(snapshot: GateSnapshot) -> list[Finding]:
     """S06. The states themselves count as latches, whatever the list says."""
-    stops = {Code.ESTOP, Code.ESTOP_LATCHED}
+    stops = {ReasonCode.ESTOP, ReasonCode.ESTOP_LATCHED}
     faults = [code for code in snapshot.latched if code not in stops]
     findings = []
-    if snapshot.state is State.ESTOP or stops & set(snapshot.latched):
-        findings.append(Finding(Code.ESTOP_LATCHED, message="e-stop is latched; reset it first"))
-    if faults or snapshot.state in (State.FAULT, State.INHIBITED):
+    if snapshot.state is RobotState.ESTOP or stops & set(snapshot.latched):
+        findings.append(Finding(ReasonCode.ESTOP_LATCHED, message="e-stop is latched; reset it first"))
+    if faults or snapshot.state in (RobotState.FAULT, RobotState.INHIBITED):
         named = ", ".join(dict.fromkeys(faults)) or f"state is {snapshot.state}"
-        findings.append(Finding(Code.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
+        findings.append(Finding(ReasonCode.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
     return findings
 
 
-def _reach(snapshot: Snapshot) -> list[Finding]:
+def _reach(snapshot: GateSnapshot) -> list[Finding]:
     """What moves must be within reach of an e-stop: no motion begins while no client can connect."""
     return [] if snapshot.unreachable is None else [snapshot.unreachable]
 
 
-def _calibration(snapshot: Snapshot, chosen: Bools) -> list[Finding]:
+def _calibration(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:
     """S09."""
     reason = "no measured zero; calibrate this joint"
     missing = [
-        Finding(Code.CALIB_MISSING, joint=int(joint), message=reason)
+        Finding(ReasonCode.CALIB_MISSING, joint=int(joint), message=reason)
         for joint in np.flatnonzero(chosen & ~snapshot.calibrated)
     ]
     return missing + list(snapshot.mismatches)
 
 
-def _hearing(snapshot: Snapshot, chosen: Bools, thresholds: Thresholds) -> list[Finding]:
+def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
     """S10. An age that is negative or NaN is too old."""
     fresh = (snapshot.age >= 0.0) & (snapshot.age <= thresholds.stale)
     reason = "not heard lately (s); check its cable and power"
     return [
         Finding(
-            Code.HW_DISCONNECTED, int(joint), None, None, float(snapshot.age[joint]), thresholds.stale, reason
+            ReasonCode.HW_DISCONNECTED,
+            int(joint),
+            None,
+            None,
+            float(snapshot.age[joint]),
+            thresholds.stale,
+            reason,
         )
         for joint in np.flatnonzero(chosen & ~fresh)
     ]
 
 
-def _latency(snapshot: Snapshot, thresholds: Thresholds) -> tuple[list[Finding], list[Finding]]:
+def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[Finding], list[Finding]]:
     """S11: refusals and warnings. Unknown or negative refuses."""
     block, warn = thresholds.latency_block, thresholds.latency_warn
     refusals, warnings = [], []
     for value, what in ((snapshot.latency, "now"), (snapshot.latency_p95, "95 % of the last 0.5 s")):
         reason = f"state age + bus round trip, {what} (s)"
         if not 0.0 <= value <= block:
-            refusals.append(Finding(Code.LATENCY_BLOCK, value=value, bound=block, message=reason))
+            refusals.append(Finding(ReasonCode.LATENCY_BLOCK, value=value, bound=block, message=reason))
         elif not value <= warn:
-            warnings.append(Finding(Code.LATENCY_WARN, value=value, bound=warn, message=reason))
+            warnings.append(Finding(ReasonCode.LATENCY_WARN, value=value, bound=warn, message=reason))
     return refusals, warnings
 
 
-def _room(snapshot: Snapshot, chosen: Bools, thresholds: Thresholds) -> list[Finding]:
+def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
     """S27."""
     if snapshot.condition is None:
         reason = "temperature and supply are not known"
-        return [Finding(code, message=reason) for code in (Code.THERMAL_HEADROOM, Code.VOLTAGE_LOW)]
+        return [
+            Finding(code, message=reason) for code in (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
+        ]
     return headroom(snapshot.condition, chosen, thresholds.health)
 
 
-def _asked(demand: Demand, thresholds: Thresholds) -> list[Finding]:
+def _asked(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
     """S03, S12: the demand itself."""
     findings = []
     if demand.policy not in ("reject", "retime"):
         reason = f"policy {demand.policy!r} is neither reject nor retime"
-        findings.append(Finding(Code.BAD_SCHEMA, message=reason))
+        findings.append(Finding(ReasonCode.BAD_SCHEMA, message=reason))
     if not demand.start_in >= 0.0:
         findings.append(
-            Finding(Code.CMD_EXPIRED, value=demand.start_in, bound=0.0, message="starts in the past")
+            Finding(ReasonCode.CMD_EXPIRED, value=demand.start_in, bound=0.0, message="starts in the past")
         )
     elif not demand.start_in <= thresholds.max_duration:
         most = thresholds.max_duration
         findings.append(
-            Finding(Code.TOO_DISTANT, value=demand.start_in, bound=most, message="starts too late (s)")
+            Finding(ReasonCode.TOO_DISTANT, value=demand.start_in, bound=most, message="starts too late (s)")
         )
     return findings
 
@@ -200,30 +228,30 @@ def _asked(demand: Demand, thresholds: Thresholds) -> list[Finding]:
 
 def check(
     path: Trajectory,
-    snapshot: Snapshot,
-    limits: Limits,
-    demand: Demand,
-    thresholds: Thresholds,
+    snapshot: GateSnapshot,
+    limits: JointLimits,
+    demand: TrajectoryRequest,
+    thresholds: GateThresholds,
     points_per_step: int = 500,
-) -> Judged:
+) -> GateResult:
     """`checking`, run to its end at once."""
     steps = checking(path, snapshot, limits, demand, thresholds, points_per_step)
     while True:
         try:
             next(steps)
         except StopIteration as stop:
-            judged: Judged = stop.value
+            judged: GateResult = stop.value
             return judged
 
 
 def checking(
     path: Trajectory,
-    snapshot: Snapshot,
-    limits: Limits,
-    demand: Demand,
-    thresholds: Thresholds,
+    snapshot: GateSnapshot,
+    limits: JointLimits,
+    demand: TrajectoryRequest,
+    thresholds: GateThresholds,
     points_per_step: int = 500,
-) -> Generator[None, None, Judged]:
+) -> Generator[None, None, GateResult]:
     """Judge `path` by every rule of submit time, at most `points_per_step` points between two yields.
 
     A path of no more points is judged without a yield. With a start in the future `snapshot.reference` must
@@ -235,7 +263,7 @@ def checking(
         try:
             points = next(slices)
         except StopIteration as stop:
-            judged: Judged = stop.value
+            judged: GateResult = stop.value
             return judged
         if spent and spent + points > points_per_step:
             yield
@@ -244,18 +272,25 @@ def checking(
 
 
 def _slices(
-    path: Trajectory, snapshot: Snapshot, limits: Limits, demand: Demand, thresholds: Thresholds, step: int
-) -> Generator[int, None, Judged]:
+    path: Trajectory,
+    snapshot: GateSnapshot,
+    limits: JointLimits,
+    demand: TrajectoryRequest,
+    thresholds: GateThresholds,
+    step: int,
+) -> Generator[int, None, GateResult]:
     """The work of `checking`: yields before each slice how many points it has, at most `step`."""
     count = len(limits.lower)
     shape = wellformed(path, count, thresholds.max_points, thresholds.max_duration, thresholds.min_dt)
     chosen = np.ones(count, np.bool_) if shape else path.commanded
     admission = admit(snapshot, chosen, thresholds)
     refusals = [*admission.refusals, *_asked(demand, thresholds), *shape]
-    busy = [Finding(Code.BUSY, message="one trajectory runs and one waits; cancel or wait")] * snapshot.busy
+    busy = [
+        Finding(ReasonCode.BUSY, message="one trajectory runs and one waits; cancel or wait")
+    ] * snapshot.busy
     if shape:
         verdict = Verdict((*refusals, *busy), admission.warnings)
-        return Judged(verdict, path, splines.hold(snapshot.reference.position))
+        return GateResult(verdict, path, splines.hold(snapshot.reference.position))
     before = _known(path, snapshot.reference)
     changes: list[Finding] = []
     if demand.append_stop:
@@ -266,22 +301,22 @@ def _slices(
         if slower is not None:
             path, spots, factor = slower
             reason = "the whole path slowed down by this factor"
-            changes.append(Finding(Code.RETIMED, value=factor, bound=1.0, message=reason))
-    refusals += _worst(spots, Code.POS_LIMIT)
+            changes.append(Finding(ReasonCode.RETIMED, value=factor, bound=1.0, message=reason))
+    refusals += _worst(spots, ReasonCode.POS_LIMIT)
     refusals += _start_jump(path, snapshot.reference, limits, thresholds)
     refusals += [finding for code in retime.HEALED for finding in _worst(spots, code)]
     refusals += [*_end(path, thresholds), *busy]
-    warnings = (*admission.warnings, *_worst(spots, Code.JERK_LIMIT))
+    warnings = (*admission.warnings, *_worst(spots, ReasonCode.JERK_LIMIT))
     with np.errstate(all="ignore"):
         curve = splines.interpolate(path, before)
-    return Judged(Verdict(tuple(refusals), warnings, tuple(changes)), path, curve)
+    return GateResult(Verdict(tuple(refusals), warnings, tuple(changes)), path, curve)
 
 
-Spots = dict[tuple[Code, int], Spot]  # the worst place of each joint by each rule
+Spots = dict[tuple[ReasonCode, int], WorstPoint]  # the worst place of each joint by each rule
 
 
 def _judging(
-    path: Trajectory, before: Reference, limits: Limits, thresholds: Thresholds, step: int
+    path: Trajectory, before: Reference, limits: JointLimits, thresholds: GateThresholds, step: int
 ) -> Generator[int, None, Spots]:
     """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
@@ -303,7 +338,12 @@ def _judging(
 
 
 def _stretching(
-    path: Trajectory, spots: Spots, before: Reference, limits: Limits, thresholds: Thresholds, step: int
+    path: Trajectory,
+    spots: Spots,
+    before: Reference,
+    limits: JointLimits,
+    thresholds: GateThresholds,
+    step: int,
 ) -> Generator[int, None, tuple[Trajectory, Spots, float] | None]:
     """The smallest uniform stretch after which nothing is too fast; None where there is none.
 
@@ -317,7 +357,7 @@ def _stretching(
             return None
         slower = path.stretched(factor)
         spots = yield from _judging(slower, before, limits, thresholds, step)
-        if not any(code is not Code.JERK_LIMIT for code, _ in spots):
+        if not any(code is not ReasonCode.JERK_LIMIT for code, _ in spots):
             return slower, spots, factor
         if not _slower_heals(spots):
             return None
@@ -327,10 +367,10 @@ def _stretching(
 def _slower_heals(spots: Spots) -> bool:
     """Something is too fast, and nothing is out of place: a place is never healed by time."""
     codes = {code for code, _ in spots}
-    return bool(codes & set(retime.HEALED)) and Code.POS_LIMIT not in codes
+    return bool(codes & set(retime.HEALED)) and ReasonCode.POS_LIMIT not in codes
 
 
-def _subject(path: Trajectory, before: Reference, limits: Limits) -> Subject:
+def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveSubject:
     """The commanded joints alone."""
     joints = np.flatnonzero(path.commanded)
     knots, velocity = splines.knots(path, before), before.velocity
@@ -339,7 +379,7 @@ def _subject(path: Trajectory, before: Reference, limits: Limits) -> Subject:
         thin = [None if given is None else given[:, joints] for given in rows]
         knots = splines.Knots(knots.time, knots.position[:, joints], *thin)
         limits, velocity = some(limits, joints), velocity[joints]
-    return Subject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
+    return CurveSubject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
 
 
 def _known(path: Trajectory, reference: Reference) -> Reference:
@@ -353,7 +393,7 @@ def _known(path: Trajectory, reference: Reference) -> Reference:
 
 
 def _start_jump(
-    path: Trajectory, reference: Reference, limits: Limits, thresholds: Thresholds
+    path: Trajectory, reference: Reference, limits: JointLimits, thresholds: GateThresholds
 ) -> list[Finding]:
     """S18."""
     with np.errstate(all="ignore"):
@@ -367,11 +407,13 @@ def _start_jump(
             "from the reference to the first point" if known else "the reference of this joint is unknown"
         )
         value, most = float(jump[joint]), float(bound[joint])
-        findings.append(Finding(Code.START_JUMP, int(joint), 0, float(path.time[0]), value, most, reason))
+        findings.append(
+            Finding(ReasonCode.START_JUMP, int(joint), 0, float(path.time[0]), value, most, reason)
+        )
     return findings
 
 
-def _end(path: Trajectory, thresholds: Thresholds) -> list[Finding]:
+def _end(path: Trajectory, thresholds: GateThresholds) -> list[Finding]:
     """S22. Positions alone end at rest: there the corner of the last line is judged (S20)."""
     if path.velocity is None:
         return []
@@ -379,12 +421,12 @@ def _end(path: Trajectory, thresholds: Thresholds) -> list[Finding]:
     reason = "still moving at the last point; end at rest or ask for append_stop"
     point, t = len(path.time) - 1, float(path.time[-1])
     return [
-        Finding(Code.END_NOT_AT_REST, int(joint), point, t, float(last[joint]), bound, reason)
+        Finding(ReasonCode.END_NOT_AT_REST, int(joint), point, t, float(last[joint]), bound, reason)
         for joint in np.flatnonzero(path.commanded & ~(last <= bound))
     ]
 
 
-def _worst(spots: Spots, code: Code) -> Iterable[Finding]:
+def _worst(spots: Spots, code: ReasonCode) -> Iterable[Finding]:
     """The findings of one code, worst joint first."""
     chosen = sorted((spot for (kind, _), spot in spots.items() if kind is code), key=lambda spot: -spot.score)
     return [spot.finding for spot in chosen[:MOST]]

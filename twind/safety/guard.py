@@ -8,22 +8,32 @@ counters and hysteresis alone: what was bad, what was said when.
 from collections.abc import Mapping, Sequence
 from math import inf
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.finding import Finding
-from twind.robot.limits import Limits
-from twind.robot.modes import State
-from twind.robot.ratings import Ratings
-from twind.robot.transmission import Linked
+from twind.robot.joint_limits import JointLimits
+from twind.robot.modes import RobotState
+from twind.robot.transmission import MappedTransmission
 from twind.safety.bus_rules import BusRules
+from twind.safety.can_line_rules import LineRules
+from twind.safety.clearance_rules import ahead
 from twind.safety.device_rules import DeviceRules
-from twind.safety.facts import MOVING, REACTING, Facts, Judgement, Key, Reaction, Said, Thresholds, Traffic
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
+from twind.safety.guard_types import (
+    MOVING,
+    REACTING,
+    BusTraffic,
+    GuardDecision,
+    GuardInput,
+    GuardThresholds,
+    Key,
+    Reaction,
+    RuleResult,
+)
 from twind.safety.heat_rules import HeatRules
-from twind.safety.line_rules import LineRules
-from twind.safety.outlook_rules import ahead
 from twind.safety.power_rules import CurrentRules, VoltageRules
 from twind.safety.reading_rules import ReadingRules
-from twind.safety.stall_rules import GapRules, HoldRules
-from twind.safety.states import LATCHED
+from twind.safety.stall_rules import HoldRules, TimeGapRules
+from twind.safety.state_machine import LATCHED
 from twind.safety.tracking_rules import TrackingRules
 
 __all__ = [
@@ -31,16 +41,16 @@ __all__ = [
     "MOVING",
     "REACTING",
     "UNWRITABLE",
-    "Facts",
+    "BusTraffic",
     "Guard",
-    "Judgement",
+    "GuardDecision",
+    "GuardInput",
+    "GuardThresholds",
     "Reaction",
-    "Thresholds",
-    "Traffic",
 ]
 
-FINE = Judgement()
-STOPPED = (*LATCHED, State.INHIBITED)  # what latches is in force already: told like anything else
+FINE = GuardDecision()
+STOPPED = (*LATCHED, RobotState.INHIBITED)  # what latches is in force already: told like anything else
 
 
 class Guard:
@@ -48,22 +58,22 @@ class Guard:
 
     def __init__(
         self,
-        limits: Limits,
-        thresholds: Thresholds | None = None,
+        limits: JointLimits,
+        thresholds: GuardThresholds | None = None,
         *,
         buses: Sequence[str] = (),
         can: Mapping[str, Sequence[int]] | None = None,
         support: str = "free",
-        ratings: Ratings | None = None,
-        linked: Sequence[Linked] = (),
+        ratings: ActuatorRatings | None = None,
+        linked: Sequence[MappedTransmission] = (),
     ) -> None:
         """`buses`: their names, in the order of `Facts.traffic`. `can`: the joints of each of them that is a
         CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's supply,
         heat or load has a bound. `linked`: whose actuators turn joints together."""
-        self._bounds = bounds = thresholds if thresholds is not None else Thresholds()
-        rated = ratings if ratings is not None else Ratings.unknown(len(limits.lower))
+        self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
+        rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
-        self._gaps, self._holds = GapRules(bounds), HoldRules(free, bounds)
+        self._gaps, self._holds = TimeGapRules(bounds), HoldRules(free, bounds)
         self._goals, self._readings = GoalRules(limits, bounds), ReadingRules(limits, bounds, free)
         lines = can if can is not None else {}
         self._buses, self._lines = BusRules(buses, bounds), LineRules(buses, lines, free, bounds)
@@ -77,18 +87,18 @@ class Guard:
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
 
     @property
-    def bounds(self) -> Thresholds:
+    def bounds(self) -> GuardThresholds:
         """The thresholds of all rules."""
         return self._bounds
 
-    def limit(self, limits: Limits) -> None:
+    def limit(self, limits: JointLimits) -> None:
         """From now on these limits count, of a robot that is at rest. What was said, and what motors and
         buses have been through, is remembered."""
         self._goals = GoalRules(limits, self._bounds)
         self._readings = ReadingRules(limits, self._bounds, self._free)
         self._tracking = TrackingRules(limits, self._bounds, self._linked)
 
-    def judge(self, facts: Facts) -> Judgement:
+    def judge(self, facts: GuardInput) -> GuardDecision:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""
         said = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
         said += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
@@ -103,7 +113,7 @@ class Guard:
         self.bars = tuple(one.finding for one in said if one.bars)
         return self._answer(said, facts)
 
-    def _answer(self, said: list[Said], facts: Facts) -> Judgement:
+    def _answer(self, said: list[RuleResult], facts: GuardInput) -> GuardDecision:
         """The hardest reaction of all; findings that are new, or alone those that must be latched now."""
         reaction = max(one.reaction for one in said)
         refused = any(one.refuses for one in said)
@@ -113,7 +123,7 @@ class Guard:
         hard = [one for one in said if one.reaction is Reaction.INHIBIT]
         told = self._tell(latching or hard or new, said, facts.now)
         here = {one.finding.joint for one in said if one.here and one.reaction}
-        return Judgement(
+        return GuardDecision(
             reaction,
             told,
             bool(latching),
@@ -124,13 +134,13 @@ class Guard:
             gone=tuple(sorted({one.bus for one in said if one.gone})),
         )
 
-    def _is_new(self, one: Said, now: float) -> bool:
+    def _is_new(self, one: RuleResult, now: float) -> bool:
         """Not told while it lasts, and not of a flickering cause so soon again."""
         mere_warning = one.reaction is Reaction.NONE and not one.latches
         quiet = self._bounds.quiet_warning if mere_warning else self._bounds.quiet
         return one.key not in self._present and not now - self._told.get(one.key, -inf) < quiet
 
-    def _tell(self, telling: list[Said], said: list[Said], now: float) -> tuple[Finding, ...]:
+    def _tell(self, telling: list[RuleResult], said: list[RuleResult], now: float) -> tuple[Finding, ...]:
         told = {one.key for one in telling}
         self._present = {one.key for one in said if one.key in told or not self._is_new(one, now)}
         self._told.update(dict.fromkeys(told, now))

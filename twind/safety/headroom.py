@@ -5,27 +5,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, Ints, whole
-from twind.robot.finding import Code, Finding
-from twind.robot.ratings import Ratings
+from twind.robot.finding import Finding, ReasonCode
 
 UNREAD = "not read yet; ask again in half a second"
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class JointCondition:
     """What was read last, beside what each joint bears. Arrays are (n,)."""
 
     temperature: Floats  # °C, NaN never read
     voltage: Floats  # V, NaN never read
     age: Floats  # s since both were read; inf never
-    ratings: Ratings
+    ratings: ActuatorRatings
     together: Sequence[
         Ints
     ] = ()  # places of joints that motors turn together: none moves without all of them
 
 
-def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding]:
+def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Finding]:
     """S27 of the motors that turn the joints `chosen`. A reading older than `oldest` (s), of another age or
     not there refuses.
 
@@ -38,9 +38,9 @@ def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding
     weak = ~(ratings.low_settle == -np.inf) & ~(read & (low > ratings.low_settle))
     found = []
     for code, wrong, value, bound, unit, reason in (
-        (Code.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C", "too hot to begin; let it cool"),
+        (ReasonCode.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C", "too hot to begin; let it cool"),
         (
-            Code.VOLTAGE_LOW,
+            ReasonCode.VOLTAGE_LOW,
             weak,
             low,
             ratings.low_settle,

@@ -9,11 +9,11 @@ from math import inf
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Ints, same
-from twind.robot.finding import Code, Finding
-from twind.robot.ratings import Ratings
-from twind.safety.facts import MOVING, REACTING, Facts, Reaction, Said, Thresholds, held
+from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, held
 
 EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a case warms slowly
 
@@ -21,7 +21,7 @@ EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a 
 class HeatRules:
     """Remembers per joint: its last readings, how warm it was a while ago, and who must cool down first."""
 
-    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+    def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         count = len(ratings.warm)
         self._ratings, self._bounds = ratings, bounds
         need, kept = bounds.votes
@@ -36,7 +36,7 @@ class HeatRules:
         self._cooling: Bools = np.zeros(count, np.bool_)
         self._hot: list[int] = []  # who is warm, or has to cool down
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R18: told, slower, lowered. Who got as hot as that keeps everybody from arming until it is cool."""
         if (
             not same(facts.health_time, self._seen)
@@ -47,7 +47,7 @@ class HeatRules:
         for joint in self._hot:
             yield self._warm(facts, joint)
 
-    def _refresh(self, facts: Facts) -> Iterator[Said]:
+    def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Some were read anew."""
         fresh = (facts.health_time != self._read) & (facts.health_time > -inf)
         fresh &= np.isfinite(facts.temperature)
@@ -63,29 +63,33 @@ class HeatRules:
         self._cooling &= self._warmth >= self._ratings.cool
         self._hot = np.flatnonzero((self._warmth >= self._ratings.warm) | self._cooling).tolist()
 
-    def _warm(self, facts: Facts, joint: int) -> Said:
+    def _warm(self, facts: GuardInput, joint: int) -> RuleResult:
         value, ratings, cooling = float(self._warmth[joint]), self._ratings, bool(self._cooling[joint])
         if value >= ratings.shut[joint]:
             finding = _heat(joint, value, ratings.shut[joint], "°C: lowered, and not armed before it is cool")
-            return Said(
+            return RuleResult(
                 finding, Reaction.SETTLE if held(facts) else Reaction.NONE, latches=held(facts), bars=True
             )
         if value >= ratings.hot[joint]:
             finding = _heat(joint, value, ratings.hot[joint], "°C: it moves slower")
             moves = facts.motion in MOVING and facts.state not in REACTING
-            return Said(finding, bars=cooling, pace=self._bounds.hot_pace if moves and held(facts) else 1.0)
+            return RuleResult(
+                finding, bars=cooling, pace=self._bounds.hot_pace if moves and held(facts) else 1.0
+            )
         if value >= ratings.warm[joint]:
-            return Said(_heat(joint, value, ratings.warm[joint], "°C: let it rest"), bars=cooling)
-        return Said(_heat(joint, value, ratings.cool[joint], "°C: not armed before it is cool"), bars=True)
+            return RuleResult(_heat(joint, value, ratings.warm[joint], "°C: let it rest"), bars=cooling)
+        return RuleResult(
+            _heat(joint, value, ratings.cool[joint], "°C: not armed before it is cool"), bars=True
+        )
 
-    def _spike(self, joint: int) -> Iterator[Said]:
+    def _spike(self, joint: int) -> Iterator[RuleResult]:
         """One reading alone; before there are enough of them nothing is compared."""
         agreed, value = float(self._warmth[joint]), float(self._last[-1, joint])
         if agreed > -inf:
             message = f"°C read, the readings around it say {agreed:g}: not believed alone"
-            yield Said(_heat(joint, value, agreed + self._bounds.spike, message))
+            yield RuleResult(_heat(joint, value, agreed + self._bounds.spike, message))
 
-    def _warming(self, facts: Facts, rows: Ints) -> Iterator[Said]:
+    def _warming(self, facts: GuardInput, rows: Ints) -> Iterator[RuleResult]:
         """How fast each became warmer since `warming_over` ago."""
         bounds = self._bounds
         for joint in rows[self._warmth[rows] > -inf].tolist():
@@ -96,8 +100,8 @@ class HeatRules:
             slope = (warmth - self._before[joint]) / span if span > 0.0 else 0.0
             self._then[joint], self._before[joint] = now, warmth
             if slope > bounds.warming + ROUNDING:
-                yield Said(_heat(joint, float(slope), bounds.warming, "°C/s warmer: what loads it?"))
+                yield RuleResult(_heat(joint, float(slope), bounds.warming, "°C/s warmer: what loads it?"))
 
 
 def _heat(joint: int, value: float, bound: float, message: str) -> Finding:
-    return Finding(Code.OVERTEMP, joint, value=value, bound=float(bound), message=message)
+    return Finding(ReasonCode.OVERTEMP, joint, value=value, bound=float(bound), message=message)

@@ -10,7 +10,7 @@ STREAMING = 0.25  # s, while setpoints are streamed
 
 
 @dataclass(frozen=True, slots=True)
-class Holder:
+class LeaseHolder:
     """Who holds the lease, and for how long yet."""
 
     client: int
@@ -95,12 +95,12 @@ class Lease:
         """The client who holds it now; 0: nobody."""
         return self._client if self.holds(now) else 0
 
-    def info(self, now: float) -> Holder | None:
+    def info(self, now: float) -> LeaseHolder | None:
         """Who holds it now."""
         if not self.holds(now):
             return None
         left = self._term if self._pins else self._renewed + self._term - now
-        return Holder(self._client, self._name, self._uid, left)
+        return LeaseHolder(self._client, self._name, self._uid, left)
 
     def _drop(self) -> None:
         if self._client:

@@ -10,11 +10,11 @@ from math import inf, isfinite
 
 import numpy as np
 
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, every, same
-from twind.robot.finding import Code, Finding
-from twind.robot.ratings import Ratings
-from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, hold_here
+from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, hold_here
 
 LONGEST = 0.5  # s: of a tick that came later no more is summed up
 
@@ -22,7 +22,7 @@ LONGEST = 0.5  # s: of a tick that came later no more is summed up
 class CurrentRules:
     """Remembers per joint: since when its load is high, and how tired it is."""
 
-    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+    def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         count = len(ratings.continuous)
         self._bounds = bounds
         self._bearable = np.square(ratings.continuous)
@@ -31,7 +31,7 @@ class CurrentRules:
         self._high = False  # is anyone?
         self._last = inf  # s, when it looked last
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R17, where the load is known. Motors recover at rest; who is tired is not armed."""
         load, bounds = facts.load, self._bounds
         span = facts.now - self._last
@@ -54,7 +54,7 @@ class CurrentRules:
             self._above[:] = inf  # what was before does not count for who is armed anew
             yield from self._unrested()
 
-    def _loaded(self, facts: Facts, load: Floats) -> Iterator[Said]:
+    def _loaded(self, facts: GuardInput, load: Floats) -> Iterator[RuleResult]:
         """Near the current limit for too long: told, held, and damped where that does not help."""
         bounds = self._bounds
         for above, least in zip(self._above, (bounds.load_warn, bounds.load_hold), strict=True):
@@ -65,49 +65,53 @@ class CurrentRules:
         ).tolist():
             value, long = float(load[joint]), float(high[joint])
             if not long >= bounds.load_hold_for:
-                yield Said(_load(joint, value, bounds.load_warn, "of its current limit: what loads it?"))
+                yield RuleResult(
+                    _load(joint, value, bounds.load_warn, "of its current limit: what loads it?")
+                )
             elif not long >= 2.0 * bounds.load_hold_for:
                 finding = _load(joint, value, bounds.load_hold, "of its current limit: held where it is")
-                yield Said(finding, hold_here(facts), latches=True, here=True)
+                yield RuleResult(finding, hold_here(facts), latches=True, here=True)
             else:
                 finding = _load(
                     joint, value, bounds.load_hold, "of its current limit still: soft from now on"
                 )
-                yield Said(finding, Reaction.DAMP, latches=True, here=True)
+                yield RuleResult(finding, Reaction.DAMP, latches=True, here=True)
 
-    def _wearied(self, facts: Facts, load: Floats) -> Iterator[Said]:
+    def _wearied(self, facts: GuardInput, load: Floats) -> Iterator[RuleResult]:
         """I²t: told, held, and lowered where that does not help. Who still pushes is held where it is."""
         bounds = self._bounds
         for joint in np.flatnonzero(self._tired >= bounds.tired_warn).tolist():
             value = float(self._tired[joint])
             if value >= bounds.tired_settle:
                 finding = _load(joint, value, bounds.tired_settle, "s of its current limit too much: lowered")
-                yield Said(finding, Reaction.SETTLE, latches=True)
+                yield RuleResult(finding, Reaction.SETTLE, latches=True)
             elif value >= bounds.tired_hold:
                 finding = _load(joint, value, bounds.tired_hold, "s of its current limit too much: holding")
                 pushes = bool(load[joint] ** 2 > self._bearable[joint])
-                yield Said(finding, hold_here(facts) if pushes else hold(facts), latches=True, here=pushes)
+                yield RuleResult(
+                    finding, hold_here(facts) if pushes else hold(facts), latches=True, here=pushes
+                )
             else:
                 finding = _load(joint, value, bounds.tired_warn, "s of its current limit beyond its own")
-                yield Said(finding)
+                yield RuleResult(finding)
 
-    def _unrested(self) -> Iterator[Said]:
+    def _unrested(self) -> Iterator[RuleResult]:
         """I²t without our torque: armed now, it would be held at once."""
         bound = self._bounds.tired_hold
         for joint in np.flatnonzero(self._tired >= bound).tolist():
             value = float(self._tired[joint])
             finding = _load(joint, value, bound, "s of its current limit too much: not armed before it rests")
-            yield Said(finding, bars=True)
+            yield RuleResult(finding, bars=True)
 
 
 def _load(joint: int, value: float, bound: float, message: str) -> Finding:
-    return Finding(Code.OVERCURRENT, joint, value=value, bound=bound, message=message)
+    return Finding(ReasonCode.OVERCURRENT, joint, value=value, bound=bound, message=message)
 
 
 class VoltageRules:
     """Remembers per joint: since when its supply is low, by each bound."""
 
-    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+    def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         self._bounds, self._high = bounds, ratings.high_warn + ROUNDING
         self._low = np.array([ratings.low_warn, ratings.low_settle, ratings.low_fault]) + ROUNDING
         self._fine = self._low.max(axis=0)  # V: above all three, whichever of them are known
@@ -119,9 +123,9 @@ class VoltageRules:
         self._seen = b""  # the same, as bytes: mostly unchanged
         self._suspect = False  # is anybody's low?
         self._held = inf  # s, since when our torque holds the robot; inf: it does not
-        self._said: list[Said] = []
+        self._said: list[RuleResult] = []
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R19: the lowest supply of a robot that our torque holds, and its highest. One says it for all."""
         if not held(facts):
             if self._held < inf:
@@ -136,7 +140,7 @@ class VoltageRules:
         if facts.now - self._held > unread and not every(facts.now - facts.health_time <= unread):
             yield self._unread(facts)
 
-    def _refresh(self, facts: Facts) -> Iterator[Said]:
+    def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Some were read anew. Low is what two readings, of one servo or of two, say `volt_for` apart."""
         fresh = facts.health_time != self._read
         self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
@@ -147,7 +151,9 @@ class VoltageRules:
         high = read & (volts > self._high)
         if np.count_nonzero(high):
             joint = int(np.argmax(np.where(high, volts, -inf)))
-            yield Said(_volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears"))
+            yield RuleResult(
+                _volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears")
+            )
         # NaN is low too. One that was read long ago agrees with nobody who reads low now.
         old = facts.now - facts.health_time > self._bounds.unread + ROUNDING
         low = read & ~old & self._known & ~(volts > self._low)
@@ -157,7 +163,7 @@ class VoltageRules:
         if self._suspect:
             yield from self._lowest(facts, low)
 
-    def _lowest(self, facts: Facts, low: Bools) -> Iterator[Said]:
+    def _lowest(self, facts: GuardInput, low: Bools) -> Iterator[RuleResult]:
         """The hardest bound that holds, named for the servo that has least."""
         answers = (
             ("is low: charge it, or check supply and cables", Reaction.NONE, False),
@@ -171,18 +177,18 @@ class VoltageRules:
             joint = int(np.argmin(np.where(low[level], np.nan_to_num(facts.voltage, nan=-1.0), inf)))
             message, reaction, latches = answers[level]
             bound = float(self._low[level, joint]) - ROUNDING
-            yield Said(_volts(facts, joint, bound, message), reaction, latches=latches)
+            yield RuleResult(_volts(facts, joint, bound, message), reaction, latches=latches)
             return
 
-    def _unread(self, facts: Facts) -> Said:
+    def _unread(self, facts: GuardInput) -> RuleResult:
         age = facts.now - facts.health_time
         joint = int(np.argmax(age))
         value, bound = float(age[joint]), self._bounds.unread
         message = "s since its temperature and supply were read"
-        finding = Finding(Code.VOLTAGE, joint, value=value, bound=bound, message=message)
-        return Said(finding)
+        finding = Finding(ReasonCode.VOLTAGE, joint, value=value, bound=bound, message=message)
+        return RuleResult(finding)
 
 
-def _volts(facts: Facts, joint: int, bound: float, what: str) -> Finding:
+def _volts(facts: GuardInput, joint: int, bound: float, what: str) -> Finding:
     value = float(facts.voltage[joint])
-    return Finding(Code.VOLTAGE, joint, value=value, bound=bound, message=f"V, the supply {what}")
+    return Finding(ReasonCode.VOLTAGE, joint, value=value, bound=bound, message=f"V, the supply {what}")

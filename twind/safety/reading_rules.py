@@ -5,29 +5,31 @@ from collections.abc import Iterator
 import numpy as np
 
 from twind.robot.arrays import Floats, every, some
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
-from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_limits import JointLimits
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import MOVING, GuardInput, GuardThresholds, Reaction, RuleResult, held, hold
 
 
 class ReadingRules:
     """Without memory: each tick by itself. What R13 remembers stands in `senses`."""
 
-    def __init__(self, limits: Limits, bounds: Thresholds, free: bool) -> None:
+    def __init__(self, limits: JointLimits, bounds: GuardThresholds, free: bool) -> None:
         """`free`: nothing carries the robot but itself."""
         self._limits, self._bounds, self._free = limits, bounds, free
         self._hard_lower = limits.hard_lower - bounds.beyond_hard
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R05, R13 and R14: every joint is heard, where it can be, and inside its limits."""
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured, limits = facts.measured, self._limits
         if measured is None:
             if held(facts):
-                yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), hold(facts))
+                yield RuleResult(
+                    Finding(ReasonCode.STATE_STALE, message="no reading at all: holding"), hold(facts)
+                )
             return
         since = facts.now - measured.time
         if not every(measured.age <= self._bounds.stale_warn - since):
@@ -37,7 +39,7 @@ class ReadingRules:
             yield from self._beyond(facts, position)
             yield from self._outward(facts, position)
 
-    def _jumps(self, facts: Facts) -> Iterator[Said]:
+    def _jumps(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R13: a reading that cannot be is told; several in a row hold the robot."""
         most = self._bounds.jumps
         for joint in np.flatnonzero(facts.jumps).tolist():
@@ -46,11 +48,11 @@ class ReadingRules:
             text += "check its horn, gear, cable and calibration" if many else "more than its motor can do"
             bound = float(most if many else 1)
             finding = Finding(
-                Code.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
+                ReasonCode.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
             )
-            yield Said(finding, hold(facts) if many and held(facts) else Reaction.NONE)
+            yield RuleResult(finding, hold(facts) if many and held(facts) else Reaction.NONE)
 
-    def _stale(self, facts: Facts, age: Floats) -> Iterator[Said]:
+    def _stale(self, facts: GuardInput, age: Floats) -> Iterator[RuleResult]:
         """R05. Who answers no more may be limp: the others hold, but what stands freely is lowered."""
         bounds = self._bounds
         for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
@@ -61,28 +63,28 @@ class ReadingRules:
             elif not value <= bounds.stale_hold:
                 bound, reaction = bounds.stale_hold, hold(facts)
             finding = Finding(
-                Code.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
+                ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
             )
             if held(facts):
-                yield Said(finding, reaction, latches=gone)
+                yield RuleResult(finding, reaction, latches=gone)
             else:
-                yield Said(finding)
+                yield RuleResult(finding)
 
-    def _beyond(self, facts: Facts, position: Floats) -> Iterator[Said]:
+    def _beyond(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
         """R14: past the hard limit. A joint that was never heard (NaN) is R05's."""
         low, high = position < self._hard_lower, position > self._hard_upper
         for joint in np.flatnonzero(low | high).tolist():
             bound = float((self._hard_lower if low[joint] else self._hard_upper)[joint])
             message = "past the hard limit: move it inside by hand, check its calibration"
             finding = Finding(
-                Code.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
+                ReasonCode.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
             )
             if held(facts):
-                yield Said(finding, hold(facts), latches=True)
+                yield RuleResult(finding, hold(facts), latches=True)
             else:
-                yield Said(finding)
+                yield RuleResult(finding)
 
-    def _outward(self, facts: Facts, position: Floats) -> Iterator[Said]:
+    def _outward(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
         """R14: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
         if facts.goal is None or facts.previous is None or facts.motion not in MOVING:
             return
@@ -93,6 +95,6 @@ class ReadingRules:
             bound = float((limits.upper if above[joint] else limits.lower)[joint])
             message = "past its limit it may only move inwards: holding the last goal"
             finding = Finding(
-                Code.OUT_OF_LIMIT, joint, value=float(goal[joint]), bound=bound, message=message
+                ReasonCode.OUT_OF_LIMIT, joint, value=float(goal[joint]), bound=bound, message=message
             )
-            yield Said(finding, Reaction.HOLD, refuses=True)
+            yield RuleResult(finding, Reaction.HOLD, refuses=True)

@@ -6,12 +6,16 @@ from math import inf, isnan, sqrt
 
 import numpy as np
 
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Trajectory
-from twind.safety.rules import Thresholds
+from twind.safety.curve_rules import GateThresholds
 
-HEALED = (Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE)  # what a slower path can heal, in rule order
+HEALED = (
+    ReasonCode.VEL_LIMIT,
+    ReasonCode.ACC_LIMIT,
+    ReasonCode.BRAKE_DISTANCE,
+)  # what a slower path can heal, in rule order
 ROUNDS = 8  # guesses of the factor; from rest the first one holds
 NUDGE = 1e-9  # relative: keeps a factor that is exact on paper on the right side of rounding
 
@@ -26,12 +30,14 @@ def needed(findings: Iterable[Finding], first: bool = True) -> float:
     for finding in findings:
         if finding.value is not None and finding.bound is not None and finding.code in HEALED:
             ratio = finding.value / finding.bound if finding.bound > 0.0 else inf
-            ratio = sqrt(ratio) if first and finding.code is Code.ACC_LIMIT else ratio
+            ratio = sqrt(ratio) if first and finding.code is ReasonCode.ACC_LIMIT else ratio
             factor = ratio if isnan(ratio) else max(factor, ratio)
     return factor * (1.0 + NUDGE)
 
 
-def with_stop(path: Trajectory, limits: Limits, thresholds: Thresholds) -> tuple[Trajectory, list[Finding]]:
+def with_stop(
+    path: Trajectory, limits: JointLimits, thresholds: GateThresholds
+) -> tuple[Trajectory, list[Finding]]:
     """`path` with a ramp to rest after its last point, and the finding that says so; unchanged if at rest.
 
     All joints stop together, each with constant deceleration, the hardest pressed one at its limit (at half
@@ -48,7 +54,7 @@ def with_stop(path: Trajectory, limits: Limits, thresholds: Thresholds) -> tuple
         T = max(float(np.max(pressed)) * (1.0 + NUDGE), thresholds.min_dt)
     reason = "a ramp to rest of this many seconds follows the last point"
     place, t = len(path.time) - 1, float(path.time[-1])
-    return ramped(path, T), [Finding(Code.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
+    return ramped(path, T), [Finding(ReasonCode.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
 
 
 def ramped(path: Trajectory, duration: float) -> Trajectory:
@@ -70,8 +76,8 @@ def changed(path: Trajectory, changes: Iterable[Finding]) -> Trajectory:
     """What the `changes` of a verdict make of the path as it was asked for: the path that was judged."""
     for change in changes:
         assert change.value is not None  # by how much is what a change says
-        if change.code is Code.STOP_APPENDED:
+        if change.code is ReasonCode.STOP_APPENDED:
             path = ramped(path, change.value)
-        elif change.code is Code.RETIMED:
+        elif change.code is ReasonCode.RETIMED:
             path = path.stretched(change.value)
     return path

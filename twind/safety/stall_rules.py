@@ -4,22 +4,22 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
-from twind.safety.states import LATCHED
+from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.state_machine import LATCHED
 
 
-class GapRules:
+class TimeGapRules:
     """Remembers when it judged last, by the clock that stands still while the machine sleeps, and how long
     that has slept."""
 
-    def __init__(self, bounds: Thresholds) -> None:
+    def __init__(self, bounds: GuardThresholds) -> None:
         self._bounds = bounds
         self._last: float | None = None  # s
         self._suspended = 0.0  # s
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """TIME_GAP: longer than the servos' watchdogs wait. They may have stopped: the last goal again, and
         a fault, so that somebody disarms, which puts the goals where the joints are."""
         last, asleep = self._last, facts.suspended - self._suspended
@@ -31,20 +31,22 @@ class GapRules:
             return
         what = "s that the machine slept" if asleep >= bound else "s without a tick"
         message = f"{what}: the servos have stopped by themselves: disarm, reset, arm"
-        finding = Finding(Code.TIME_GAP, value=gap + asleep, bound=bound, message=message)
+        finding = Finding(ReasonCode.TIME_GAP, value=gap + asleep, bound=bound, message=message)
         stop = hold(facts)
-        yield Said(finding, stop, latches=True, refuses=facts.goal is not None and stop is Reaction.HOLD)
+        yield RuleResult(
+            finding, stop, latches=True, refuses=facts.goal is not None and stop is Reaction.HOLD
+        )
 
 
 class HoldRules:
     """Remembers since when a free-standing robot is held, and why. Others may be held for ever."""
 
-    def __init__(self, free: bool, bounds: Thresholds) -> None:
+    def __init__(self, free: bool, bounds: GuardThresholds) -> None:
         self._free, self._bounds = free, bounds
-        self._since, self._why = inf, Finding(Code.INTERNAL)
+        self._since, self._why = inf, Finding(ReasonCode.INTERNAL)
         self._ended = False  # a motion, by it
 
-    def judge(self, facts: Facts, said: list[Said]) -> Iterator[Said]:
+    def judge(self, facts: GuardInput, said: list[RuleResult]) -> Iterator[RuleResult]:
         """A hold that one of these rules asked for, and that nobody ends, is lowered. Where a robot held
         anyway, and nothing is latched, it is over with its cause."""
         if not self._free:
@@ -64,4 +66,4 @@ class HoldRules:
         if facts.now - self._since >= most:
             message = f"held for {most:g} s without support: lowered ({self._why.message})"
             finding = replace(self._why, value=facts.now - self._since, bound=most, message=message)
-            yield Said(finding, Reaction.SETTLE, latches=True)
+            yield RuleResult(finding, Reaction.SETTLE, latches=True)

@@ -11,13 +11,22 @@ from math import isfinite
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, every
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_limits import JointLimits
 from twind.robot.state import JointState
-from twind.robot.transmission import Linked
+from twind.robot.transmission import MappedTransmission
 from twind.safety.device_rules import ALERT, TRIPPED
-from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold, hold_here
 from twind.safety.goal_rules import ROUNDING
+from twind.safety.guard_types import (
+    MOVING,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    held,
+    hold,
+    hold_here,
+)
 
 STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
 DRIFT = "rad between the robot and the simulation of its goals"  # what MIRROR_DRIFT measures
@@ -27,7 +36,9 @@ NEVER = np.inf  # s: a condition that does not hold has begun then
 class TrackingRules:
     """Remembers per joint: since when it is off, or apart from the model, and where it last changed."""
 
-    def __init__(self, limits: Limits, bounds: Thresholds, linked: Sequence[Linked] = ()) -> None:
+    def __init__(
+        self, limits: JointLimits, bounds: GuardThresholds, linked: Sequence[MappedTransmission] = ()
+    ) -> None:
         """`linked`: whose actuators turn joints together."""
         count = len(limits.lower)
         self._linked = linked
@@ -44,7 +55,7 @@ class TrackingRules:
         self._turning = np.zeros(count, np.bool_)  # at the last look its servo said that it turns
         self._looked = -NEVER  # s
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R15, R16 and R25, of a robot that our torque holds."""
         measured, goal = facts.measured, facts.previous
         if measured is None or not held(facts):
@@ -67,7 +78,7 @@ class TrackingRules:
 
     # ------------------------------------------------------------------------------------------- R15
 
-    def _following(self, facts: Facts, measured: JointState, off: Floats) -> Iterator[Said]:
+    def _following(self, facts: GuardInput, measured: JointState, off: Floats) -> Iterator[RuleResult]:
         """Too far from its goal for too long; or further still. Nobody is made soft for one that follows no
         goal: limp (R10), on the way down too where it shut itself down (R09) or began anew (R11), or with a
         tripped watchdog (R12)."""
@@ -85,14 +96,14 @@ class TrackingRules:
         for joint in np.flatnonzero(measured.heard & (far | (bad & long))).tolist():
             yield self._off(facts, joint, float(off[joint]), bool(far[joint]))
 
-    def _off(self, facts: Facts, joint: int, value: float, far: bool) -> Said:
+    def _off(self, facts: GuardInput, joint: int, value: float, far: bool) -> RuleResult:
         bound = self._bounds.follow_damp if far else self._bounds.follow
         what = "soft from now on" if far else "held where it is"
         message = f"rad further from its goal than it may lag: {what}: what blocks it, its load, its gains?"
-        finding = Finding(Code.FOLLOW_ERR, joint, value=value, bound=bound, message=message)
-        return Said(finding, Reaction.DAMP if far else hold_here(facts), latches=True, here=True)
+        finding = Finding(ReasonCode.FOLLOW_ERR, joint, value=value, bound=bound, message=message)
+        return RuleResult(finding, Reaction.DAMP if far else hold_here(facts), latches=True, here=True)
 
-    def _frozen(self, facts: Facts, measured: JointState, goal: Floats) -> Iterator[Said]:
+    def _frozen(self, facts: GuardInput, measured: JointState, goal: Floats) -> Iterator[RuleResult]:
         """SENSE_FROZEN: the very same position while the goal moves and the motor works.
 
         A blocked motor is none: it does not say that it turns, and draws what a motor draws that pushes. Nor
@@ -124,8 +135,8 @@ class TrackingRules:
         for joint in np.flatnonzero(works & long & measured.heard).tolist():
             value, bound = float(facts.now - self._turned[joint]), bounds.frozen_for
             message = "s with the very same position while its motor works: encoder, horn, gear?"
-            finding = Finding(Code.SENSE_FROZEN, joint, value=value, bound=bound, message=message)
-            yield Said(finding, hold(facts), latches=True)
+            finding = Finding(ReasonCode.SENSE_FROZEN, joint, value=value, bound=bound, message=message)
+            yield RuleResult(finding, hold(facts), latches=True)
 
     def _of_actuators(self, measured: JointState, goal: Floats) -> tuple[Floats, Floats, Floats]:
         """Where the actuators stand, where they are to, and what they turn at; NaN: not known."""
@@ -140,7 +151,7 @@ class TrackingRules:
 
     # ------------------------------------------------------------------------------------------- R16, R25
 
-    def _speeding(self, facts: Facts, measured: JointState) -> Iterator[Said]:
+    def _speeding(self, facts: GuardInput, measured: JointState) -> Iterator[RuleResult]:
         """Faster than it may, in readings in a row."""
         speed = np.abs(measured.velocity)
         fast = ~(speed <= self._fastest)
@@ -148,10 +159,12 @@ class TrackingRules:
         for joint in np.flatnonzero(measured.heard & (self._fast >= self._bounds.overspeed_row)).tolist():
             value, bound = float(speed[joint]), float(self._fastest[joint])
             message = "rad/s, faster than it may turn: holding: what drives it, its gains?"
-            finding = Finding(Code.OVERSPEED, joint, value=value, bound=bound, message=message)
-            yield Said(finding, hold(facts))
+            finding = Finding(ReasonCode.OVERSPEED, joint, value=value, bound=bound, message=message)
+            yield RuleResult(finding, hold(facts))
 
-    def _drifting(self, facts: Facts, measured: JointState, simulated: JointState) -> Iterator[Said]:
+    def _drifting(
+        self, facts: GuardInput, measured: JointState, simulated: JointState
+    ) -> Iterator[RuleResult]:
         """Robot and simulation apart for a while: told only."""
         apart = np.abs(measured.position - simulated.position)
         bad = ~(apart <= self._bounds.drift)
@@ -163,7 +176,9 @@ class TrackingRules:
         for joint in np.flatnonzero(bad & long).tolist():
             value, bound = float(apart[joint]), self._bounds.drift
             message = f"{DRIFT}: calibration, load, gains?"
-            yield Said(Finding(Code.MIRROR_DRIFT, joint, value=value, bound=bound, message=message))
+            yield RuleResult(
+                Finding(ReasonCode.MIRROR_DRIFT, joint, value=value, bound=bound, message=message)
+            )
 
     def _forget(self) -> None:
         self._off_since[:], self._drift_since[:], self._fast[:] = NEVER, NEVER, 0

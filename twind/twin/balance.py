@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
 
@@ -30,7 +30,7 @@ class Stance:
 
 
 @dataclass(frozen=True, slots=True)
-class _Foot:
+class _FootGeometry:
     """A body that stands: corners (c, 3) in its frame, each with the radius (c,) of what is round there."""
 
     body: int
@@ -106,13 +106,13 @@ class Balance:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
 
-    def _corners(self, foot: _Foot) -> Floats:
+    def _corners(self, foot: _FootGeometry) -> Floats:
         """(c, 3), where they are now."""
         rotation = self._data.xmat[foot.body].reshape(3, 3)
         placed: Floats = foot.corners @ rotation.T + self._data.xpos[foot.body]
         return placed
 
-    def _lowest(self) -> list[_Foot]:
+    def _lowest(self) -> list[_FootGeometry]:
         """The bodies whose colliding shapes are lowest now."""
         model = self._model
         found: dict[int, list[tuple[Floats, float]]] = {}
@@ -127,18 +127,18 @@ class Balance:
         floor = min(heights, default=0.0)
         return [foot for foot, height in zip(feet, heights, strict=True) if height <= floor + TOUCHING]
 
-    def _foot(self, body: int, shapes: list[tuple[Floats, float]]) -> _Foot:
+    def _foot(self, body: int, shapes: list[tuple[Floats, float]]) -> _FootGeometry:
         corners = np.concatenate([corners for corners, _ in shapes])
         radius = np.concatenate([np.full(len(corners), radius) for corners, radius in shapes])
         normal = self._data.xmat[body].reshape(3, 3).T @ UP
-        return _Foot(body, corners, radius, normal)
+        return _FootGeometry(body, corners, radius, normal)
 
 
 def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
     """S26 of the margins (k,) in m at `time` (k,) in s: at most one warning."""
     if not known:
         reason = "balance cannot be judged: the model has nothing that stands on the floor"
-        return [Finding(Code.UNSTABLE_POSE, message=reason)]
+        return [Finding(ReasonCode.UNSTABLE_POSE, message=reason)]
     near = np.flatnonzero(~(margin >= INSIDE))
     if not len(near):
         return []
@@ -146,7 +146,7 @@ def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
     reason = f"centre of mass inside the edge of the feet (m), least at {time[worst]:.3g} s"
     return [
         Finding(
-            Code.UNSTABLE_POSE,
+            ReasonCode.UNSTABLE_POSE,
             time=float(time[near[0]]),
             value=float(margin[worst]),
             bound=INSIDE,

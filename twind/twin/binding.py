@@ -13,19 +13,19 @@ import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
-from twind.config.located import place
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
+from twind.config.yaml_tree import place
+from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.attitude import Quaternion
-from twind.robot.joints import BusMap, JointMap
-from twind.robot.limits import Limits
-from twind.robot.ratings import Ratings
-from twind.robot.transmission import Linked
-from twind.robot.turns import Turns
-from twind.twin.inertial import feel, mount, require_site
-from twind.twin.linked import strength
+from twind.robot.joint_limits import JointLimits
+from twind.robot.joints import JointBusMap, JointMap
+from twind.robot.transmission import MappedTransmission
+from twind.robot.turn_range import TurnRange
+from twind.twin.imu_model import feel, mount, require_site
+from twind.twin.joint_range import BindingError, JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
-from twind.twin.reach import BindingError, Reach, reaches, turn_begin
+from twind.twin.transmission_range import strength
 
 ASTRAY = 0.15  # rad beyond its measured travel that a limp joint may hang at
 TOLERANCE = 1e-9  # rad, when ranges are compared
@@ -38,8 +38,8 @@ class Binding:
     robot: RobotFile
     model: Any  # mujoco.MjModel
     joint_map: JointMap
-    limits: Limits
-    ratings: Ratings
+    limits: JointLimits
+    ratings: ActuatorRatings
     qpos: Ints  # address of each joint in qpos
     dof: Ints  # in qvel, qacc, qfrc
     actuators: Ints  # of its goal in ctrl
@@ -191,7 +191,7 @@ def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
 
 
 def _joint_map(
-    robot: RobotFile, known: Mapping[str, JointCalibration], zeros: list[int], reach: list[Reach]
+    robot: RobotFile, known: Mapping[str, JointCalibration], zeros: list[int], reach: list[JointRange]
 ) -> JointMap:
     return JointMap(
         names=robot.names,
@@ -212,7 +212,7 @@ def _calibrated(robot: RobotFile, known: Mapping[str, JointCalibration]) -> tupl
     return tuple(whole.get(joint.name, joint.actuator in known) for joint in robot.joints)
 
 
-def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[Reach]) -> Turns:
+def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[JointRange]) -> TurnRange:
     """On which turn each actuator was calibrated."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     sweeps = [(0, 0) if entry is None else entry.sweep_ticks for entry in entries]
@@ -222,7 +222,7 @@ def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[
         )
         for joint, entry in zip(robot.joints, entries, strict=True)
     ]
-    return Turns(
+    return TurnRange(
         known=np.array([entry is not None for entry in entries], np.bool_),
         whole=np.array([joint.type.ticks_per_turn for joint in robot.joints], np.int64),
         band=np.array([0 if entry is None else entry.turn_band_ticks[0] for entry in entries], np.int64),
@@ -240,13 +240,13 @@ def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[
     )
 
 
-def _limits(robot: RobotFile, reach: list[Reach]) -> Limits:
+def _limits(robot: RobotFile, reach: list[JointRange]) -> JointLimits:
     effort = {joint.name: joint.ratio * joint.type.effort_limit_nm for joint in robot.joints}
     by_name = {joint.name: joint for joint in robot.joints}
     for each in robot.transmissions:
         given = strength(each.law, [by_name[name] for name in each.joints])
         effort |= zip(each.joints, given.tolist(), strict=True)
-    return Limits(
+    return JointLimits(
         lower=frozen([each.lower for each in reach]),
         upper=frozen([each.upper for each in reach]),
         hard_lower=frozen([each.hard_lower for each in reach]),
@@ -257,9 +257,9 @@ def _limits(robot: RobotFile, reach: list[Reach]) -> Limits:
     )
 
 
-def _ratings(robot: RobotFile) -> Ratings:
+def _ratings(robot: RobotFile) -> ActuatorRatings:
     kinds = [joint.type for joint in robot.joints]
-    return Ratings(
+    return ActuatorRatings(
         low_warn=frozen([kind.supply.warn for kind in kinds]),
         low_settle=frozen([kind.supply.settle for kind in kinds]),
         low_fault=frozen([kind.supply.fault for kind in kinds]),
@@ -273,14 +273,14 @@ def _ratings(robot: RobotFile) -> Ratings:
     )
 
 
-def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[Reach]) -> BusMap:
+def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRange]) -> JointBusMap:
     """The joints of one bus, by id."""
     places = sorted(
         (place for place, joint in enumerate(robot.joints) if joint.bus == bus),
         key=lambda place: robot.joints[place].id,
     )
     joints = [robot.joints[place] for place in places]
-    return BusMap(
+    return JointBusMap(
         name=bus,
         joints=np.array(places, np.int64),
         ids=tuple(joint.id for joint in joints),
@@ -300,9 +300,9 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[Reach]) -
     )
 
 
-def _link(spec: TransmissionSpec, names: list[str], reach: Mapping[str, Reach]) -> Linked:
+def _link(spec: TransmissionSpec, names: list[str], reach: Mapping[str, JointRange]) -> MappedTransmission:
     """A transmission among the joints `names` of its bus."""
-    return Linked(
+    return MappedTransmission(
         rows=np.array([names.index(name) for name in spec.joints], np.int64),
         law=spec.law,
         lower=frozen([reach[name].hard_lower for name in spec.joints]),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from twind.robot.arrays import Bools
-from twind.twin.collision import body_name
+from twind.twin.collision_model import body_name
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from twind.robot.arrays import Floats, Ints
-from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.twin.balance import Balance, Stance, tipping
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
@@ -123,7 +123,7 @@ class Dynamics:
         reason = (
             f"what {len(joints)} joints can give is not known: torque constant or current limit are missing"
         )
-        return [Finding(Code.TORQUE_INFEASIBLE, joint=int(joints[0]), message=reason)]
+        return [Finding(ReasonCode.TORQUE_INFEASIBLE, joint=int(joints[0]), message=reason)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +142,12 @@ def _excess(joint: int, time: Floats, size: Floats, over: Ints, bound: Floats, s
     if hangs:
         reason += f"; {before:.3g} N·m already standing still at the start"
     finding = Finding(
-        Code.TORQUE_INFEASIBLE, joint, None, float(time[over[0]]), value=value, bound=most, message=reason
+        ReasonCode.TORQUE_INFEASIBLE,
+        joint,
+        None,
+        float(time[over[0]]),
+        value=value,
+        bound=most,
+        message=reason,
     )
     return _Excess(finding, worse=not (hangs and value <= HEAVIER * before))

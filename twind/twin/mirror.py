@@ -18,7 +18,7 @@ MAX_ANGLE = 1e3  # rad
 MAX_SPEED = 1e4  # rad/s
 
 
-class Mirror:
+class TwinMirror:
     """Holds the last believable reading of every joint; starts in the rest pose."""
 
     def __init__(self, binding: Binding) -> None:

@@ -9,9 +9,9 @@ from twind.robot.arrays import Bools, Floats, Ints, every
 from twind.robot.state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
-from twind.twin.collision import strangers
+from twind.twin.collision_model import strangers
 from twind.twin.contacts import Contact, deepest_contact
-from twind.twin.inertial import Felt
+from twind.twin.imu_model import ImuModel
 from twind.twin.mirror import MAX_ANGLE, index
 
 # MuJoCo answers these by resetting everything to its own default pose and going on.
@@ -47,7 +47,7 @@ class Simulation:
         self.frozen = False
         self._floating, self._base = binding.floating, binding.robot.base
         imu = binding.robot.imu
-        self._felt = None if imu is None else Felt(self.model, self.data, imu.site)
+        self._felt = None if imu is None else ImuModel(self.model, self.data, imu.site)
         self._dof = binding.dof
         self._place, self._speed = index(binding.qpos), index(binding.dof)
         self._goal = index(binding.actuators)

@@ -4,7 +4,7 @@ from twind.robot.arrays import Floats
 from twind.robot.state import JointState
 from twind.twin.binding import Binding
 from twind.twin.contacts import Contact
-from twind.twin.mirror import Mirror
+from twind.twin.mirror import TwinMirror
 from twind.twin.simulation import Simulation, hush
 
 
@@ -14,7 +14,7 @@ class Twin:
     def __init__(self, binding: Binding, period: float) -> None:
         """`period`: s, of one tick. The simulation starts at the rest pose."""
         hush()
-        self.mirror = Mirror(binding)
+        self.mirror = TwinMirror(binding)
         self.simulation = Simulation(binding, period)
 
     @property

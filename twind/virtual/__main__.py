@@ -2,7 +2,7 @@
 
 import sys
 
-from twind.virtual.main import main
+from twind.virtual.virtual_main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -33,7 +33,7 @@ def _claim(link: Path) -> int:
     return lock
 
 
-class PtyPort:
+class VirtualPtyPort:
     """Master end of a raw pseudo-terminal. Without a host at the other end nothing is read or kept.
 
     The other end is not kept open here: a host then sees and gets what it would of a real adapter.

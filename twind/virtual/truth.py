@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
+from twind.config.config_section import ConfigSection
 from twind.config.counts import ticks_of, turn_start
-from twind.config.located import parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.section import Section
-from twind.twin.muscles import ranges_of
-from twind.virtual.bench import SpecimenError
-from twind_drivers.dynamixel.tables import number_of, table
+from twind.config.yaml_tree import parse, read_text
+from twind.twin.mujoco_physics import ranges_of
+from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind_drivers.dynamixel.control_tables import number_of, table
 
 MAX_TICKS = 2**31 - 1
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator
@@ -86,7 +86,7 @@ class Truth:
 
 def load_truth(path: Path, robot: RobotFile) -> Truth:
     """The truth in a file, YAML or JSON. Raises ConfigError: unreadable, unknown key, no such joint."""
-    top = Section(str(path), parse(read_text(path), str(path)))
+    top = ConfigSection(str(path), parse(read_text(path), str(path)))
     section = top.section("joints")
     joints = {
         joint.name: _joint(section.section(joint.name)) for joint in robot.joints if section.has(joint.name)
@@ -96,7 +96,7 @@ def load_truth(path: Path, robot: RobotFile) -> Truth:
     return Truth(joints)
 
 
-def _joint(section: Section) -> JointTruth:
+def _joint(section: ConfigSection) -> JointTruth:
     made: dict[str, object] = {}
     ticks, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
     bounds = {
@@ -134,20 +134,22 @@ def refuse_impossible(robot: RobotFile, truth: Truth) -> None:
     specs = {joint.name: joint for joint in robot.joints}
     for name, each in truth.joints.items():
         if name not in specs:
-            raise SpecimenError(f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}")
+            raise VirtualRobotSpecError(
+                f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}"
+            )
         strange = [key for key in each.said() if key not in OF_CAN]
         if isinstance(specs[name].type, CanType) and strange:
             why = f"{strange[0]} is of serial servos; a CAN actuator has {', '.join(OF_CAN)}"
-            raise SpecimenError(f"truth: {name}: {why}")
+            raise VirtualRobotSpecError(f"truth: {name}: {why}")
         other = specs.get(each.swapped_with or name)
         if other is None or other.bus != specs[name].bus or each.swapped_with == name:
-            raise SpecimenError(
+            raise VirtualRobotSpecError(
                 f"truth: {name}: swapped_with {each.swapped_with!r} is no other joint of its bus"
             )
         if each.swapped_with and (
             truth.holder(each.swapped_with) != name or truth.holder(name) != other.name
         ):
-            raise SpecimenError(
+            raise VirtualRobotSpecError(
                 f"truth: {name}: swapped_with {other.name}, which is swapped with another one"
             )
         _refuse_registers(specs[name], each)
@@ -159,10 +161,12 @@ def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
     registers = table(number_of(joint.type.device))
     for key, value in each.eeprom().items():
         if key not in registers or not registers[key].eeprom:
-            raise SpecimenError(f"truth: {joint.name}: {registers.model} has no EEPROM register {key!r}")
+            raise VirtualRobotSpecError(
+                f"truth: {joint.name}: {registers.model} has no EEPROM register {key!r}"
+            )
         if not registers[key].takes(value):
             low, high = registers[key].bounds
-            raise SpecimenError(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
+            raise VirtualRobotSpecError(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
 
 
 def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float, float]]:

@@ -8,7 +8,7 @@ disarm` end it at once. Whatever ends it, torque goes off and the servo is set a
 
 import argparse
 
-from twind_calibration.calibrating.options import add_arguments as add_common
+from twind_calibration.calibrating.file_option import add_arguments as add_common
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: the stop was found, and the file has the zero that follows."""
-    from twind_calibration.calibrating.endstopping import endstop  # imports that the list need not pay
+    from twind_calibration.calibrating.endstop_command import endstop  # imports that the list need not pay
 
     return endstop(options)

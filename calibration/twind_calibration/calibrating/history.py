@@ -6,7 +6,7 @@ one that runs says which file it reads, else the settings do.
 
 import argparse
 
-from twind_calibration.described import add_arguments as add_files
+from twind_calibration.robot_description import add_arguments as add_files
 
 WHICH = "a number, `current`, or a path"
 
@@ -27,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: done."""
-    from twind_calibration.calibrating.past import STEPS  # imports that the list of steps need not pay
+    from twind_calibration.calibrating.history_command import (
+        STEPS,  # imports that the list of steps need not pay
+    )
 
     return STEPS[options.step](options)

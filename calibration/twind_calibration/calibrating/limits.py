@@ -7,7 +7,7 @@ daemon in mode live, nobody armed.
 
 import argparse
 
-from twind_calibration.calibrating.options import add_arguments as add_common
+from twind_calibration.calibrating.file_option import add_arguments as add_common
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: every joint that was asked for has its fence."""
-    from twind_calibration.calibrating.fencing import limits  # imports that the list of steps need not pay
+    from twind_calibration.calibrating.limits_command import (
+        limits,  # imports that the list of steps need not pay
+    )
 
     return limits(options)

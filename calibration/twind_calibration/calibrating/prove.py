@@ -7,7 +7,7 @@ unobservable: --plan says which base pose, and which angles of its neighbours, s
 
 import argparse
 
-from twind_calibration.calibrating.options import add_arguments as add_common
+from twind_calibration.calibrating.file_option import add_arguments as add_common
 
 LEAST, MOST = 3.0, 45.0  # degrees
 
@@ -32,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: nothing contradicts; which joints are proved is told for each."""
-    from twind_calibration.proving.verb import prove  # a second of imports that the list need not pay
+    from twind_calibration.proving.prove_command import (
+        prove,  # a second of imports that the list need not pay
+    )
 
     return prove(options)

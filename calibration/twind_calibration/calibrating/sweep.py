@@ -8,7 +8,7 @@ and says what goes on with the rest.
 
 import argparse
 
-from twind_calibration.calibrating.options import add_arguments as add_common
+from twind_calibration.calibrating.file_option import add_arguments as add_common
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: every joint that was asked for is swept."""
-    from twind_calibration.calibrating.sweeping import sweep  # imports that the list of steps need not pay
+    from twind_calibration.calibrating.sweep_command import (
+        sweep,  # imports that the list of steps need not pay
+    )
 
     return sweep(options)

@@ -8,7 +8,7 @@ the earlier file is kept beside it. Torque stays off.
 import argparse
 import math
 
-from twind_calibration.calibrating.options import add_arguments as add_common
+from twind_calibration.calibrating.file_option import add_arguments as add_common
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: every joint that was asked for has its zero, in the file."""
-    from twind_calibration.calibrating.zeroing import zero  # imports that the list of steps need not pay
+    from twind_calibration.calibrating.zero_command import zero  # imports that the list of steps need not pay
 
     return zero(options)
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 from twind.ctl.verb import DONE, REFUSED, UsageError, show
 
 if TYPE_CHECKING:
-    from twind_calibration.doctor.complaint import Complaint
-    from twind_calibration.doctor.runner import Outcome
+    from twind_calibration.doctor.check import Check
+    from twind_calibration.doctor.runner import DoctorReport
 
 NICE = 10
 
@@ -41,19 +41,19 @@ def run(options: argparse.Namespace) -> int:
     Raises UsageError.
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
-    from twind.ctl.progress import Progress
-    from twind_calibration.again import again
-    from twind_calibration.doctor import report, runner, table
-    from twind_calibration.doctor.examined import Examined
-    from twind_calibration.doctor.gather import examine
-    from twind_calibration.doctor.host import Host
-    from twind_calibration.doctor.told import told
+    from twind.ctl.progress import ProgressLine
+    from twind_calibration.command_hint import again
+    from twind_calibration.doctor import check_table, report, runner
+    from twind_calibration.doctor.check_context import CheckContext
+    from twind_calibration.doctor.context_builder import examine
+    from twind_calibration.doctor.finding_commands import told
+    from twind_calibration.doctor.host_inspector import HostInspector
     from twind_drivers.clock import MonotonicClock
 
-    def look() -> Examined:
-        return examine(options, Host(), MonotonicClock())
+    def look() -> CheckContext:
+        return examine(options, HostInspector(), MonotonicClock())
 
-    known, checks = table.complaints(), table.checks()
+    known, checks = check_table.complaints(), check_table.checks()
     asks = options.fix and not options.yes
     if asks and (options.json or not sys.stdin.isatty()):
         raise UsageError("--fix asks before it changes anything; where nobody can answer, say --fix --yes")
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--only: no complaint {unknown[0]!r}; known: {', '.join(known)}")
     examined = look()
     try:
-        with _gently(examined.daemon is not None), Progress(options, "doctor") as progress:
+        with _gently(examined.daemon is not None), ProgressLine(options, "doctor") as progress:
             chosen = progress.each(runner.chosen(checks, options.only), lambda check: check.what)
             outcome = runner.run(examined, chosen, known)
         if options.only:
@@ -95,7 +95,7 @@ def _gently(beside: bool) -> Iterator[None]:
             os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
-def _agreed(outcome: "Outcome", rows: "Mapping[str, Complaint]", asks: bool) -> bool:
+def _agreed(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) -> bool:
     """Shows what would be done and its cautions, and waits for a yes; without work it is a yes."""
     fixed = [found for found in outcome.found if found.fix is not None]
     todo = [f"{found.thing}: {found.fix.text}" for found in fixed if found.fix is not None]

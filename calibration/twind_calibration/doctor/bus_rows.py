@@ -1,12 +1,12 @@
 """The complaints about serial buses and who is on them: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import ALONE, FIRMWARE, OTHER_MASTER, UNPLUGGED
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 
 LINE = (
-    Complaint(
+    Check(
         "BUS_SILENT",
         "no device answers on a serial bus",
         "the daemon can neither read nor move its joints",
@@ -19,7 +19,7 @@ LINE = (
         f"{UNPLUGGED}",
         explains=("SERVO_MISSING",),
     ),
-    Complaint(
+    Check(
         "BUS_TALK",
         "unrequested bytes arrive",
         "another master or noise: answers are corrupt, commands may be foreign",
@@ -28,7 +28,7 @@ LINE = (
         caution=OTHER_MASTER,
         explains=("BUS_SILENT", "SERVO_MISSING", "BUS_NOISE", "ID_TWICE"),
     ),
-    Complaint(
+    Check(
         "BUS_ECHO",
         "the adapter echoes sent bytes",
         "the daemon removes the echo; other programs fail",
@@ -36,7 +36,7 @@ LINE = (
         WARNING,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "BUS_NOISE",
         "answers are lost or corrupt",
         "each loss leaves a joint unknown for a cycle; many cause HOLD",
@@ -44,7 +44,7 @@ LINE = (
         WARNING,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "PROTOCOL_OLD",
         "servos use protocol 1.0",
         "the daemon uses protocol 2.0 only: they do not answer",
@@ -56,7 +56,7 @@ LINE = (
 )
 
 WHO = (
-    Complaint(
+    Check(
         "BAUD_WRONG",
         "servos answer at another baud rate than the robot file's",
         "at the rate of the robot file they do not answer",
@@ -68,7 +68,7 @@ WHO = (
         caution=ALONE,
         explains=("SERVO_MISSING", "BUS_SILENT"),
     ),
-    Complaint(
+    Check(
         "SERVO_FRESH",
         "a factory-new servo seems to be the missing one",
         "it answers as id 1 at 57,600 baud, which the daemon does not use",
@@ -77,7 +77,7 @@ WHO = (
         caution=ALONE,
         explains=("SERVO_MISSING",),
     ),
-    Complaint(
+    Check(
         "SERVO_MISSING",
         "a servo does not answer",
         "its joint cannot be read or moved; arming is refused",
@@ -85,7 +85,7 @@ WHO = (
         FAULT,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "ID_TWICE",
         "two devices have one id",
         "their answers collide, and both obey every command",
@@ -94,7 +94,7 @@ WHO = (
         caution=UNPLUGGED,
         explains=("BUS_NOISE",),
     ),
-    Complaint(
+    Check(
         "SERVO_FOREIGN",
         "a servo is not in the robot file",
         "it is neither commanded nor monitored, and may have torque",
@@ -102,7 +102,7 @@ WHO = (
         WARNING,
         caution=f"it may have torque or belong to another robot: {UNPLUGGED}",
     ),
-    Complaint(
+    Check(
         "IMU_SILENT",
         "the IMU does not answer",
         "balancing programs must not run; joints are not affected",
@@ -110,14 +110,14 @@ WHO = (
         WARNING,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "IMU_GRAVITY",
         "at rest the IMU does not measure 1 g",
         "registers are described wrongly or it is broken: attitude is wrong",
         "repeat at rest; compare `address`, `type`, `lsb_m_s2` of its acceleration with the manual",
         WARNING,
     ),
-    Complaint(
+    Check(
         "SERVO_MODEL",
         "another model than the robot file says",
         "counts, currents and limits differ: arming is refused",
@@ -127,7 +127,7 @@ WHO = (
         "you exchange it; "
         f"{UNPLUGGED}",
     ),
-    Complaint(
+    Check(
         "WATCHDOG_UNKNOWN",
         "the firmware has no bus watchdog",
         "if the daemon dies, this servo does not stop; arming is refused",
@@ -135,7 +135,7 @@ WHO = (
         FAULT,
         caution=FIRMWARE,
     ),
-    Complaint(
+    Check(
         "FIRMWARE_SLOW",
         "the firmware lacks the fast read",
         "one such servo doubles the bus time of all",
@@ -143,7 +143,7 @@ WHO = (
         NOTE,
         caution=FIRMWARE,
     ),
-    Complaint(
+    Check(
         "SECOND_ID",
         "a servo obeys a second id",
         "it silently obeys another servo's commands",
@@ -157,7 +157,7 @@ WHO = (
 )
 
 SPEED = (
-    Complaint(
+    Check(
         "BUS_BUDGET",
         "the bus cannot hold the rate",
         "ticks are missed and readings grow old",
@@ -165,7 +165,7 @@ SPEED = (
         FAULT,
         caution="write return delay and baud rate to every servo, torque off: one left out is lost",
     ),
-    Complaint(
+    Check(
         "RETURN_DELAY",
         "the return delay exceeds the robot file's",
         "every answer waits: 500 us take most of a 10 ms cycle of 20 servos",
@@ -174,7 +174,7 @@ SPEED = (
         caution="the adapter must switch direction within the delay: on RS-485 try one servo first",
         explains=("BUS_BUDGET",),
     ),
-    Complaint(
+    Check(
         "SERVO_SLOW",
         "one servo answers later than the others",
         "the whole bus waits for it",

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor.bench import can, together
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.survey import CanSurvey, Node, device_of
+from twind_calibration.doctor.bus_surveys import can, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.survey import CanSurvey, SurveyedCanActuator, device_of
 
 # What registers say of the frames' ranges, in thousandths -> key of the robot file, unit.
 RANGES = {
@@ -20,79 +20,89 @@ ROUNDING = 1  # thousandths
 MODES = {"damiao": ("mode", 1), "robstride": ("run_mode", 0)}
 
 
-def bus(examined: Examined) -> Iterator[Found]:
+def bus(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_SILENT, CAN_CONTROLLER, CAN_MASTER, CAN_FOREIGN, CAN_MISSING."""
     for survey in can(examined):
         thing = f"bus {survey.spec.name} ({survey.port})"
         if survey.condition:
-            yield Found("CAN_CONTROLLER", thing, survey.condition)
+            yield DoctorFinding("CAN_CONTROLLER", thing, survey.condition)
         if survey.masters:
-            yield Found(
+            yield DoctorFinding(
                 "CAN_MASTER", thing, f"{survey.masters} commands of somebody else in a moment", "none"
             )
         if survey.strangers:
-            yield Found("CAN_FOREIGN", thing, f"{survey.strangers} frames of unknown ids in a moment", "none")
+            yield DoctorFinding(
+                "CAN_FOREIGN", thing, f"{survey.strangers} frames of unknown ids in a moment", "none"
+            )
         if survey.missing and not survey.nodes:
-            yield Found(
+            yield DoctorFinding(
                 "CAN_SILENT", thing, f"none of {len(survey.missing)} actuators answers", "all of them"
             )
         else:
-            yield from together(Found("CAN_MISSING", device_of(each), "no answer") for each in survey.missing)
+            yield from together(
+                DoctorFinding("CAN_MISSING", device_of(each), "no answer") for each in survey.missing
+            )
 
 
-def nodes(examined: Examined) -> Iterator[Found]:
+def nodes(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_TWICE, CAN_RANGE, CAN_MODE, CAN_FAULT, CAN_VOLTAGE_LOW."""
     for survey in can(examined):
         yield from together(_nodes(survey))
 
 
-def _nodes(survey: CanSurvey) -> Iterator[Found]:
+def _nodes(survey: CanSurvey) -> Iterator[DoctorFinding]:
     for node in survey.nodes:
         if node.twice:
-            yield Found("CAN_TWICE", node.thing, "more answers come than were asked for", "one")
+            yield DoctorFinding("CAN_TWICE", node.thing, "more answers come than were asked for", "one")
             continue
         yield from _ranges(node)
         yield from _mode(node)
         if node.faults:
-            yield Found("CAN_FAULT", node.thing, ", ".join(node.faults), "no fault")
+            yield DoctorFinding("CAN_FAULT", node.thing, ", ".join(node.faults), "no fault")
         volts, least = node.values.get("bus_voltage"), node.joint.type.supply.warn
         if volts is not None and volts * 1e-3 <= least:
-            yield Found("CAN_VOLTAGE_LOW", node.thing, f"{volts * 1e-3:.1f} V", f"above {least:.1f} V")
+            yield DoctorFinding(
+                "CAN_VOLTAGE_LOW", node.thing, f"{volts * 1e-3:.1f} V", f"above {least:.1f} V"
+            )
 
 
-def _ranges(node: Node) -> Iterator[Found]:
+def _ranges(node: SurveyedCanActuator) -> Iterator[DoctorFinding]:
     kind = _kind(node.joint)
     for name, (key, unit) in RANGES.items():
         value, described = node.values.get(name), getattr(kind.ranges, key)
         if value is not None and abs(value - round(1e3 * described)) > ROUNDING:
             expected = f"{described:g} {unit}, `ranges.{key}` of type {kind.name}"
-            yield Found("CAN_RANGE", node.thing, f"{name} is {value / 1e3:g} {unit}", expected)
+            yield DoctorFinding("CAN_RANGE", node.thing, f"{name} is {value / 1e3:g} {unit}", expected)
 
 
-def _mode(node: Node) -> Iterator[Found]:
+def _mode(node: SurveyedCanActuator) -> Iterator[DoctorFinding]:
     name, wanted = MODES.get(_kind(node.joint).family, ("", 0))
     value = node.values.get(name)
     if value is not None and value != wanted:
         how = f"twindctl register write {node.bus} {node.joint.id} {name} {wanted}"
-        yield Found("CAN_MODE", node.thing, f"{name} is {value}", f"{wanted}", how)
+        yield DoctorFinding("CAN_MODE", node.thing, f"{name} is {value}", f"{wanted}", how)
 
 
-def torque(examined: Examined) -> Iterator[Found]:
+def torque(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_TORQUE_ON, CAN_WATCHDOG_OFF, CAN_WATCHDOG_UNVERIFIED."""
     armed = examined.daemon is not None and bool(examined.daemon.status["armed"])
     for survey in can(examined):
         yield from together(_torque(survey, armed=armed))
 
 
-def _torque(survey: CanSurvey, *, armed: bool) -> Iterator[Found]:
+def _torque(survey: CanSurvey, *, armed: bool) -> Iterator[DoctorFinding]:
     for node in survey.nodes:
         if node.torque == 1 and not armed:
-            yield Found("CAN_TORQUE_ON", node.thing, "torque is on", "off", "twindctl disarm")
+            yield DoctorFinding("CAN_TORQUE_ON", node.thing, "torque is on", "off", "twindctl disarm")
         if node.torque == 1 and node.values.get("timeout") == 0:
-            yield Found("CAN_WATCHDOG_OFF", node.thing, "timeout is 0, off", "100 ms while torque is on")
+            yield DoctorFinding(
+                "CAN_WATCHDOG_OFF", node.thing, "timeout is 0, off", "100 ms while torque is on"
+            )
         kind = _kind(node.joint)
         if not kind.watched:
-            yield Found("CAN_WATCHDOG_UNVERIFIED", node.thing, "`watchdog: unverified` in the robot file")
+            yield DoctorFinding(
+                "CAN_WATCHDOG_UNVERIFIED", node.thing, "`watchdog: unverified` in the robot file"
+            )
 
 
 def _kind(joint: JointSpec) -> CanType:

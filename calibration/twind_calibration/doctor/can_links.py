@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twind.config.actuator import CAN
-from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
-from twind_drivers.can import ports as can_ports
-from twind_drivers.can.link import CAN_TYPE, LONG
+from twind.config.actuator_types import CAN
+from twind_calibration.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_drivers.can import can_ports
+from twind_drivers.can.can_interface import CAN_TYPE, LONG
 
 SHORT = 48  # frames: two cycles of 24 actuators
 RESTART_MS = 100
@@ -21,7 +21,7 @@ UP = 0x1  # IFF_UP (linux/if.h)
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class CanNetworkInterface:
     """One network interface. None: nobody can say (a virtual CAN has no bit rate and no controller)."""
 
     name: str
@@ -34,22 +34,22 @@ class Link:
     errors: str = ""  # "tx 128, rx 0"
 
 
-def read_link(host: Host, name: str) -> Link | None:
+def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
     """An interface as the kernel has it; None: there is none of that name."""
     folder = host.sys / "class/net" / name
     kind, queue = host.number(folder / "type"), host.number(folder / "tx_queue_len")
     flags = host.text(folder / "flags")
     if kind is None or queue is None or flags is None:
         return None
-    plain = Link(name, kind, bool(int(flags, 16) & UP), queue)
+    plain = CanNetworkInterface(name, kind, bool(int(flags, 16) & UP), queue)
     try:
         said = host.program("ip", "-details", "-json", "link", "show", "dev", name)
-    except CannotLook:
+    except CheckUnavailable:
         return plain
     return with_details(plain, said)
 
 
-def with_details(link: Link, text: str) -> Link:
+def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:
     """`link` with what `ip -details -json link show` says of its controller (iproute2's iplink_can.c)."""
     try:
         (entry,) = json.loads(text)
@@ -57,7 +57,7 @@ def with_details(link: Link, text: str) -> Link:
     except (ValueError, AttributeError):
         return link
     counted = about.get("berr_counter") or {}
-    return Link(
+    return CanNetworkInterface(
         link.name,
         link.kind,
         link.up,
@@ -69,13 +69,13 @@ def with_details(link: Link, text: str) -> Link:
     )
 
 
-def links(x: Examined) -> Iterator[Found]:
+def links(x: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_LINK_…: every interface that a bus of this robot goes through."""
     for bus, name in _wanted(x):
         link = read_link(x.host, name)
         if link is None or link.kind != CAN_TYPE:
             what = "no such interface" if link is None else "is no CAN interface"
-            yield Found(
+            yield DoctorFinding(
                 "CAN_LINK_MISSING",
                 name,
                 f"{what}; there are: {_there(x.host)}",
@@ -85,31 +85,31 @@ def links(x: Examined) -> Iterator[Found]:
             yield from judge(x.host, link, x.bus(bus).baud)
 
 
-def judge(host: Host, link: Link, bitrate: int) -> Iterator[Found]:
+def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Iterator[DoctorFinding]:
     """What is wrong with one interface that is there."""
     name, again = link.name, f"sudo ip link set {link.name} down\n{_up(link.name, bitrate)}"
     if link.up:  # down, it takes the goals from who is armed: the actuators run into their watchdogs
         again = f"twindctl disarm\n{again}"
     if link.bitrate is not None and link.bitrate != bitrate:
-        yield Found("CAN_LINK_BITRATE", name, f"{link.bitrate} bit/s", f"{bitrate} bit/s", again)
+        yield DoctorFinding("CAN_LINK_BITRATE", name, f"{link.bitrate} bit/s", f"{bitrate} bit/s", again)
     if not link.up:
-        yield Found("CAN_LINK_DOWN", name, "down", "up", _up(name, bitrate))
+        yield DoctorFinding("CAN_LINK_DOWN", name, "down", "up", _up(name, bitrate))
     elif link.state == WARNING:
         counted = link.errors or "errors counted"
-        yield Found("CAN_LINK_ERRORS", name, f"{link.state}, {counted}", "ERROR-ACTIVE")
+        yield DoctorFinding("CAN_LINK_ERRORS", name, f"{link.state}, {counted}", "ERROR-ACTIVE")
     elif link.state is not None and link.state not in WELL:
         counted = f", errors {link.errors}" if link.errors else ""
-        yield Found("CAN_LINK_STATE", name, f"{link.state}{counted}", "ERROR-ACTIVE", again)
+        yield DoctorFinding("CAN_LINK_STATE", name, f"{link.state}{counted}", "ERROR-ACTIVE", again)
     if link.queue > LONG:
         file = host.sys / "class/net" / name / "tx_queue_len"
         fix = Fix(f"shorten it to {SHORT}", lambda: _write(file, SHORT))
         command = f"sudo ip link set {name} txqueuelen {SHORT}"
-        yield Found("CAN_LINK_QUEUE", name, f"{link.queue} frames", f"at most {LONG}", command, fix)
+        yield DoctorFinding("CAN_LINK_QUEUE", name, f"{link.queue} frames", f"at most {LONG}", command, fix)
     if link.restart_ms == 0:
-        yield Found("CAN_LINK_RESTART", name, "restart-ms 0", f"restart-ms {RESTART_MS}", again)
+        yield DoctorFinding("CAN_LINK_RESTART", name, "restart-ms 0", f"restart-ms {RESTART_MS}", again)
 
 
-def _wanted(x: Examined) -> list[tuple[str, str]]:
+def _wanted(x: CheckContext) -> list[tuple[str, str]]:
     """Bus and interface of every socketcan port. Raises NothingThere."""
     robot, found = x.need_robot(), []
     for bus, port in x.ports.items():
@@ -118,11 +118,11 @@ def _wanted(x: Examined) -> list[tuple[str, str]]:
             if parts.interface == "socketcan":
                 found.append((bus, parts.channel))
     if not found:
-        raise NothingThere("no bus goes through a CAN interface of the kernel")
+        raise CheckNotApplicable("no bus goes through a CAN interface of the kernel")
     return found
 
 
-def _there(host: Host) -> str:
+def _there(host: HostInspector) -> str:
     folders = sorted((host.sys / "class/net").glob("*"))
     return ", ".join(each.name for each in folders if host.number(each / "type") == CAN_TYPE) or "none"
 

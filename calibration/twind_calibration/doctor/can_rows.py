@@ -1,12 +1,12 @@
 """The complaints about CAN buses and their actuators: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import ALONE, OTHER_MASTER, RATED, SUPPORT, UNPLUGGED
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 
 ROWS = (
-    Complaint(
+    Check(
         "CAN_SILENT",
         "no device answers on a CAN bus",
         "nothing is read or moved; frames wait, and leave when power returns",
@@ -16,7 +16,7 @@ ROWS = (
         f"waiting commands move it when power returns; {UNPLUGGED}",
         explains=("CAN_MISSING",),
     ),
-    Complaint(
+    Check(
         "CAN_CONTROLLER",
         "the CAN controller reports errors",
         "frames are corrupt or not acknowledged",
@@ -25,7 +25,7 @@ ROWS = (
         caution=UNPLUGGED,
         explains=("CAN_SILENT", "CAN_MISSING"),
     ),
-    Complaint(
+    Check(
         "CAN_MASTER",
         "another master commands actuators of this robot",
         "the joint obeys both masters in turn",
@@ -33,7 +33,7 @@ ROWS = (
         FAULT,
         caution=OTHER_MASTER,
     ),
-    Complaint(
+    Check(
         "CAN_FOREIGN",
         "a CAN actuator is not in the robot file",
         "it is neither commanded nor monitored",
@@ -41,7 +41,7 @@ ROWS = (
         WARNING,
         caution=f"it may have torque or belong to another robot: {UNPLUGGED}",
     ),
-    Complaint(
+    Check(
         "CAN_MISSING",
         "a CAN actuator does not answer",
         "its joint cannot be read or moved; arming is refused",
@@ -49,7 +49,7 @@ ROWS = (
         FAULT,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "CAN_TWICE",
         "two CAN actuators have one id",
         "both obey every command; their answers alternate",
@@ -57,7 +57,7 @@ ROWS = (
         FAULT,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "CAN_RANGE",
         "frame ranges of actuator and robot file differ",
         "positions and torques are wrong; arming is refused",
@@ -65,7 +65,7 @@ ROWS = (
         FAULT,
         caution=ALONE,
     ),
-    Complaint(
+    Check(
         "CAN_MODE",
         "a CAN actuator is in another mode",
         "it ignores commands of its family; arming is refused",
@@ -73,7 +73,7 @@ ROWS = (
         FAULT,
         caution=ALONE,
     ),
-    Complaint(
+    Check(
         "CAN_FAULT",
         "a CAN actuator reports a fault",
         "it has no torque, or soon will not",
@@ -81,7 +81,7 @@ ROWS = (
         FAULT,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "CAN_TORQUE_ON",
         "a CAN actuator has torque, but is not armed",
         "an ended program left it on: it heats and obeys the next command",
@@ -89,7 +89,7 @@ ROWS = (
         WARNING,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "CAN_WATCHDOG_OFF",
         "a CAN actuator has torque and no watchdog",
         "if its program dies, it continues the last command",
@@ -97,7 +97,7 @@ ROWS = (
         WARNING,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "CAN_WATCHDOG_UNVERIFIED",
         "a watchdog cannot be read back",
         "the actuator may continue when the daemon dies: arming warns",
@@ -108,7 +108,7 @@ ROWS = (
             "and no stop reaches it"
         ),
     ),
-    Complaint(
+    Check(
         "CAN_VOLTAGE_LOW",
         "the supply of a CAN actuator is low",
         "it grows weak, then restarts during motion",

@@ -2,32 +2,40 @@
 
 from collections.abc import Callable, Iterator
 
-from twind_calibration.doctor import can_links, files, latency, machine, ports, service, storage
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor import (
+    can_links,
+    file_checks,
+    latency_test,
+    machine_checks,
+    port_checks,
+    service_checks,
+    storage_checks,
+)
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 
-Look = Callable[[Examined], Iterator[Found]]
+Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 
 # what it is in a word, the codes it can find, the function
 CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
-    ("files", ("FILE_REFUSED", "CALIBRATION_UNFIT"), files.refused),
-    ("model", ("MODEL_UNFIT", "MODEL_NO_LIMITS"), files.model),
-    ("calibration", ("CALIBRATION_MISSING",), files.calibration),
-    ("service", ("UNIT_FAILED", "UNIT_RESTARTED"), service.unit),
-    ("daemon", ("DAEMON_DENIED", "DAEMON_SILENT", "NO_DAEMON"), service.reach),
-    ("sockets", ("SOCKET_GROUP", "SOCKET_OPEN"), service.sockets),
-    ("versions", ("VERSION_DIFFERS",), service.versions),
-    ("files as read", ("FILES_EDITED",), files.edited),
-    ("front", ("FRONT_RESTARTED",), service.front),
-    ("ports", ("PORT_UNSET",), ports.unset),
-    ("ports", ("PORT_MISSING", "PORT_UNFIT", "PORT_RENUMBERED"), ports.present),
-    ("rights", ("PORT_DENIED",), ports.permitted),
-    ("holders", ("PORT_HELD",), ports.free),
-    ("probing programs", ("PORT_PROBED",), ports.probed),
-    ("latency timers", ("LATENCY_TIMER",), ports.timers),
-    ("USB", ("USB_AUTOSUSPEND", "USB_HUBS"), ports.usb),
-    ("baud rates", ("BAUD_UNSUPPORTED",), ports.rates),
-    ("latency", ("LATENCY_FLOOR",), latency.floors),
+    ("files", ("FILE_REFUSED", "CALIBRATION_UNFIT"), file_checks.refused),
+    ("model", ("MODEL_UNFIT", "MODEL_NO_LIMITS"), file_checks.model),
+    ("calibration", ("CALIBRATION_MISSING",), file_checks.calibration),
+    ("service", ("UNIT_FAILED", "UNIT_RESTARTED"), service_checks.unit),
+    ("daemon", ("DAEMON_DENIED", "DAEMON_SILENT", "NO_DAEMON"), service_checks.reach),
+    ("sockets", ("SOCKET_GROUP", "SOCKET_OPEN"), service_checks.sockets),
+    ("versions", ("VERSION_DIFFERS",), service_checks.versions),
+    ("files as read", ("FILES_EDITED",), file_checks.edited),
+    ("front", ("FRONT_RESTARTED",), service_checks.front),
+    ("ports", ("PORT_UNSET",), port_checks.unset),
+    ("ports", ("PORT_MISSING", "PORT_UNFIT", "PORT_RENUMBERED"), port_checks.present),
+    ("rights", ("PORT_DENIED",), port_checks.permitted),
+    ("holders", ("PORT_HELD",), port_checks.free),
+    ("probing programs", ("PORT_PROBED",), port_checks.probed),
+    ("latency timers", ("LATENCY_TIMER",), port_checks.timers),
+    ("USB", ("USB_AUTOSUSPEND", "USB_HUBS"), port_checks.usb),
+    ("baud rates", ("BAUD_UNSUPPORTED",), port_checks.rates),
+    ("latency", ("LATENCY_FLOOR",), latency_test.floors),
     (
         "CAN interfaces",
         (
@@ -41,14 +49,14 @@ CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
         ),
         can_links.links,
     ),
-    ("real time", ("NO_REALTIME", "MEMORY_UNLOCKED"), machine.realtime),
-    ("ticks", ("TICKS_MISSED",), service.ticks),
-    ("processors", ("CPU_FEW", "CPU_GOVERNOR"), machine.processors),
-    ("other real-time programs", ("RT_RIVAL",), machine.rivals),
-    ("clock", ("CLOCK_WRONG", "CLOCK_UNSYNCED"), machine.clock),
-    ("state folder", ("STATE_UNWRITABLE",), storage.writable),
-    ("disks", ("DISK_FULL",), storage.disks),
-    ("software", ("SOFTWARE_OLD",), storage.software),
+    ("real time", ("NO_REALTIME", "MEMORY_UNLOCKED"), machine_checks.realtime),
+    ("ticks", ("TICKS_MISSED",), service_checks.ticks),
+    ("processors", ("CPU_FEW", "CPU_GOVERNOR"), machine_checks.processors),
+    ("other real-time programs", ("RT_RIVAL",), machine_checks.rivals),
+    ("clock", ("CLOCK_WRONG", "CLOCK_UNSYNCED"), machine_checks.clock),
+    ("state folder", ("STATE_UNWRITABLE",), storage_checks.writable),
+    ("disks", ("DISK_FULL",), storage_checks.disks),
+    ("software", ("SOFTWARE_OLD",), storage_checks.software),
 )
 # What comes last: the daemon's own words are about what the others have found, if they have.
-AFTER: tuple[tuple[str, tuple[str, ...], Look], ...] = (("arming", ("DAEMON_FAULT",), service.faults),)
+AFTER: tuple[tuple[str, tuple[str, ...], Look], ...] = (("arming", ("DAEMON_FAULT",), service_checks.faults),)

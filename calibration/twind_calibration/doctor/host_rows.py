@@ -1,14 +1,14 @@
 """The complaints about machine, files and daemon: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import SUPPORT
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 from twind_calibration.doctor.machine_rows import MACHINE
 from twind_calibration.doctor.port_rows import PORTS
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 
 FILES = (
-    Complaint(
+    Check(
         "FILE_REFUSED",
         "a file of the robot is not usable",
         "the daemon does not start; a reload is refused",
@@ -16,7 +16,7 @@ FILES = (
         FAULT,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
-    Complaint(
+    Check(
         "MODEL_UNFIT",
         "robot file and MuJoCo model do not match",
         "the daemon does not start: joints and servos cannot be assigned",
@@ -24,7 +24,7 @@ FILES = (
         FAULT,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
-    Complaint(
+    Check(
         "MODEL_NO_LIMITS",
         "joints of the model have no range",
         "only the robot file limits motion; an error there stays unnoticed",
@@ -32,14 +32,14 @@ FILES = (
         WARNING,
         caution="torque off, move the joint by hand over the range: a range too wide hits the endstop",
     ),
-    Complaint(
+    Check(
         "CALIBRATION_MISSING",
         "this robot has no calibration",
         "zeros are unknown: `live` is refused, `mirror` shows an estimate",
         "see calibration/README.md; another file: `--calibration FILE`",
         WARNING,
     ),
-    Complaint(
+    Check(
         "CALIBRATION_UNFIT",
         "the calibration belongs to another robot or was edited",
         "wrong zeros give wrong positions: the daemon refuses the file",
@@ -53,7 +53,7 @@ FILES = (
         ),
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
-    Complaint(
+    Check(
         "FILES_EDITED",
         "a file changed after the daemon read it",
         "the daemon uses the old file and refuses to arm",
@@ -64,7 +64,7 @@ FILES = (
 )
 
 DAEMON = (
-    Complaint(
+    Check(
         "UNIT_FAILED",
         "the service failed or was given up",
         "no daemon runs; after 5 starts in 30 s the manager stops trying",
@@ -76,14 +76,14 @@ DAEMON = (
         caution="servos may have torque: support the robot before you start the daemon and disarm",
         explains=("NO_DAEMON",),
     ),
-    Complaint(
+    Check(
         "UNIT_RESTARTED",
         "the service manager restarted the service",
         "the daemon crashed or hung; only the servo watchdogs stopped the robot",
         "`journalctl -u twind` shows the cause",
         WARNING,
     ),
-    Complaint(
+    Check(
         "DAEMON_DENIED",
         "this user may not access the running daemon",
         "every `twindctl` fails; only the group of a socket may use it",
@@ -95,7 +95,7 @@ DAEMON = (
         caution="members of that group may move the robot; a daemon that ends lowers it: support it",
         explains=("NO_DAEMON", "PORT_HELD"),
     ),
-    Complaint(
+    Check(
         "DAEMON_SILENT",
         "the daemon accepts the connection but does not answer",
         "no command arrives, not even an e-stop by this socket",
@@ -107,14 +107,14 @@ DAEMON = (
         caution="support the robot: restart or power-off lowers or drops it; a hung loop keeps torque on",
         explains=("PORT_HELD",),
     ),
-    Complaint(
+    Check(
         "NO_DAEMON",
         "no daemon runs",
         "the robot is neither read nor moved; the findings below come without it",
         "`twind`, or `sudo systemctl start twind`; other sockets: `--socket DIR`",
         NOTE,
     ),
-    Complaint(
+    Check(
         "SOCKET_GROUP",
         "a socket has the wrong group",
         "members of twind-operator (twind-observe) cannot use it, or others can",
@@ -126,7 +126,7 @@ DAEMON = (
         caution="members of that group may arm and move the robot: check them",
         explains=("DAEMON_DENIED",),
     ),
-    Complaint(
+    Check(
         "SOCKET_OPEN",
         "every user of this machine may command the robot",
         "any program can arm and move it",
@@ -134,7 +134,7 @@ DAEMON = (
         FAULT,
         caution="a program that stops the robot may lose access: add its user to the group first",
     ),
-    Complaint(
+    Check(
         "VERSION_DIFFERS",
         "daemon and twindctl differ in version",
         "the daemon runs an earlier installation and may lack features",
@@ -142,14 +142,14 @@ DAEMON = (
         WARNING,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "FRONT_RESTARTED",
         "the front process was restarted",
         "it died or hung for 2 s: leases ended and motion held",
         "`journalctl -u twind` shows its last lines; check memory and load",
         WARNING,
     ),
-    Complaint(
+    Check(
         "DAEMON_FAULT",
         "the daemon reports a fault",
         "it refuses to arm or holds until the cause is corrected",
@@ -157,7 +157,7 @@ DAEMON = (
         FAULT,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "TICKS_MISSED",
         "the loop misses ticks",
         "goals arrive late; after 100 ms without a packet servos stop",
@@ -166,4 +166,4 @@ DAEMON = (
     ),
 )
 
-ROWS: tuple[Complaint, ...] = (*FILES, *DAEMON, *PORTS, *MACHINE)
+ROWS: tuple[Check, ...] = (*FILES, *DAEMON, *PORTS, *MACHINE)

@@ -2,12 +2,12 @@
 
 from twind.loop.realtime import LIMIT
 from twind_calibration.doctor.cautions import SUPPORT
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 
-MACHINE: tuple[Complaint, ...] = (
-    Complaint(
+MACHINE: tuple[Check, ...] = (
+    Check(
         "STATE_UNWRITABLE",
         "the daemon cannot write its state folder",
         "calibrations, recordings and dumps are lost",
@@ -18,7 +18,7 @@ MACHINE: tuple[Complaint, ...] = (
         FAULT,
         caution="the folder must be the daemon's alone: other programs lose files that change owner",
     ),
-    Complaint(
+    Check(
         "DISK_FULL",
         "a disk is full or almost full",
         "recordings, dumps, calibrations and logs are cut off or lost",
@@ -27,7 +27,7 @@ MACHINE: tuple[Complaint, ...] = (
         caution="first copy recordings, dumps and logs of a fault",
         explains=("STATE_UNWRITABLE",),
     ),
-    Complaint(
+    Check(
         "NO_REALTIME",
         "the loop has no real-time scheduling",
         "any busy program delays ticks, up to the servo watchdogs",
@@ -36,7 +36,7 @@ MACHINE: tuple[Complaint, ...] = (
         WARNING,
         explains=("TICKS_MISSED",),
     ),
-    Complaint(
+    Check(
         "MEMORY_UNLOCKED",
         "the loop's memory is not locked",
         "a swapped page costs a tick",
@@ -44,14 +44,14 @@ MACHINE: tuple[Complaint, ...] = (
         "/etc/security/limits.d/twind.conf`, then log in again; in a container `--cap-add IPC_LOCK`",
         WARNING,
     ),
-    Complaint(
+    Check(
         "CPU_FEW",
         "too few processors",
         "loop, front process and your programs compete: late ticks",
         "use two cores or more, also in a virtual machine or container",
         NOTE,
     ),
-    Complaint(
+    Check(
         "CPU_GOVERNOR",
         "the processors save power",
         "a sleeping or slow core delays the loop",
@@ -59,7 +59,7 @@ MACHINE: tuple[Complaint, ...] = (
         NOTE,
         caution="a small board needs cooling, and a battery empties sooner",
     ),
-    Complaint(
+    Check(
         "RT_RIVAL",
         "another program has equal or higher real-time priority",
         "while it computes, the loop waits",
@@ -71,14 +71,14 @@ MACHINE: tuple[Complaint, ...] = (
         caution="find out what it is: a program that drives motors or monitors safety must not be slowed",
         explains=("TICKS_MISSED",),
     ),
-    Complaint(
+    Check(
         "CLOCK_UNSYNCED",
         "the clock is not synchronised",
         "time stamps differ from other machines; the loop is not affected",
         "`sudo timedatectl set-ntp true`",
         NOTE,
     ),
-    Complaint(
+    Check(
         "CLOCK_WRONG",
         "the clock is wrong: robot files lie in the future",
         "logs and recordings get wrong dates; certificates may be refused",
@@ -86,7 +86,7 @@ MACHINE: tuple[Complaint, ...] = (
         WARNING,
         explains=("CLOCK_UNSYNCED",),
     ),
-    Complaint(
+    Check(
         "SOFTWARE_OLD",
         "a program or library is too old",
         "it may fail, sometimes during motion",

@@ -1,12 +1,12 @@
 """The complaints about ports: serial adapters and CAN interfaces of this machine."""
 
 from twind_calibration.doctor.cautions import BIT_RATE, OTHER_MASTER, OURS, SUPPORT, UNPLUGGED
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 
 SERIAL = (
-    Complaint(
+    Check(
         "PORT_UNSET",
         "a bus has no port",
         "`mirror` stays disconnected and `live` is refused",
@@ -14,7 +14,7 @@ SERIAL = (
         NOTE,
         caution=OURS,
     ),
-    Complaint(
+    Check(
         "PORT_MISSING",
         "the port does not exist",
         "the robot is not connected; the daemon waits",
@@ -22,28 +22,28 @@ SERIAL = (
         FAULT,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "PORT_UNFIT",
         "the port is not a serial port",
         "the daemon does not start",
         "give a serial port: `ls -l /dev/serial/by-id/`",
         FAULT,
     ),
-    Complaint(
+    Check(
         "PORT_RENUMBERED",
         "the port name changes after a replug",
         "the daemon may open another adapter and drive the wrong bus",
         "put the permanent name into the settings: `ls -l /dev/serial/by-id/`",
         NOTE,
     ),
-    Complaint(
+    Check(
         "PORT_DENIED",
         "the daemon's user may not open the port",
         "the daemon cannot reach the robot",
         "`sudo usermod -aG dialout USER`, then log in again; not `chmod 666`, not sudo",
         FAULT,
     ),
-    Complaint(
+    Check(
         "PORT_HELD",
         "another program has the port",
         "two masters corrupt each other's packets; the daemon does not start",
@@ -52,7 +52,7 @@ SERIAL = (
         caution=OTHER_MASTER,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
-    Complaint(
+    Check(
         "PORT_PROBED",
         "ModemManager may probe the port as a modem",
         "it writes unexpected bytes to every new serial port",
@@ -61,7 +61,7 @@ SERIAL = (
         caution="without ModemManager a modem network fails: use the udev rules there",
         explains=("PORT_HELD",),
     ),
-    Complaint(
+    Check(
         "LATENCY_TIMER",
         "the adapter's latency timer is long",
         "16 ms allow at most 50 to 60 readings per second",
@@ -72,7 +72,7 @@ SERIAL = (
         WARNING,
         explains=("LATENCY_FLOOR",),
     ),
-    Complaint(
+    Check(
         "LATENCY_FLOOR",
         "answers are as late as with a long latency timer",
         "readings are old and few; above 100 ms motion is refused",
@@ -83,14 +83,14 @@ SERIAL = (
         WARNING,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "USB_AUTOSUSPEND",
         "the adapter may be suspended",
         "the first packet after a pause is delayed or lost",
         ("`echo on | sudo tee /sys/bus/usb/devices/DEVICE/power/control`; permanently: twind's udev rules"),
         WARNING,
     ),
-    Complaint(
+    Check(
         "USB_HUBS",
         "the adapter is behind several hubs or a slow one",
         "each hub adds delay and a connector; devices share bandwidth",
@@ -98,7 +98,7 @@ SERIAL = (
         NOTE,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "BAUD_UNSUPPORTED",
         "the adapter does not support this baud rate",
         "servos are silent or answers are corrupt",
@@ -109,7 +109,7 @@ SERIAL = (
 )
 
 CAN = (
-    Complaint(
+    Check(
         "CAN_LINK_MISSING",
         "the CAN interface does not exist",
         "the bus is not connected",
@@ -120,7 +120,7 @@ CAN = (
         FAULT,
         caution=BIT_RATE,
     ),
-    Complaint(
+    Check(
         "CAN_LINK_DOWN",
         "the CAN interface is down",
         "the bus carries no frames",
@@ -128,7 +128,7 @@ CAN = (
         FAULT,
         caution=BIT_RATE,
     ),
-    Complaint(
+    Check(
         "CAN_LINK_BITRATE",
         "CAN interface and robot file differ in bit rate",
         "no frame is received; a wrong rate destroys the frames of others",
@@ -140,7 +140,7 @@ CAN = (
         caution=f"{BIT_RATE}; {SUPPORT}",
         explains=("CAN_LINK_STATE",),
     ),
-    Complaint(
+    Check(
         "CAN_LINK_STATE",
         "the CAN controller left the bus or soon will",
         "frames get no acknowledgement: power, termination, wiring or bit rate",
@@ -152,7 +152,7 @@ CAN = (
         caution=SUPPORT,
         explains=("CAN_LINK_ERRORS",),
     ),
-    Complaint(
+    Check(
         "CAN_LINK_ERRORS",
         "the CAN controller counts errors",
         "frames are corrupt and repeated: slow, and possibly worse soon",
@@ -160,14 +160,14 @@ CAN = (
         WARNING,
         caution=UNPLUGGED,
     ),
-    Complaint(
+    Check(
         "CAN_LINK_QUEUE",
         "the queue of the CAN interface is long",
         "old commands wait and leave when power returns: the robot jerks",
         "`sudo ip link set can0 txqueuelen 48`",
         WARNING,
     ),
-    Complaint(
+    Check(
         "CAN_LINK_RESTART",
         "the CAN controller does not restart by itself",
         "after bus-off the bus stays dead until a manual restart",
@@ -180,4 +180,4 @@ CAN = (
     ),
 )
 
-PORTS: tuple[Complaint, ...] = (*SERIAL, *CAN)
+PORTS: tuple[Check, ...] = (*SERIAL, *CAN)

@@ -4,16 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from twind_calibration.doctor.complaint import Complaint, Devices, Fix, Found, Severity
-from twind_calibration.doctor.runner import Mended, Outcome
+from twind_calibration.doctor.check import Check, Devices, DoctorFinding, Fix, Severity
+from twind_calibration.doctor.runner import DoctorReport, FixResult
 
 LABEL = {Severity.FAULT: "FAULT", Severity.WARNING: "WARNING", Severity.NOTE: "NOTE"}
 
 
 def text(
-    outcome: Outcome,
-    complaints: Mapping[str, Complaint],
-    mended: Sequence[Mended] | None,
+    outcome: DoctorReport,
+    complaints: Mapping[str, Check],
+    mended: Sequence[FixResult] | None,
     *,
     verbose: bool = False,
 ) -> str:
@@ -31,7 +31,7 @@ def text(
 
 
 def data(
-    outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequence[Mended] | None
+    outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None
 ) -> dict[str, Any]:
     """The same as one object: about, found, looked, not_looked, mended (null without `--fix`)."""
     return {
@@ -70,7 +70,7 @@ def data(
     }
 
 
-def wrong(outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequence[Mended] | None) -> int:
+def wrong(outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None) -> int:
     """How many findings count: no notes, and not what was mended."""
     gone = {id(each.found) for each in mended or () if not each.there and not each.error}
     return sum(
@@ -79,7 +79,7 @@ def wrong(outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequenc
     )
 
 
-def _unseen(outcome: Outcome) -> list[tuple[str, str]]:
+def _unseen(outcome: DoctorReport) -> list[tuple[str, str]]:
     """What was not looked at, and why; what is not there at all where there was nothing else."""
     return outcome.unseen or ([] if outcome.looked else outcome.absent)
 
@@ -96,10 +96,10 @@ def _about(about: Mapping[str, Any]) -> str:
 
 
 def _finding(
-    found: Found,
-    row: Complaint,
+    found: DoctorFinding,
+    row: Check,
     because: str | None,
-    fix: Mended | None,
+    fix: FixResult | None,
     by_fix: str,
     ids: Mapping[str, Sequence[int]],
 ) -> list[str]:
@@ -125,7 +125,7 @@ def _finding(
     return [title, *(f"    {line}" for each in body for line in each.splitlines())]
 
 
-def _fixed(fix: Mended, ids: Mapping[str, Sequence[int]]) -> str:
+def _fixed(fix: FixResult, ids: Mapping[str, Sequence[int]]) -> str:
     what = _does(fix.found.fix, ids) if fix.found.fix is not None else ""
     if fix.error:
         return f"not mended: {what}: {fix.error}"
@@ -147,9 +147,9 @@ def _short(thing: str, ids: Mapping[str, Sequence[int]]) -> str:
 
 
 def _last(
-    outcome: Outcome,
-    complaints: Mapping[str, Complaint],
-    mended: Sequence[Mended] | None,
+    outcome: DoctorReport,
+    complaints: Mapping[str, Check],
+    mended: Sequence[FixResult] | None,
     *,
     verbose: bool,
 ) -> list[str]:

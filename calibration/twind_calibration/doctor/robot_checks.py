@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator
 
 from twind_calibration.doctor import bus_checks, can_checks, servo_checks, supply_checks
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
 
-Look = Callable[[Examined], Iterator[Found]]
+Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 
 BUSES, SERVOS, ACTUATORS = "serial buses", "servos", "CAN actuators"
 

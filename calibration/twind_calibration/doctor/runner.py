@@ -6,10 +6,17 @@ from typing import Any
 
 from twind.client import ClientError
 from twind.ctl.verb import Rejected
-from twind_calibration.doctor.complaint import CannotLook, Complaint, Devices, Found, NothingThere, Severity
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.check import (
+    Check,
+    CheckNotApplicable,
+    CheckUnavailable,
+    Devices,
+    DoctorFinding,
+    Severity,
+)
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.check_table import CHECK_BROKEN, CheckProbe
 from twind_calibration.doctor.machine_rows import MACHINE
-from twind_calibration.doctor.table import CHECK_BROKEN, Check
 from twind_drivers.bus import PortError
 
 ORDER = {Severity.FAULT: 0, Severity.WARNING: 1, Severity.NOTE: 2}
@@ -17,11 +24,11 @@ LAST = frozenset(row.code for row in MACHINE)  # of one severity, after ports, b
 
 
 @dataclass
-class Outcome:
+class DoctorReport:
     """What one run found, and what it could not see."""
 
     about: dict[str, Any] = field(default_factory=dict)  # `Examined.about`
-    found: list[Found] = field(default_factory=list)  # in the order of telling
+    found: list[DoctorFinding] = field(default_factory=list)  # in the order of telling
     because: dict[int, str] = field(
         default_factory=dict
     )  # place in `found` -> code that probably explains it
@@ -32,41 +39,43 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Mended:
+class FixResult:
     """One fix that was tried. `error` empty and not `there`: mended, and seen to be."""
 
-    found: Found
+    found: DoctorFinding
     error: str  # why it could not be done, or why nobody could see whether it helped
     there: bool  # it is still found, of one of its things at least
 
 
-def run(examined: Examined, checks: Iterable[Check], complaints: Mapping[str, Complaint]) -> Outcome:
+def run(
+    examined: CheckContext, checks: Iterable[CheckProbe], complaints: Mapping[str, Check]
+) -> DoctorReport:
     """Every check once, in order; what was found sorted: what explains others first, then by severity."""
-    outcome = Outcome(examined.about())
+    outcome = DoctorReport(examined.about())
     for check in checks:
         _run_one(examined, check, outcome)
     outcome.found, outcome.because = _told(outcome.found, complaints)
     return outcome
 
 
-def chosen(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
+def chosen(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[CheckProbe]:
     """The checks that can find one of these codes; all without any."""
     return [check for check in checks if not only or set(check.codes) & set(only)]
 
 
 def mend(
-    outcome: Outcome,
-    again: Callable[[], Examined],
-    checks: Sequence[Check],
-    complaints: Mapping[str, Complaint],
-) -> list[Mended]:
+    outcome: DoctorReport,
+    again: Callable[[], CheckContext],
+    checks: Sequence[CheckProbe],
+    complaints: Mapping[str, Check],
+) -> list[FixResult]:
     """Do what can be done, then look again at what was mended, with nothing remembered."""
-    tried: list[tuple[Found, str]] = []
+    tried: list[tuple[DoctorFinding, str]] = []
     for found in outcome.found:
         if found.fix is not None:
             try:
                 found.fix.do()
-            except (OSError, ClientError, PortError, Rejected, CannotLook) as error:
+            except (OSError, ClientError, PortError, Rejected, CheckUnavailable) as error:
                 tried.append((found, str(error)))
             else:
                 tried.append((found, ""))
@@ -80,7 +89,7 @@ def mend(
     left = {(found.code, thing) for found in after.found for thing in _things(found)}
     unseen = _unseen(outcome, after, checks)
     return [
-        Mended(
+        FixResult(
             found,
             error or unseen.get(found.code, ""),
             any((found.code, thing) in left for thing in _things(found)),
@@ -89,13 +98,13 @@ def mend(
     ]
 
 
-def _things(found: Found) -> list[str]:
+def _things(found: DoctorFinding) -> list[str]:
     """What a finding is about, one by one: "bus main ids 1 (neck), 7 (l_knee)" are two."""
     thing = found.thing
     return [Devices(thing.bus, [each]) for each in thing.members] if isinstance(thing, Devices) else [thing]
 
 
-def _unseen(before: Outcome, after: Outcome, checks: Sequence[Check]) -> dict[str, str]:
+def _unseen(before: DoctorReport, after: DoctorReport, checks: Sequence[CheckProbe]) -> dict[str, str]:
     """By code: why nobody could look again, where somebody could before."""
     reasons = {what: why for what, why in after.unseen if (what, why) not in before.unseen}
     for found in after.found:
@@ -111,36 +120,38 @@ def _unseen(before: Outcome, after: Outcome, checks: Sequence[Check]) -> dict[st
     }
 
 
-def _run_one(examined: Examined, check: Check, outcome: Outcome) -> None:
+def _run_one(examined: CheckContext, check: CheckProbe, outcome: DoctorReport) -> None:
     try:
         for found in check.look(examined):  # one by one: what came before a failure counts
             outcome.found.append(found)
-    except NothingThere as error:
+    except CheckNotApplicable as error:
         outcome.absent.append((check.what, str(error)))
         return
-    except CannotLook as error:
+    except CheckUnavailable as error:
         if (check.what, str(error)) not in outcome.unseen:  # several checks look at the same thing
             outcome.unseen.append((check.what, str(error)))
         return
     except Exception as error:  # noqa: BLE001  a doctor that stumbles must still tell the rest
         said = f"could not look: {type(error).__name__}: {error}"
-        outcome.found.append(Found(CHECK_BROKEN.code, check.what, said))
+        outcome.found.append(DoctorFinding(CHECK_BROKEN.code, check.what, said))
         return
     if check.what not in outcome.looked:
         outcome.looked.append(check.what)
 
 
-def _told(found: Sequence[Found], complaints: Mapping[str, Complaint]) -> tuple[list[Found], dict[int, str]]:
+def _told(
+    found: Sequence[DoctorFinding], complaints: Mapping[str, Check]
+) -> tuple[list[DoctorFinding], dict[int, str]]:
     """Order of telling: by severity, but what may be explained by another finding comes right after that."""
     explained: dict[str, str] = {}
     for each in found:
         for code in complaints[each.code].explains:
             explained.setdefault(code, each.code)
     by_severity = sorted(found, key=lambda each: (ORDER[complaints[each.code].severity], each.code in LAST))
-    told: list[Found] = []
+    told: list[DoctorFinding] = []
     because: dict[int, str] = {}
 
-    def tell(each: Found) -> None:
+    def tell(each: DoctorFinding) -> None:
         if any(each is other for other in told):
             return
         told.append(each)

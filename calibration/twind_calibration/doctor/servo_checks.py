@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 
-from twind.config.actuator import ServoType
+from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import servos, together
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.survey import MAPPED, Servo
-from twind_drivers.dynamixel.tables import number_of, table
+from twind_calibration.doctor import register_fix
+from twind_calibration.doctor.bus_surveys import servos, together
+from twind_calibration.doctor.check import DoctorFinding
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.survey import MAPPED, SurveyedServo
+from twind_drivers.dynamixel.control_tables import number_of, table
 
 # Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).
 REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 1, 4, 8
@@ -31,13 +31,13 @@ ERRORS = {
 }
 
 
-def settings(examined: Examined) -> Iterator[Found]:
+def settings(examined: CheckContext) -> Iterator[DoctorFinding]:
     """STATUS_LEVEL, OPERATING_MODE, TORQUE_BY_GOAL, TORQUE_AT_BOOT, RAM_RESTORE, OFFSET_IGNORED, REVERSED,
     PROFILE_IN_TIME, REGISTER_DIFFERS."""
     yield from together(_settings(examined))
 
 
-def _settings(examined: Examined) -> Iterator[Found]:
+def _settings(examined: CheckContext) -> Iterator[DoctorFinding]:
     for _, servo in servos(examined):
         yield from _level(examined, servo)
         yield from _mode(servo)
@@ -46,75 +46,77 @@ def _settings(examined: Examined) -> Iterator[Found]:
         yield from _demanded(servo)
 
 
-def _level(examined: Examined, servo: Servo) -> Iterator[Found]:
+def _level(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
     """Who answers pings alone has told no register at all."""
     level = servo.values.get("status_return_level")
     if level is None and not servo.values:
-        yield Found("STATUS_LEVEL", servo.thing, "answers pings, and no read", "status return level (68) 2")
+        yield DoctorFinding(
+            "STATUS_LEVEL", servo.thing, "answers pings, and no read", "status return level (68) 2"
+        )
     elif level is not None and level < 2:
-        yield Found(
+        yield DoctorFinding(
             "STATUS_LEVEL",
             servo.thing,
             f"status return level (68) is {level}",
             "2",
-            mend.command(servo, "status_return_level", 2),
-            mend.register(examined, servo, "status_return_level", 2),
+            register_fix.command(servo, "status_return_level", 2),
+            register_fix.register(examined, servo, "status_return_level", 2),
         )
 
 
-def _mode(servo: Servo) -> Iterator[Found]:
+def _mode(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
     mode, wanted = servo.values.get("operating_mode"), servo.joint.operating_mode
     if mode is not None and mode != wanted:
-        how = mend.command(servo, "operating_mode", wanted)
-        yield Found("OPERATING_MODE", servo.thing, f"operating mode (11) is {mode}", f"{wanted}", how)
+        how = register_fix.command(servo, "operating_mode", wanted)
+        yield DoctorFinding("OPERATING_MODE", servo.thing, f"operating mode (11) is {mode}", f"{wanted}", how)
     offset = servo.values.get("homing_offset", 0)
     if abs(offset) > MAX_OFFSET and servo.joint.mode == "position":
-        how = mend.command(servo, "homing_offset", 0)
-        yield Found("OFFSET_IGNORED", servo.thing, f"homing offset (20) is {offset}", "0", how)
+        how = register_fix.command(servo, "homing_offset", 0)
+        yield DoctorFinding("OFFSET_IGNORED", servo.thing, f"homing offset (20) is {offset}", "0", how)
 
 
-def _drive(examined: Examined, servo: Servo) -> Iterator[Found]:
+def _drive(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
     drive = servo.values.get("drive_mode", 0)
     if drive & TORQUE_BY_GOAL:
         wanted = drive & ~TORQUE_BY_GOAL
-        how = mend.command(servo, "drive_mode", wanted)
-        yield Found("TORQUE_BY_GOAL", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
+        how = register_fix.command(servo, "drive_mode", wanted)
+        yield DoctorFinding("TORQUE_BY_GOAL", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
     if drive & TIME_PROFILE:
         wanted = drive & ~TIME_PROFILE
-        how = mend.command(servo, "drive_mode", wanted)
-        yield Found("PROFILE_IN_TIME", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
+        how = register_fix.command(servo, "drive_mode", wanted)
+        yield DoctorFinding("PROFILE_IN_TIME", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
     entry = _entry(examined, servo.joint)
     adopted = entry is not None and entry.device.drive_mode & REVERSE
     if drive & REVERSE and (entry is None or adopted):  # else it has changed, which is told as that
-        yield Found("REVERSED", servo.thing, f"drive mode (10) is {drive}", "bit 0 clear")
+        yield DoctorFinding("REVERSED", servo.thing, f"drive mode (10) is {drive}", "bit 0 clear")
 
 
-def _startup(servo: Servo) -> Iterator[Found]:
+def _startup(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     startup = servo.values.get("startup_configuration", 0)
-    how = mend.command(servo, "startup_configuration", 0)
+    how = register_fix.command(servo, "startup_configuration", 0)
     measured = f"startup configuration (60) is {startup}"
     if startup & TORQUE_AT_BOOT:
-        yield Found("TORQUE_AT_BOOT", servo.thing, measured, "0", how)
+        yield DoctorFinding("TORQUE_AT_BOOT", servo.thing, measured, "0", how)
     if startup & RAM_RESTORED:
-        yield Found("RAM_RESTORE", servo.thing, measured, "0", how)
+        yield DoctorFinding("RAM_RESTORE", servo.thing, measured, "0", how)
 
 
-def _demanded(servo: Servo) -> Iterator[Found]:
+def _demanded(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
     for name, wanted in servo.joint.registers.items():
         value = servo.values.get(name)
         if value is not None and value != wanted:
-            how = mend.command(servo, name, wanted)
-            yield Found("REGISTER_DIFFERS", servo.thing, f"{name} is {value}", f"{wanted}", how)
+            how = register_fix.command(servo, name, wanted)
+            yield DoctorFinding("REGISTER_DIFFERS", servo.thing, f"{name} is {value}", f"{wanted}", how)
 
 
-def calibrated(examined: Examined) -> Iterator[Found]:
+def calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CALIBRATION_CHANGED, FIRMWARE_CHANGED."""
     yield from together(_calibrated(examined))
 
 
-def _calibrated(examined: Examined) -> Iterator[Found]:
+def _calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
     for _, servo in servos(examined):
         entry = _entry(examined, servo.joint)
         if entry is None:
@@ -130,33 +132,35 @@ def _calibrated(examined: Examined) -> Iterator[Found]:
         for name, was in recorded.items():
             value = servo.values.get(name)
             if value is not None and value != was:
-                how = mend.command(servo, name, was)
-                yield Found(
+                how = register_fix.command(servo, name, was)
+                yield DoctorFinding(
                     "CALIBRATION_CHANGED", servo.thing, f"{name} is {value}", f"{was}, as calibrated", how
                 )
         if servo.firmware is not None and servo.firmware != then.firmware:
             measured = f"firmware {servo.firmware}"
-            yield Found("FIRMWARE_CHANGED", servo.thing, measured, f"{then.firmware}, as calibrated")
+            yield DoctorFinding("FIRMWARE_CHANGED", servo.thing, measured, f"{then.firmware}, as calibrated")
 
 
-def limits(examined: Examined) -> Iterator[Found]:
+def limits(examined: CheckContext) -> Iterator[DoctorFinding]:
     """FENCE_TIGHT, LIMIT_ZERO, CURRENT_CAP, SHUTDOWN_MASK, PROFILE_LEFT, INDIRECT_LEFT."""
     yield from together(_limits(examined))
 
 
-def _limits(examined: Examined) -> Iterator[Found]:
+def _limits(examined: CheckContext) -> Iterator[DoctorFinding]:
     for _, servo in servos(examined):
         yield from _fence(examined, servo)
         for name in MOVES:
             if servo.values.get(name) == 0:
                 delivered = _delivered(servo, name)
-                yield Found("LIMIT_ZERO", servo.thing, f"{name} is 0", f"what the joint needs{delivered}")
+                yield DoctorFinding(
+                    "LIMIT_ZERO", servo.thing, f"{name} is 0", f"what the joint needs{delivered}"
+                )
         yield from _cap(servo)
         yield from _mask(servo)
         yield from _left(servo)
 
 
-def _fence(examined: Examined, servo: Servo) -> Iterator[Found]:
+def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
     """In position mode alone (e-manual, addresses 48 and 52). Uncalibrated: by their width."""
     joint, least, most = servo.joint, "min_position_limit", "max_position_limit"
     assert joint is not None
@@ -174,15 +178,17 @@ def _fence(examined: Examined, servo: Servo) -> Iterator[Found]:
         command, advice = "", ""
         if entry is not None:
             then = entry.device.min_ticks, entry.device.max_ticks
-            command = "\n".join(mend.command(servo, *pair) for pair in zip((least, most), then, strict=True))
+            command = "\n".join(
+                register_fix.command(servo, *pair) for pair in zip((least, most), then, strict=True)
+            )
             if then == fence or then[0] > needs[0] or then[1] < needs[1]:
                 command = ""  # another fence than the calibration's would be CALIBRATION_CHANGED
                 advice = f"calibrate {joint.name} anew, or tighten its `limits_rad` in the robot file"
         expected = f"{span} counts for its joint limits"
-        yield Found("FENCE_TIGHT", servo.thing, measured, expected, command, advice=advice)
+        yield DoctorFinding("FENCE_TIGHT", servo.thing, measured, expected, command, advice=advice)
 
 
-def _delivered(servo: Servo, name: str) -> str:
+def _delivered(servo: SurveyedServo, name: str) -> str:
     """The value of a new servo of this model, in words; "" where no page has it."""
     assert servo.joint is not None
     field = table(number_of(servo.joint.type.device)).fields.get(name)
@@ -190,7 +196,7 @@ def _delivered(servo: Servo, name: str) -> str:
     return "" if value is None else f", {value} at most, as delivered"
 
 
-def _cap(servo: Servo) -> Iterator[Found]:
+def _cap(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
     assert isinstance(servo.joint.type, ServoType)
     cap, limit = servo.joint.current_cap, servo.values.get("current_limit")
@@ -201,10 +207,10 @@ def _cap(servo: Servo) -> Iterator[Found]:
             f"lower `current_limit_a` of type {servo.joint.type.name} to {amperes}; "
             f"only where the joint needs {cap} counts, write that to its current_limit, with torque off"
         )
-        yield Found("CURRENT_CAP", servo.thing, measured, f"{cap} or more", advice=advice)
+        yield DoctorFinding("CURRENT_CAP", servo.thing, measured, f"{cap} or more", advice=advice)
 
 
-def _mask(servo: Servo) -> Iterator[Found]:
+def _mask(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     """Silent where the robot file names the mask: then somebody wants it so (REGISTER_DIFFERS compares)."""
     assert servo.joint is not None
     if "shutdown" in servo.joint.registers:
@@ -214,20 +220,20 @@ def _mask(servo: Servo) -> Iterator[Found]:
     if mask is None or not lacks:
         return
     wanted = mask | sum(PROTECTION)
-    yield Found(
+    yield DoctorFinding(
         "SHUTDOWN_MASK",
         servo.thing,
         f"shutdown (63) is {mask}: not for {' and '.join(lacks)}",
         f"{wanted}",
-        mend.command(servo, "shutdown", wanted),
+        register_fix.command(servo, "shutdown", wanted),
     )
 
 
-def _left(servo: Servo) -> Iterator[Found]:
+def _left(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     speeds = {name: servo.values.get(name, 0) for name in ("profile_velocity", "profile_acceleration")}
     if any(speeds.values()) and servo.values.get("torque_enable") == 0:
         said = " and ".join(f"{name} is {value}" for name, value in speeds.items() if value)
-        yield Found("PROFILE_LEFT", servo.thing, said, "0")
+        yield DoctorFinding("PROFILE_LEFT", servo.thing, said, "0")
     known = None if servo.model is None else table(servo.model, servo.firmware or 0)
     if known is None or "indirect_data_1" not in known:
         return
@@ -236,16 +242,16 @@ def _left(servo: Servo) -> Iterator[Found]:
     moved = [name for name, value in maps.items() if value != first + int(name.removeprefix(MAPPED)) - 1]
     if moved:
         said = f"{moved[0]} is {maps[moved[0]]}" + (f", and {len(moved) - 1} more" if moved[1:] else "")
-        yield Found("INDIRECT_LEFT", servo.thing, said, "the address of its own data")
+        yield DoctorFinding("INDIRECT_LEFT", servo.thing, said, "the address of its own data")
 
 
-def state(examined: Examined) -> Iterator[Found]:
+def state(examined: CheckContext) -> Iterator[DoctorFinding]:
     """ERROR_OVERLOAD, ERROR_HEAT, ERROR_VOLTAGE, ERROR_ENCODER, ERROR_SHOCK, SERVO_HOT, TORQUE_ON,
     WATCHDOG_TRIPPED, WATCHDOG_OFF, WATCHDOG_LEFT."""
     yield from together(_state(examined))
 
 
-def _state(examined: Examined) -> Iterator[Found]:
+def _state(examined: CheckContext) -> Iterator[DoctorFinding]:
     armed = examined.daemon is not None and bool(examined.daemon.status["armed"])
     for _, servo in servos(examined):
         assert servo.joint is not None
@@ -254,34 +260,38 @@ def _state(examined: Examined) -> Iterator[Found]:
         for bit, (code, name) in ERRORS.items():
             if bits >> bit & 1:
                 how = "" if torque else f"twindctl reboot {servo.bus} {servo.id}"  # it would let go
-                yield Found(code, servo.thing, f"hardware error (70) is {bits}: {name}", "0", how)
+                yield DoctorFinding(code, servo.thing, f"hardware error (70) is {bits}: {name}", "0", how)
         warm, bound = servo.values.get("present_temperature"), servo.joint.type.heat.warn
         if warm is not None and warm >= bound:
-            yield Found("SERVO_HOT", servo.thing, f"{warm} degC", f"below {bound:g} degC")
+            yield DoctorFinding("SERVO_HOT", servo.thing, f"{warm} degC", f"below {bound:g} degC")
         if torque and not armed:
-            yield Found("TORQUE_ON", servo.thing, "torque is on", "off", "twindctl disarm")
+            yield DoctorFinding("TORQUE_ON", servo.thing, "torque is on", "off", "twindctl disarm")
         yield from _watchdog(examined, servo, torque=torque, armed=armed)
 
 
-def _watchdog(examined: Examined, servo: Servo, *, torque: bool, armed: bool) -> Iterator[Found]:
+def _watchdog(
+    examined: CheckContext, servo: SurveyedServo, *, torque: bool, armed: bool
+) -> Iterator[DoctorFinding]:
     value = servo.values.get("bus_watchdog")
     if value is None:
         return
     if torque and value in (TRIPPED, 0):
         code = "WATCHDOG_TRIPPED" if value else "WATCHDOG_OFF"
-        yield Found(code, servo.thing, f"bus watchdog (98) is {value}", "5, 100 ms, while torque is on")
+        yield DoctorFinding(
+            code, servo.thing, f"bus watchdog (98) is {value}", "5, 100 ms, while torque is on"
+        )
     elif value and not torque and not armed:
-        yield Found(
+        yield DoctorFinding(
             "WATCHDOG_LEFT",
             servo.thing,
             f"bus watchdog (98) is {value}" + (", tripped" if value == TRIPPED else f", {20 * value} ms"),
             "0 while torque is off",
-            mend.command(servo, "bus_watchdog", 0),
-            mend.register(examined, servo, "bus_watchdog", 0),
+            register_fix.command(servo, "bus_watchdog", 0),
+            register_fix.register(examined, servo, "bus_watchdog", 0),
         )
 
 
-def _entry(examined: Examined, joint: JointSpec | None) -> JointCalibration | None:
+def _entry(examined: CheckContext, joint: JointSpec | None) -> JointCalibration | None:
     if joint is None or examined.calibration is None:
         return None
     return examined.calibration.by_name.get(joint.actuator)

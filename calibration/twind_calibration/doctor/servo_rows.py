@@ -1,7 +1,7 @@
 """Complaints about settings and states of servos: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import MEANING, RAISED, RATED, REBOOT, SUPPORT, ZERO_MOVES
-from twind_calibration.doctor.complaint import Complaint, Severity
+from twind_calibration.doctor.check import Check, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 WRITE = "`twindctl register write BUS ID {0}`, torque off"
@@ -12,7 +12,7 @@ HOLDS = "; not by `--fix`: it would change torque"
 CAUSE = "; not by `--fix`: find the cause first"
 
 SET = (
-    Complaint(
+    Check(
         "STATUS_LEVEL",
         "a servo does not answer all requests",
         "level 0 answers pings only; level 1 hides refused writes",
@@ -20,7 +20,7 @@ SET = (
         FAULT,
         caution="without power the joint goes limp: support the robot first",
     ),
-    Complaint(
+    Check(
         "OPERATING_MODE",
         "another operating mode than the robot file says",
         "goals have another meaning: arming is refused",
@@ -30,7 +30,7 @@ SET = (
         FAULT,
         caution=ZERO_MOVES,
     ),
-    Complaint(
+    Check(
         "TORQUE_BY_GOAL",
         "a goal alone switches torque on",
         "a limp servo moves when it receives a goal (drive mode, bit 3); arming is refused",
@@ -38,7 +38,7 @@ SET = (
         FAULT,
         caution=MEANING,
     ),
-    Complaint(
+    Check(
         "TORQUE_AT_BOOT",
         "a servo switches torque on at power-on",
         "it moves without a daemon (startup configuration, bit 0); arming is refused",
@@ -46,7 +46,7 @@ SET = (
         FAULT,
         caution="at the next power-on the joint is limp: support it",
     ),
-    Complaint(
+    Check(
         "RAM_RESTORE",
         "a servo restores saved RAM at power-on",
         "it starts with foreign gains and profiles (startup configuration, bit 1)",
@@ -55,7 +55,7 @@ SET = (
         caution="both bits are cleared: without torque at power-on the joint is limp",
         explains=("STATUS_LEVEL", "WATCHDOG_LEFT", "INDIRECT_LEFT"),
     ),
-    Complaint(
+    Check(
         "OFFSET_IGNORED",
         "the homing offset is too large for position mode",
         "beyond 1024 counts position mode ignores it: zeros depend on the mode; arming is refused",
@@ -63,7 +63,7 @@ SET = (
         FAULT,
         caution=ZERO_MOVES,
     ),
-    Complaint(
+    Check(
         "CALIBRATION_CHANGED",
         "a servo differs from its calibration",
         "its zero may differ: arming is refused",
@@ -74,7 +74,7 @@ SET = (
             "differs; compare with the monitor before any motion"
         ),
     ),
-    Complaint(
+    Check(
         "FIRMWARE_CHANGED",
         "the firmware changed since calibration",
         "registers may differ; it may be another servo",
@@ -82,7 +82,7 @@ SET = (
         WARNING,
         caution="switch torque off and support the robot first",
     ),
-    Complaint(
+    Check(
         "REVERSED",
         "a servo is reversed by its own register",
         "position and current may differ in sign (drive mode, bit 0): torque is misjudged",
@@ -90,7 +90,7 @@ SET = (
         NOTE,
         caution=ZERO_MOVES,
     ),
-    Complaint(
+    Check(
         "PROFILE_IN_TIME",
         "profiles are times, not speeds",
         "other programs' speeds are taken as milliseconds (drive mode, bit 2)",
@@ -98,7 +98,7 @@ SET = (
         WARNING,
         caution=MEANING,
     ),
-    Complaint(
+    Check(
         "REGISTER_DIFFERS",
         "a register differs from the robot file's `registers`",
         "arming is refused",
@@ -109,7 +109,7 @@ SET = (
 )
 
 LIMITS = (
-    Complaint(
+    Check(
         "FENCE_TIGHT",
         "the servo's position limits are tighter than the joint's",
         "the servo refuses goals beyond them and stops short",
@@ -120,7 +120,7 @@ LIMITS = (
         FAULT,
         caution="a limit may protect an endstop or cable: torque off, move the joint over its range first",
     ),
-    Complaint(
+    Check(
         "LIMIT_ZERO",
         "a limit of the servo is zero",
         "it accepts torque and goals, and never moves",
@@ -128,7 +128,7 @@ LIMITS = (
         FAULT,
         caution=RAISED,
     ),
-    Complaint(
+    Check(
         "CURRENT_CAP",
         "the servo allows less current than the robot file",
         "current-based position mode refuses the value: arming fails",
@@ -136,7 +136,7 @@ LIMITS = (
         FAULT,
         caution=RAISED,
     ),
-    Complaint(
+    Check(
         "SHUTDOWN_MASK",
         "a servo does not protect itself",
         "no shutdown at overload, heat or shock (register 63): it burns",
@@ -148,14 +148,14 @@ LIMITS = (
             "a servo that shuts down drops its load: where that is worse, support the joint or keep the mask"
         ),
     ),
-    Complaint(
+    Check(
         "PROFILE_LEFT",
         "a servo has a profile set",
         "arming sets 0; until then other programs move it slowly",
         "none for the daemon" + MEANT,
         NOTE,
     ),
-    Complaint(
+    Check(
         "INDIRECT_LEFT",
         "indirect addresses are set",
         "the daemon ignores them; a program that trusts them uses other registers",
@@ -165,7 +165,7 @@ LIMITS = (
 )
 
 STATE = (
-    Complaint(
+    Check(
         "VOLTAGE_LOW",
         "the supply is low",
         "servos grow weak, then restart during motion",
@@ -178,7 +178,7 @@ STATE = (
         caution=RATED,
         explains=("ERROR_VOLTAGE",),
     ),
-    Complaint(
+    Check(
         "VOLTAGE_HIGH",
         "the supply is high",
         "too much voltage damages servos",
@@ -187,7 +187,7 @@ STATE = (
         caution=SUPPORT,
         explains=("ERROR_VOLTAGE",),
     ),
-    Complaint(
+    Check(
         "VOLTAGE_BOUNDS",
         "a servo's supply bounds contradict each other",
         "no supply fits: the lower bound would burn the servo",
@@ -198,7 +198,7 @@ STATE = (
         ),
         FAULT,
     ),
-    Complaint(
+    Check(
         "VOLTAGE_DROP",
         "servos get less voltage than others on this bus",
         "thin cable or bad connector: these servos restart first",
@@ -211,7 +211,7 @@ STATE = (
         caution="do not raise the supply: the others would get too much",
         explains=("VOLTAGE_LOW",),
     ),
-    Complaint(
+    Check(
         "ERROR_OVERLOAD",
         "a servo has shut itself down: overload",
         "no torque until a restart",
@@ -219,7 +219,7 @@ STATE = (
         FAULT,
         caution=REBOOT,
     ),
-    Complaint(
+    Check(
         "ERROR_HEAT",
         "a servo has shut itself down: overheating",
         "no torque until a restart",
@@ -227,7 +227,7 @@ STATE = (
         FAULT,
         caution=REBOOT,
     ),
-    Complaint(
+    Check(
         "ERROR_VOLTAGE",
         "a servo measured a voltage outside its limits",
         "the supply varied; with the shutdown mask it has no torque",
@@ -235,7 +235,7 @@ STATE = (
         FAULT,
         caution=REBOOT,
     ),
-    Complaint(
+    Check(
         "ERROR_ENCODER",
         "a servo's encoder failed",
         "its position must not be used",
@@ -243,7 +243,7 @@ STATE = (
         FAULT,
         caution=f"{REBOOT}; compare its position with the joint before you arm",
     ),
-    Complaint(
+    Check(
         "ERROR_SHOCK",
         "a servo reports electrical shock or too little motor power",
         "no torque until a restart",
@@ -251,7 +251,7 @@ STATE = (
         FAULT,
         caution=REBOOT,
     ),
-    Complaint(
+    Check(
         "SERVO_HOT",
         "a servo is hot",
         "near its limit it shuts down, and the joint goes limp",
@@ -260,7 +260,7 @@ STATE = (
         caution=SUPPORT,
         explains=("ERROR_HEAT",),
     ),
-    Complaint(
+    Check(
         "TORQUE_ON",
         "torque is on, but not armed",
         "an ended program left it on: it heats, and any goal moves it",
@@ -268,7 +268,7 @@ STATE = (
         WARNING,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "WATCHDOG_TRIPPED",
         "the bus watchdog tripped with torque on",
         "it holds and accepts no goals: its master died or stalled",
@@ -276,7 +276,7 @@ STATE = (
         FAULT,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "WATCHDOG_OFF",
         "torque is on without a bus watchdog",
         "if its program dies, it does not stop",
@@ -284,7 +284,7 @@ STATE = (
         WARNING,
         caution=SUPPORT,
     ),
-    Complaint(
+    Check(
         "WATCHDOG_LEFT",
         "a bus watchdog is set",
         "arming sets it; until then goals of other programs fail (error 4)",

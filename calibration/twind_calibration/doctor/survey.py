@@ -6,13 +6,13 @@ A value that nobody could tell is missing from `values`, never a zero.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from twind.config.actuator import CanType
+from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec
-from twind_calibration.doctor.complaint import Devices
-from twind_drivers.dynamixel.identity import SETTINGS
-from twind_drivers.dynamixel.scan import Found as Answer
-from twind_drivers.dynamixel.scan import Trouble
-from twind_drivers.dynamixel.tables import number_of
+from twind_calibration.doctor.check import Devices
+from twind_drivers.dynamixel.bus_scan import ScannedDevice as Answer
+from twind_drivers.dynamixel.bus_scan import Trouble
+from twind_drivers.dynamixel.control_tables import number_of
+from twind_drivers.dynamixel.dynamixel_identification import SETTINGS
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
 RAM = (
@@ -38,7 +38,7 @@ MUTE = ("cubemars",)  # families that answer nobody who does not command
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Servo:
+class SurveyedServo:
     """One id that answered on a serial bus at its rate."""
 
     bus: str
@@ -73,7 +73,7 @@ def thing_of(imu: ImuSpec) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Inertial:
+class SurveyedImu:
     """The IMU of a bus."""
 
     thing: str  # as people name it
@@ -87,23 +87,23 @@ class SerialSurvey:
 
     spec: BusSpec
     port: str
-    servos: tuple[Servo, ...]  # in order of ids
+    servos: tuple[SurveyedServo, ...]  # in order of ids
     missing: tuple[JointSpec, ...]  # in the order of the robot file
     elsewhere: tuple[Answer, ...] = ()  # who answered at other rates; looked for where somebody is missing
     troubles: tuple[Trouble, ...] = ()  # of the line as a whole
     asked: int = 0  # pings of which each answer was looked at
     garbled: int = 0  # of those: bytes came, and no sound answer, or more than it
     lost: int = 0  # of those: nothing came though others were answered
-    imu: Inertial | None = None  # None: the robot file describes none there
+    imu: SurveyedImu | None = None  # None: the robot file describes none there
 
     @property
-    def known(self) -> tuple[Servo, ...]:
+    def known(self) -> tuple[SurveyedServo, ...]:
         """Those that are a joint's, one of each id."""
         return tuple(servo for servo in self.servos if servo.joint is not None and not servo.trouble)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Node:
+class SurveyedCanActuator:
     """One actuator of a CAN bus that answered."""
 
     bus: str
@@ -125,7 +125,7 @@ class CanSurvey:
 
     spec: BusSpec
     port: str
-    nodes: tuple[Node, ...]
+    nodes: tuple[SurveyedCanActuator, ...]
     missing: tuple[JointSpec, ...]  # without those that could not answer: `asked`
     condition: str = ""  # what is wrong with the controller; "": nothing, or it cannot tell
     masters: int = 0  # frames of another master that came while nobody was asked

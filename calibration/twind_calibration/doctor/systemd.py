@@ -4,10 +4,10 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from twind.protocol.places import SYSTEM
-from twind_calibration.doctor.complaint import CannotLook, NothingThere
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
+from twind.protocol.socket_paths import SYSTEM
+from twind_calibration.doctor.check import CheckNotApplicable, CheckUnavailable
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.host_inspector import HostInspector
 
 BOOTED = Path("/run/systemd/system")  # sd_booted(3): there only where systemd is the init system
 ASKED = (
@@ -27,16 +27,16 @@ LAST_LINES = 5
 RUNNING = ("active", "activating", "reloading")
 
 
-def service(x: Examined) -> Mapping[str, str]:
+def service(x: CheckContext) -> Mapping[str, str]:
     """Properties of the unit, asked once. Raises NothingThere: no systemd, or no such unit; CannotLook."""
     key = f"unit {x.unit}"
     if key not in x.surveys:
         if not BOOTED.is_dir():
-            raise NothingThere("systemd is not the init system here")
+            raise CheckNotApplicable("systemd is not the init system here")
         x.surveys[key] = parse(x.host.program("systemctl", "show", x.unit, "-p", ",".join(ASKED)))
     found: Mapping[str, str] = x.surveys[key]
     if found.get("LoadState") in (None, "not-found"):
-        raise NothingThere(f"there is no {x.unit}")
+        raise CheckNotApplicable(f"there is no {x.unit}")
     return found
 
 
@@ -45,7 +45,7 @@ def parse(text: str) -> dict[str, str]:
     return dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
 
 
-def asleep(host: Host, path: str) -> str:
+def asleep(host: HostInspector, path: str) -> str:
     """The service that a connection to this socket would start; "" where it would start none.
 
     A diagnosis starts no daemon, which would take the ports (systemd.socket(5)).
@@ -58,7 +58,7 @@ def asleep(host: Host, path: str) -> str:
     service, listener = f"twind{at}.service", f"twind-{file.removesuffix('.sock')}{at}.socket"
     try:
         states = host.program("systemctl", "show", "-P", "ActiveState", service, listener).split()
-    except CannotLook:
+    except CheckUnavailable:
         return ""
     return service if len(states) == 2 and states[0] not in RUNNING and states[1] == "active" else ""
 
@@ -68,16 +68,16 @@ def would_start(service: str) -> str:
     return f"{service} is stopped, and a connection would start it"
 
 
-def last_words(host: Host, unit: str) -> str:
+def last_words(host: HostInspector, unit: str) -> str:
     """What the service said last, its final lines; why they cannot be had where they cannot."""
     try:
         said = host.program("journalctl", "-u", unit, "-n", str(LAST_LINES), "-o", "cat", "--no-pager", "-q")
-    except CannotLook as error:
+    except CheckUnavailable as error:
         return f"(its journal cannot be read: {error})"
     return said.strip() or f"(no line of it may be read: `sudo journalctl -u {unit}`)"
 
 
-def daemon_pid(x: Examined) -> int:
+def daemon_pid(x: CheckContext) -> int:
     """The process of the daemon that answers: who listens on its socket, or the service's main process.
 
     Raises CannotLook.
@@ -87,5 +87,5 @@ def daemon_pid(x: Examined) -> int:
         return pid
     try:
         return int(service(x)["MainPID"])
-    except NothingThere as error:
-        raise CannotLook(f"which process the daemon is: {error}") from error
+    except CheckNotApplicable as error:
+        raise CheckUnavailable(f"which process the daemon is: {error}") from error

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Actuator:
+class CanActuator:
     """Who it is and what its fields span; what it tells itself at identification replaces the ranges."""
 
     id: int

@@ -10,10 +10,10 @@ from enum import IntEnum
 from typing import Protocol
 
 from twind_drivers.can.frame import Frames
-from twind_drivers.clock import Arrivals
+from twind_drivers.clock import ArrivalSource
 
 
-class Line(IntEnum):
+class CanErrorState(IntEnum):
     """How the controller is with the wire (ISO 11898-1, fault confinement)."""
 
     ACTIVE = 0
@@ -22,20 +22,20 @@ class Line(IntEnum):
 
 
 @dataclass(slots=True)
-class Condition:
+class CanChannelStatus:
     """What is known of the line now. Whoever has no error frames (slcan) knows of full queues alone."""
 
-    line: Line = Line.ACTIVE
+    line: CanErrorState = CanErrorState.ACTIVE
     refused: int = 0  # frames that the adapter did not take since the channel was opened
     errors: int = 0  # error frames, and bytes or lines that were no frame
 
 
-class Channel(Arrivals, Protocol):
+class CanChannel(ArrivalSource, Protocol):
     """Frames to and from one wire."""
 
     name: str  # what an error message calls it: can0, /dev/ttyACM0
     warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
-    condition: Condition
+    condition: CanChannelStatus
 
     def send(self, frames: Frames, now: float) -> None:
         """Send all of them, in this order, in one system call where the adapter has one.

@@ -8,15 +8,17 @@ driven motor brakes too. Not verified on hardware.
 
 from collections.abc import Iterable, Mapping
 
-from twind_drivers.bus import Burst, DeviceRefused, NoReply, Script
-from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.servo import Rows, Servo, groups, rows, writes
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, NoReply, Script
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.servo_command_state import Rows, ServoCommandState, groups, rows, writes
 
 SHARE = 0.3  # of the output, or of the current cap in mode 5, that is left
 SOFT = 8  # P gain by this
 
 
-def damp(reader: DynamixelReader, servos: Iterable[Servo], pwm: Mapping[int, int]) -> Script[tuple[int, ...]]:
+def damp(
+    reader: DynamixelReader, servos: Iterable[ServoCommandState], pwm: Mapping[int, int]
+) -> Script[tuple[int, ...]]:
     """Make the servos soft; ids of those that did not confirm it. Raises nothing for who is silent.
 
     `pwm`: PWM limit by id, counts.
@@ -25,20 +27,20 @@ def damp(reader: DynamixelReader, servos: Iterable[Servo], pwm: Mapping[int, int
     caps = rows(moving, lambda servo: (servo.at(servo.capped_by), cap_of(servo, pwm)))
     gains = rows(moving, lambda servo: (servo.layout.gains, soft(servo)))
     if moving:
-        yield Burst((*writes(caps), *writes(gains)))
+        yield BurstWriteRequest((*writes(caps), *writes(gains)))
     unconfirmed: set[int] = set()
     for wanted in (caps, gains):
         unconfirmed |= yield from _differing(reader, wanted)
     return tuple(sorted(unconfirmed))
 
 
-def cap_of(servo: Servo, pwm: Mapping[int, int]) -> bytes:
+def cap_of(servo: ServoCommandState, pwm: Mapping[int, int]) -> bytes:
     """What is left of its output, as it lies in goal PWM or, in mode 5, goal current; 1 at least."""
     whole = pwm[servo.id] if servo.cap is None else servo.cap
     return max(1, int(SHARE * whole)).to_bytes(2, "little", signed=True)
 
 
-def soft(servo: Servo) -> bytes:
+def soft(servo: ServoCommandState) -> bytes:
     """Its gains D, I, P as they lie in the registers, softened."""
     d, _, p = (int.from_bytes(servo.gains[at : at + 2], "little") for at in (0, 2, 4))
     parts = (min(servo.table["position_d_gain"].bounds[1], max(d, p)), 0, min(p, max(1, p // SOFT)))

@@ -46,7 +46,7 @@ class Instruction(IntEnum):
     FAST_BULK_READ = 0x9A
 
 
-class Error(IntEnum):
+class StatusErrorCode(IntEnum):
     """Bits 0-6 of the error byte: a number, not flags (e-manual, "Error")."""
 
     NONE = 0
@@ -60,13 +60,13 @@ class Error(IntEnum):
 
 
 REASONS: Mapping[int, str] = {
-    Error.RESULT_FAIL: "could not be carried out",
-    Error.INSTRUCTION: "unknown instruction",
-    Error.CRC: "our packet arrived with a wrong CRC",
-    Error.DATA_RANGE: "value out of range, or goal locked because the bus watchdog has tripped",
-    Error.DATA_LENGTH: "fewer bytes than the register has",
-    Error.DATA_LIMIT: "value beyond the configured limit register",
-    Error.ACCESS: "register is read-only, undefined, or EEPROM while torque is on",
+    StatusErrorCode.RESULT_FAIL: "could not be carried out",
+    StatusErrorCode.INSTRUCTION: "unknown instruction",
+    StatusErrorCode.CRC: "our packet arrived with a wrong CRC",
+    StatusErrorCode.DATA_RANGE: "value out of range, or goal locked because the bus watchdog has tripped",
+    StatusErrorCode.DATA_LENGTH: "fewer bytes than the register has",
+    StatusErrorCode.DATA_LIMIT: "value beyond the configured limit register",
+    StatusErrorCode.ACCESS: "register is read-only, undefined, or EEPROM while torque is on",
 }
 
 

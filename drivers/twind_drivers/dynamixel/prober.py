@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.bus import Transport
+from twind_drivers.bus import ByteTransport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.line import Exchange, Line
+from twind_drivers.dynamixel.broadcast_ping import BroadcastPingReply
+from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
-from twind_drivers.dynamixel.roll_call import RollCall
 
 LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
 SLACK = 0.002  # s that an answer may take beyond its wire time
@@ -21,7 +21,7 @@ OLD_PING = bytes((0xFF, 0xFF, 0xFE, 0x02, 0x01, 0xFE))  # protocol 1.0, to all; 
 HELD = 4096  # bytes kept of one answer
 
 
-class Heard:
+class ProbeWindow:
     """Everything that came within one window: sound statuses, and the bytes that were none."""
 
     def __init__(self, expected: int) -> None:
@@ -60,34 +60,34 @@ class Heard:
 class Prober:
     """One port at one baud rate. Every method may raise PortError."""
 
-    def __init__(self, transport: Transport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
+    def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
         """`timer` (s): the adapter's latency timer, which every window is longer by."""
         self.transport, self.baud = transport, baud
         self.echo = False  # the adapter returns what is sent; known after the first answer
         self._clock, self._slack = clock, SLACK + timer
-        self._line = Line(
+        self._line = HalfDuplexTransactor(
             transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=self._slack
         )
 
-    def roll_call(self, last: int = LAST_ID) -> RollCall:
+    def roll_call(self, last: int = LAST_ID) -> BroadcastPingReply:
         """A broadcast ping, waited for until the slot of id `last` is over."""
-        call = RollCall(last)
+        call = BroadcastPingReply(last)
         request = packet.ping(packet.BROADCAST)
         self._line.slack = self._slack + call.window
-        self._wait(Exchange(request, call, 1))
+        self._wait(SerialTransaction(request, call, 1))
         self._line.slack = self._slack
         call.strays -= len(request) if self.echo else 0
         return call
 
-    def ping(self, id: int) -> Heard:
+    def ping(self, id: int) -> ProbeWindow:
         """Everybody who answers to this id."""
         return self._ask(packet.ping(id), 3)
 
-    def read(self, id: int, address: int, size: int) -> Heard:
+    def read(self, id: int, address: int, size: int) -> ProbeWindow:
         """Everybody who answers to this id, with `size` bytes from `address`."""
         return self._ask(packet.read(id, address, size), size)
 
-    def old_ping(self) -> Heard:
+    def old_ping(self) -> ProbeWindow:
         """A protocol 1.0 ping to all: devices of protocol 2.0 take it for noise."""
         return self._ask(OLD_PING, 0)
 
@@ -97,16 +97,16 @@ class Prober:
         self._clock.sleep_until(self._clock.now() + seconds)
         return self.transport.drain()
 
-    def _ask(self, request: bytes, size: int) -> Heard:
-        heard = Heard(2 * (STATUS_OVERHEAD + size))
-        self._wait(Exchange(request, heard, 2))
+    def _ask(self, request: bytes, size: int) -> ProbeWindow:
+        heard = ProbeWindow(2 * (STATUS_OVERHEAD + size))
+        self._wait(SerialTransaction(request, heard, 2))
         if heard.raw.startswith(request):
             self.echo = True
             heard.strays -= len(request)
             del heard.raw[: len(request)]
         return heard
 
-    def _wait(self, exchange: Exchange) -> None:
+    def _wait(self, exchange: SerialTransaction) -> None:
         self._line.send(exchange, self._clock.now())
         while not self._line.feed(self._clock.now()) and self._clock.now() < self._line.deadline:
             self._clock.wait([self.transport], self._line.deadline)

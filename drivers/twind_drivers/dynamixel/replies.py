@@ -26,7 +26,7 @@ Octets = NDArray[np.uint8]
 FAILED = 0x7F  # bits of the error byte: a number that says why it was not done; bit 7 is the alert
 
 
-class Expected(Protocol):
+class PendingReply(Protocol):
     """A reply under way."""
 
     ids: tuple[int, ...]
@@ -78,7 +78,7 @@ def _status_head(id: int, size: int) -> bytes:
     return HEADER + bytes((id,)) + (size + 4).to_bytes(2, "little") + bytes((STATUS,))
 
 
-class PlainReply:
+class StatusReply:
     """One status per device, `size` data bytes each: of a sync read, or of anything sent to one device.
 
     The usual case, all rows whole and none stuffed, is checked in a few numpy calls. Everything else (stuffed
@@ -195,7 +195,7 @@ class PlainReply:
             self._spare[place] = np.frombuffer(packet.data, np.uint8)
 
 
-class FastReply:
+class FastSyncReadReply:
     """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
 
     A missing device ends the reply, so an intact prefix is kept: its devices did answer. Who answered with an

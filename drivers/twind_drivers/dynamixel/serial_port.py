@@ -17,8 +17,8 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import BaudRefused, PortError, PortFull, PortTaken
-from twind_drivers.dynamixel.holder import holder
+from twind_drivers.bus import BaudRefused, OutputQueueFull, PortError, PortInUse
+from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
 SCRATCH = 4096  # bytes thrown away per read while draining
@@ -76,7 +76,7 @@ class SerialTransport:
         if taken != len(data):
             waiting = max(self.backlog(), taken)
             self.flush()
-            raise PortFull(self.name, waiting, len(data))
+            raise OutputQueueFull(self.name, waiting, len(data))
 
     def read_into(self, buffer: memoryview) -> int:
         """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
@@ -202,7 +202,7 @@ def _open(path: str, baud: int) -> serial.Serial:
         raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            raise PortTaken(path, f"in use by {holder(path)}; stop it first") from error
+            raise PortInUse(path, f"in use by {holder(path)}; stop it first") from error
         if "baud" in str(error).lower():  # pyserial has no code for it
             raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
         raise PortError(path, _reason(path, node, error)) from error

@@ -29,7 +29,7 @@ class Hinge:
         return low, high
 
 
-class Hands:
+class ShaftGrip:
     """Who holds which shaft of one bus. Rows are places in `hinges`; None: a shaft that turns no joint."""
 
     def __init__(
@@ -91,7 +91,7 @@ def _finite(what: str, value: object) -> float:
 
 
 def order(
-    hands: Hands,
+    hands: ShaftGrip,
     rows: Sequence[int] | None,
     *,
     to: float | None,

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from twind_drivers.virtual.stream import MOST, PAYLOAD, Stream
+from twind_drivers.virtual.faulty_byte_stream import MOST, PAYLOAD, FaultyByteStream
 
 
 class LineFaults:
     """Faults that touch every byte. They last until taken back, or healed by `clear`."""
 
-    def __init__(self, stream: Stream) -> None:
+    def __init__(self, stream: FaultyByteStream) -> None:
         self.stream = stream
 
     def bit_errors(self, rate: float, to_servos: bool = True, to_host: bool = True) -> None:

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from twind_drivers.virtual.hinge import Hands, order
-from twind_drivers.virtual.history import History
-from twind_drivers.virtual.servos import Servos
+from twind_drivers.virtual.hinge import ShaftGrip, order
+from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.virtual_servos import VirtualServos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
 
@@ -12,9 +12,9 @@ NEVER = 1e18  # s: the end of a boot that waits for power
 class ServoFaults:
     """Faults of servos; unless named otherwise they outlast `clear`, as a servo's state does."""
 
-    def __init__(self, bus: str, servos: Servos) -> None:
+    def __init__(self, bus: str, servos: VirtualServos) -> None:
         self._bus, self._servos = bus, servos
-        self.hands = Hands(servos.hinges, servos.power.turn, servos.power.encoder, servos.grip)
+        self.hands = ShaftGrip(servos.hinges, servos.power.turn, servos.power.encoder, servos.grip)
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one servo or (None) of all: it hears and says nothing, keeps its power.
@@ -110,7 +110,7 @@ class ServoFaults:
 
         No fault, but ordered like one. Raises ValueError outside 0..100,000.
         """
-        self._servos.history = History(len(self._servos.tripped), count) if count else None
+        self._servos.history = ReadingHistory(len(self._servos.tripped), count) if count else None
 
     def rows(self, id: int) -> list[int]:
         """Places of the servos with this id. Raises KeyError that names the ids there are."""

@@ -3,10 +3,10 @@
 import math
 from typing import Any
 
-from twind_drivers.virtual.servos import Servos
+from twind_drivers.virtual.virtual_servos import VirtualServos
 
 
-def truth(servos: Servos, now: float) -> list[dict[str, Any]]:
+def truth(servos: VirtualServos, now: float) -> list[dict[str, Any]]:
     """One dict per servo, in rows, as of `now` (s, the servos' own clock).
 
     position and goal in the register's frame (position unrounded), encoder in continuous ticks, velocity raw,

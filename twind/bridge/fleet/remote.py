@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import VARIABLE, Place, here, leave, missing, named, open_now
+from twind.bridge.zenoh.zenoh_session import VARIABLE, NetworkConfig, here, leave, missing, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -18,17 +18,17 @@ JOINING, BESIDE = 3.0, 0.3  # s that joining a network may take; one of this mac
 NAME_IT = f"the network is named by --remote ROBOT@tcp/HOST:PORT or {VARIABLE}"
 
 
-def joining(place: Place) -> float:
+def joining(place: NetworkConfig) -> float:
     """s that joining it may take: where nobody answers on this machine, nobody will."""
     beside = place.connect and all(here(each) for each in place.connect)
     return BESIDE if beside else JOINING
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class PrivateSession:
     """A session for one line alone."""
 
-    place: Place
+    place: NetworkConfig
 
     @property
     def where(self) -> str:
@@ -48,7 +48,7 @@ class Own:
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
+class SharedSession:
     """A session that many lines use, each with a queue of its own; who opened it ends it."""
 
     session: zenoh.Session
@@ -62,14 +62,14 @@ class Shared:
         """Others use it."""
 
 
-def client(robot: str, way: Own | Shared, timeout: float = TIMEOUT) -> Client:
+def client(robot: str, way: PrivateSession | SharedSession, timeout: float = TIMEOUT) -> Client:
     """A connection to `robot`, made at its first call. Raises UsageError: no name of a robot."""
     try:
-        from twind.bridge.fleet.line import FarLine
+        from twind.bridge.fleet.zenoh_line import ZenohClientLine
     except ImportError:
         raise UsageError(missing()) from None
     try:
-        return Client(line=FarLine(robot, way), timeout=timeout)
+        return Client(line=ZenohClientLine(robot, way), timeout=timeout)
     except ValueError as error:
         raise UsageError(str(error)) from None
 
@@ -79,4 +79,4 @@ def remote(text: str) -> Client:
     robot, at, place = text.partition("@")
     if at and not place:
         raise UsageError(f"--remote {text}: expected ROBOT or ROBOT@tcp/HOST:PORT")
-    return client(robot, Own(named(place or os.environ.get(VARIABLE, ""))))
+    return client(robot, PrivateSession(named(place or os.environ.get(VARIABLE, ""))))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from twind.bridge.ros.launcher import fault, installed
+from twind.bridge.ros.rclpy_launcher import fault, installed
 from twind.ctl.verb import UsageError
 
 DDS = "dds"

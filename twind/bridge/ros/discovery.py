@@ -21,7 +21,7 @@ class DiscoveryError(ValueError):
     """A variable or option that says nothing usable. The text names it, its value and what is allowed."""
 
 
-class Range(Enum):
+class DiscoveryRange(Enum):
     """How far nodes are looked for, as ROS_AUTOMATIC_DISCOVERY_RANGE has it."""
 
     OFF = "OFF"  # nobody: no packet leaves
@@ -31,11 +31,11 @@ class Range(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Discovery:
+class DiscoverySettings:
     """What a back end has to know of the graph."""
 
     domain: int = 0  # ROS_DOMAIN_ID, 0..232
-    range: Range = Range.LOCALHOST
+    range: DiscoveryRange = DiscoveryRange.LOCALHOST
     peers: tuple[str, ...] = ()  # addresses or names of other machines, asked by unicast
     distro: str = DISTRO  # of the peers: it decides what their graph messages look like
 
@@ -47,12 +47,12 @@ class Discovery:
     @property
     def local(self) -> bool:
         """Nothing leaves this machine."""
-        return self.range is Range.OFF or (self.range is Range.LOCALHOST and not self.peers)
+        return self.range is DiscoveryRange.OFF or (self.range is DiscoveryRange.LOCALHOST and not self.peers)
 
 
 def discovery(
     environment: Mapping[str, str], *, domain: int | None = None, distro: str | None = None
-) -> Discovery:
+) -> DiscoverySettings:
     """From an environment; `domain` and `distro` are options that come before it. Raises DiscoveryError."""
     number = _domain(environment.get("ROS_DOMAIN_ID", "")) if domain is None else domain
     if not 0 <= number <= LAST_DOMAIN:
@@ -61,8 +61,10 @@ def discovery(
     if _DISTRO.fullmatch(name) is None:
         raise DiscoveryError(f"ROS_DISTRO={name!r}: expected the name of a distribution, such as {DISTRO}")
     if _localhost_only(environment.get("ROS_LOCALHOST_ONLY", "")):
-        return Discovery(number, Range.LOCALHOST, (), name)  # as in ROS: the other two do not count then
-    return Discovery(number, _range(environment), _peers(environment), name)
+        return DiscoverySettings(
+            number, DiscoveryRange.LOCALHOST, (), name
+        )  # as in ROS: the other two do not count then
+    return DiscoverySettings(number, _range(environment), _peers(environment), name)
 
 
 def _domain(text: str) -> int:
@@ -79,12 +81,12 @@ def _localhost_only(text: str) -> bool:
     return text == "1"
 
 
-def _range(environment: Mapping[str, str]) -> Range:
-    text = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or Range.LOCALHOST.value
+def _range(environment: Mapping[str, str]) -> DiscoveryRange:
+    text = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or DiscoveryRange.LOCALHOST.value
     try:
-        return Range(text)
+        return DiscoveryRange(text)
     except ValueError:
-        known = ", ".join(each.value for each in Range)
+        known = ", ".join(each.value for each in DiscoveryRange)
         raise DiscoveryError(f"ROS_AUTOMATIC_DISCOVERY_RANGE={text!r}: must be one of {known}") from None
 
 

@@ -6,12 +6,12 @@ import argparse
 import os
 from collections.abc import Sequence
 
-from twind.bridge.ros.course import Course
 from twind.bridge.ros.discovery import discovery
-from twind.bridge.ros.rclpy_node import Rclpy, check
-from twind.bridge.ros.transport import TransportError
-from twind.bridge.ros.verb import tell
-from twind.ctl.stopping import told_to_stop
+from twind.bridge.ros.rclpy_node import RclpyTransport, check
+from twind.bridge.ros.ros_bridge import RosBridge
+from twind.bridge.ros.ros_command import tell
+from twind.bridge.ros.ros_transport import TransportError
+from twind.ctl.stop_signals import told_to_stop
 
 
 def main(words: Sequence[str]) -> int:
@@ -25,9 +25,9 @@ def main(words: Sequence[str]) -> int:
     options = parser.parse_args(words)
     if options.check:
         return _checked()
-    node = Rclpy(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
+    node = RclpyTransport(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
     with told_to_stop() as stop:
-        course = Course(
+        course = RosBridge(
             node,
             sockets=options.socket,
             rate=options.rate,

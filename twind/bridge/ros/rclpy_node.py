@@ -22,10 +22,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, Service, Topic
-from twind.bridge.ros.rclpy_follow import Follow, Goals
-from twind.bridge.ros.transport import Asked, Heard, TransportError
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
+from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
+from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
 from twind.ros import STRING, decode
 
 WAKE = 0.25  # s after which the node's thread looks whether it is to end
@@ -45,7 +45,7 @@ def message_type(kind: str) -> Any:
         raise TransportError(f"rclpy: no {kind} ({error}); {remedy}") from None
 
 
-def _kinds(topics: Sequence[Topic], services: Sequence[Service]) -> set[str]:
+def _kinds(topics: Sequence[RosTopic], services: Sequence[RosService]) -> set[str]:
     return {topic.kind for topic in topics} | {service.kind for service in services}
 
 
@@ -58,7 +58,7 @@ def check() -> None:
         message_type(kind)
 
 
-def quality(topic: Topic) -> Any:
+def quality(topic: RosTopic) -> Any:
     """The QoSProfile of a topic."""
     return QoSProfile(
         depth=topic.depth,
@@ -68,18 +68,22 @@ def quality(topic: Topic) -> Any:
     )
 
 
-class Rclpy:
+class RclpyTransport:
     """A Transport. `goals`: who takes the goals of an action, set before `open`; None: no action."""
 
     refuses = ""
 
-    def __init__(self, found: Discovery, tell: Callable[[str], None], *, sockets: str | None = None) -> None:
+    def __init__(
+        self, found: DiscoverySettings, tell: Callable[[str], None], *, sockets: str | None = None
+    ) -> None:
         """`sockets`: of the daemon, for what a goal's client is told while it runs."""
         self._discovery, self._tell, self._sockets = found, tell, sockets
-        self.goals: Goals | None = None
+        self.goals: GoalConsumer | None = None
         self._graph: _Graph | None = None
 
-    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+    def open(
+        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+    ) -> None:
         """Join the graph with these endpoints. Raises TransportError."""
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
         read = sum(not topic.out for topic in topics)
@@ -96,7 +100,7 @@ class Rclpy:
             raise TransportError(f"rclpy: {error}") from None
         self._graph = graph
 
-    def publish(self, topic: Topic, data: bytes) -> None:
+    def publish(self, topic: RosTopic, data: bytes) -> None:
         """Send CDR bytes. How long a reader may hold this up is the middleware's. Raises TransportError."""
         graph = self._graph
         if graph is None or not graph.alive:
@@ -133,14 +137,14 @@ class _Graph:
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
         self.publishers: dict[str, Any] = {}
         self.mode: ModeParameter | None = None
-        self._follow: Follow | None = None
+        self._follow: TrajectoryActionServer | None = None
 
     @property
     def alive(self) -> bool:
         """Callbacks are served, and messages go out."""
         return self._thread.is_alive() and bool(self._context.ok())
 
-    def add(self, topic: Topic, kind: Any, heard: Heard) -> None:
+    def add(self, topic: RosTopic, kind: Any, heard: Heard) -> None:
         """Write or read a topic, its bytes as they are on the wire.
 
         What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
@@ -153,7 +157,7 @@ class _Graph:
         group = MutuallyExclusiveCallbackGroup()
         self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
 
-    def serve(self, service: Service, kind: Any, asked: Asked) -> None:
+    def serve(self, service: RosService, kind: Any, asked: Asked) -> None:
         """Answer a service. Each has a group: none waits for another, none takes more than one thread."""
 
         def answer(request: Any, response: Any) -> Any:
@@ -167,11 +171,11 @@ class _Graph:
         group = MutuallyExclusiveCallbackGroup()
         self.node.create_service(kind, service.name, answer, callback_group=group)
 
-    def begin(self, mode: ModeParameter, goals: Goals | None, sockets: str | None) -> None:
+    def begin(self, mode: ModeParameter, goals: GoalConsumer | None, sockets: str | None) -> None:
         """Parameter and action, and callbacks from now on."""
         self.mode = mode
         if goals is not None:
-            self._follow = Follow.offered(self.node, goals, sockets, self._tell)
+            self._follow = TrajectoryActionServer.offered(self.node, goals, sockets, self._tell)
         self._executor.add_node(self.node)
         self._thread.start()
 
@@ -209,7 +213,7 @@ class _Graph:
 class ModeParameter:
     """The parameter `mode`: says which mode the daemon is in; whoever sets it asks the daemon for another."""
 
-    def __init__(self, node: Any, asked: Asked, offered: Collection[Service]) -> None:
+    def __init__(self, node: Any, asked: Asked, offered: Collection[RosService]) -> None:
         """`offered`: services that are served; a mode without one cannot be asked for here either."""
         self._node, self._asked, self._offered = node, asked, offered
         self._mode, self._following = UNKNOWN, False

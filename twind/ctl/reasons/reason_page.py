@@ -7,12 +7,12 @@ from pathlib import Path
 from twind.ctl.reasons.reason_text import ReasonText
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 TABLES = {"request codes": REQUEST_CODES, "runtime codes": RUNTIME_CODES}
 
 
-def rows(codes: Mapping[Code, ReasonText]) -> str:
+def rows(codes: Mapping[ReasonCode, ReasonText]) -> str:
     """One table in Markdown, in alphabetical order."""
     lines = ["| code | effect | cause | remedy |", "|---|---|---|---|"]
     for code in sorted(codes):

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from twind.learn.asked import command_in
-from twind.learn.batch.core import Core
-from twind.learn.batch.vector import spaces_of
+from twind.learn.action_shaping import ActionShaping
+from twind.learn.batch.batch_core import BatchCore
+from twind.learn.batch.vector_env import spaces_of
 from twind.learn.observation import Observations
-from twind.learn.shaping import Shaping
+from twind.learn.reset_options import command_in
 from twind.robot.arrays import Bools
 
 Info = dict[str, Any]
@@ -33,12 +33,12 @@ class BatchVecEnv(VecEnv):
         robot: str = "h24",
         render_mode: str | None = None,
         randomise: str | None = None,
-        shaping: Shaping | None = None,
+        shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
         threads: int | None = None,
     ) -> None:
         """As `Core`. `render_mode`: None or "rgb_array"."""
-        self.core = core = Core(
+        self.core = core = BatchCore(
             task,
             count,
             robot=robot,

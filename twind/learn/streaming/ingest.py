@@ -9,8 +9,8 @@ import json
 import sys
 from pathlib import Path
 
-from twind.ctl.progress import Progress
-from twind.ctl.stopping import told_to_stop
+from twind.ctl.progress import ProgressLine
+from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 LISTEN = "127.0.0.1:8000"
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Until told to stop; 0."""
-    from twind.learn.streaming.ingesting import Faults, Server, Store, address
+    from twind.learn.streaming.ingest_server import IngestFaults, IngestServer, IngestStore, address
 
     if not (0.0 <= options.fail <= 1.0 and 0.0 <= options.refuse <= 1.0 and 0.0 <= options.slow <= 3600.0):
         raise UsageError("--fail and --refuse are shares from 0 to 1, --slow are seconds from 0 to 3600")
@@ -60,11 +60,13 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise UsageError(f"--listen {options.listen}: {error}") from None
     try:
-        store = Store(options.out)
-        server = Server(where, store, Faults(options.fail, options.refuse, options.slow, options.seed))
+        store = IngestStore(options.out)
+        server = IngestServer(
+            where, store, IngestFaults(options.fail, options.refuse, options.slow, options.seed)
+        )
     except OSError as error:
         raise Rejected(f"{options.listen}, {options.out}: {error.strerror or error}") from None
-    with told_to_stop() as stop, store, Progress(options, "ingest") as progress:
+    with told_to_stop() as stop, store, ProgressLine(options, "ingest") as progress:
         server.start()
         if not options.json:
             print(f"ingest    {server.url} into {options.out}", flush=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from twind.learn.streaming.samples import Message
+from twind.learn.streaming.stream_samples import PostMessage
 
 FILE, LOCK, BROKEN = "spool.sqlite", "lock", "spool.sqlite.broken"
 # `reason`: of a dead letter. `run`, `made`: which run of ours wrote it, at which monotonic time of that run.
@@ -33,12 +33,12 @@ CREATE TABLE IF NOT EXISTS tally (stream TEXT NOT NULL, run INTEGER NOT NULL, se
 KEPT = "sequence, headers, samples, reason, wall, body"
 
 
-class SpoolHeld(Exception):
+class SpoolInUse(Exception):
     """Another process streams from this folder."""
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class SpoolLimits:
     """What a spool may keep, dead letters included: the oldest goes first."""
 
     bytes: int  # of bodies; the file is larger by a few per cent and its journal of 4 MB
@@ -46,7 +46,7 @@ class Bounds:
 
 
 @dataclass(slots=True)
-class Tally:
+class SpoolCounts:
     """Messages: all that were = sent + dropped + waiting + dead. Replaced as a whole, never changed."""
 
     stream: str = ""
@@ -58,11 +58,11 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class SpooledMessage:
     """A message of the spool. `wall`: when it was appended, s since 1970; `reason`: why it is dead."""
 
     sequence: int
-    message: Message
+    message: PostMessage
     reason: str | None
     wall: float
 
@@ -70,13 +70,13 @@ class Kept:
 class Spool:
     """A folder of one process, for several threads. Each call waits for the disk and raises sqlite3.Error."""
 
-    def __init__(self, folder: Path, bounds: Bounds, now: float, wall: float) -> None:
+    def __init__(self, folder: Path, bounds: SpoolLimits, now: float, wall: float) -> None:
         """Raises SpoolHeld, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
         self.folder, self._bounds = folder, bounds
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._held = _hold(folder / LOCK)
         self._lock = threading.Lock()
-        self.set_aside, self.tally = "", Tally()
+        self.set_aside, self.tally = "", SpoolCounts()
         try:
             try:
                 self._open()
@@ -104,7 +104,7 @@ class Spool:
         dead, bodies = self._rows("SELECT count(reason), coalesce(sum(length(body)), 0) FROM message")[0]
         stream, sent, dropped = self._rows("SELECT stream, sent, dropped FROM tally")[0]
         waiting = int(self._one("SELECT count(*) FROM message WHERE reason IS NULL"))
-        self.tally = Tally(stream, sent, dropped, waiting, dead, bodies)
+        self.tally = SpoolCounts(stream, sent, dropped, waiting, dead, bodies)
 
     def __enter__(self) -> "Spool":
         return self
@@ -122,7 +122,7 @@ class Spool:
 
     # ------------------------------------------------------------------------------------------ in and out
 
-    def append(self, message: Message, now: float, wall: float, lost: int = 0) -> int:
+    def append(self, message: PostMessage, now: float, wall: float, lost: int = 0) -> int:
         """Its sequence number, once it is on the disk. `lost`: messages before it that never got here."""
         row = (self._run, now, wall, json.dumps(dict(message.headers)), message.samples, message.body)
         with self._lock, self._all_or_nothing(synced=True) as changed:
@@ -136,7 +136,7 @@ class Spool:
         assert found.lastrowid is not None
         return found.lastrowid
 
-    def oldest(self, after: int = 0) -> Kept | None:
+    def oldest(self, after: int = 0) -> SpooledMessage | None:
         """The first that waits behind sequence number `after`."""
         with self._lock:
             found = self._base.execute(
@@ -175,7 +175,7 @@ class Spool:
 
     # ------------------------------------------------------------------------------------------ inside
 
-    def _drop_old(self, changed: Tally, now: float, wall: float) -> None:
+    def _drop_old(self, changed: SpoolCounts, now: float, wall: float) -> None:
         """Of this run by the monotonic clock: a wall clock that is set drops nothing of it."""
         while True:
             first = self._rows("SELECT sequence, run, made, wall FROM message ORDER BY sequence LIMIT 1")
@@ -187,7 +187,7 @@ class Spool:
                 return
             changed.dropped += self._take_away(changed, sequence)
 
-    def _take_away(self, changed: Tally, sequence: int) -> bool:
+    def _take_away(self, changed: SpoolCounts, sequence: int) -> bool:
         """It was there."""
         found = self._rows("SELECT length(body), reason IS NULL FROM message WHERE sequence = ?", (sequence,))
         if not found:
@@ -200,7 +200,7 @@ class Spool:
         return True
 
     @contextmanager
-    def _all_or_nothing(self, *, synced: bool = False) -> Iterator[Tally]:
+    def _all_or_nothing(self, *, synced: bool = False) -> Iterator[SpoolCounts]:
         """A transaction, and the tally after it; where it fails all is as it was."""
         self._base.execute(f"PRAGMA synchronous={'FULL' if synced else 'NORMAL'}")
         was, changed = self.tally, replace(self.tally)
@@ -223,7 +223,7 @@ class Spool:
         return self._base.execute(query).fetchone()[0]
 
 
-def dead_letters(folder: Path) -> list[Kept]:
+def dead_letters(folder: Path) -> list[SpooledMessage]:
     """Those of a spool, whoever streams from it. Raises sqlite3.Error where there is none."""
     base = sqlite3.connect(f"{(folder / FILE).absolute().as_uri()}?mode=ro", uri=True)
     try:
@@ -233,9 +233,9 @@ def dead_letters(folder: Path) -> list[Kept]:
         base.close()
 
 
-def _kept(row: tuple[int, str, int, str | None, float, bytes]) -> Kept:
+def _kept(row: tuple[int, str, int, str | None, float, bytes]) -> SpooledMessage:
     sequence, headers, samples, reason, wall, body = row
-    return Kept(sequence, Message(body, json.loads(headers), samples), reason, wall)
+    return SpooledMessage(sequence, PostMessage(body, json.loads(headers), samples), reason, wall)
 
 
 def _hold(path: Path) -> int:
@@ -246,7 +246,7 @@ def _hold(path: Path) -> int:
     except BlockingIOError:
         holder = os.read(held, 32).decode(errors="replace").strip()
         os.close(held)
-        raise SpoolHeld(
+        raise SpoolInUse(
             f"{path.parent}: process {holder or '?'} streams from it; end that, or name another with --spool"
         ) from None
     os.ftruncate(held, 0)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.batch.core import Core
-from twind.learn.training.settings import Settings
+from twind.learn.batch.batch_core import BatchCore
+from twind.learn.training.training_settings import TrainingSettings
 
 FIRST_SEED = (
     1_000_000  # training takes seeds drawn from all 32 bits: that these come up is one in a thousand runs
@@ -21,7 +21,7 @@ Act = Callable[[Rows], Rows]
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class EvaluationScore:
     """Of the episodes of one evaluation. Means over episodes."""
 
     returns: float  # sum of rewards of an episode
@@ -38,23 +38,23 @@ class Score:
         return asdict(self)
 
 
-class Trials:
+class EvaluationEnvs:
     """The simulations of an evaluation, kept from one to the next."""
 
     def __init__(
-        self, settings: Settings, *, episodes: int | None = None, first_seed: int = FIRST_SEED
+        self, settings: TrainingSettings, *, episodes: int | None = None, first_seed: int = FIRST_SEED
     ) -> None:
         """As the training has them, but `episodes` of them: one each. Raises what `Core` does."""
         count = episodes or settings.episodes
-        self.core = Core(settings.task, count, robot=settings.robot, randomise=settings.profile)
+        self.core = BatchCore(settings.task, count, robot=settings.robot, randomise=settings.profile)
         self._seeds = [first_seed + place for place in range(count)]
 
-    def zero(self) -> Score:
+    def zero(self) -> EvaluationScore:
         """Of the policy that does nothing."""
         action = np.zeros((self.core.count, self.core.joints), np.float32)
         return self.judge(lambda _: action)
 
-    def judge(self, act: Act) -> Score:
+    def judge(self, act: Act) -> EvaluationScore:
         """`act`: observations (k, N) -> actions (k, n). The same `act` gives the same score, to the bit."""
         core, count = self.core, self.core.count
         core.seed(self._seeds)
@@ -74,7 +74,7 @@ class Trials:
             lengths[runs] += 1.0
             fallen |= step.fallen & runs
             runs &= ~(step.fallen | step.truncated)
-        return Score(
+        return EvaluationScore(
             returns=float(returns.mean()),
             deviation=float(returns.std()),
             length=float(lengths.mean()),
@@ -86,6 +86,6 @@ class Trials:
         )
 
 
-def told_score(data: Mapping[str, Any]) -> Score:
+def told_score(data: Mapping[str, Any]) -> EvaluationScore:
     """As a run's file has it. Raises TypeError: it is none."""
-    return Score(**data)
+    return EvaluationScore(**data)

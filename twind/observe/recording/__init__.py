@@ -1,5 +1,5 @@
 """Recordings as columns of numbers: .mcap and .flight files. Reads files alone."""
 
-from twind.observe.recording.columns import Recording, open_recording
+from twind.observe.recording.recording_columns import RobotRecording, open_recording
 
-__all__ = ["Recording", "open_recording"]
+__all__ = ["RobotRecording", "open_recording"]

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 
-class Block(NamedTuple):
+class JointStateBlock(NamedTuple):
     """Messages of one layout: times (k,) in ns; position, velocity, effort, each (k, n) or None."""
 
     names: tuple[str, ...]
@@ -28,7 +28,7 @@ class JointRows:
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
         self.times: Times = np.zeros(0, np.int64)
-        self._blocks: list[Block] = []
+        self._blocks: list[JointStateBlock] = []
         self._layout: JointStateLayout | None = None
         self._times: list[int] = []
         self._data: list[bytes] = []
@@ -65,7 +65,7 @@ class JointRows:
         layout, count = self._layout, len(self._data)
         raw = np.frombuffer(b"".join(self._data), np.uint8).reshape(count, layout.size)
         columns = tuple(_column(raw, first, many, len(layout.names)) for first, many in layout.columns)
-        self._blocks.append(Block(layout.names, np.array(self._times, np.int64), columns))
+        self._blocks.append(JointStateBlock(layout.names, np.array(self._times, np.int64), columns))
         self._times, self._data = [], []
 
 

@@ -19,7 +19,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _ATTACHMENT, _METADATA = 1, 2, 3, 4, 5, 6, 9, 12
 
 
-class Message(NamedTuple):
+class McapMessage(NamedTuple):
     """One message. Times in ns."""
 
     channel: int
@@ -30,7 +30,7 @@ class Message(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Schema:
+class McapSchema:
     """What the messages of a channel are."""
 
     name: str
@@ -39,7 +39,7 @@ class Schema:
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class McapChannel:
     """Where messages come from. `schema` is its number, 0: none."""
 
     topic: str
@@ -49,7 +49,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Attachment:
+class McapAttachment:
     """A file in the file. Times in ns."""
 
     name: str
@@ -60,7 +60,7 @@ class Attachment:
 
 
 @dataclass(frozen=True, slots=True)
-class Metadata:
+class McapMetadata:
     """Words by name."""
 
     name: str
@@ -74,7 +74,7 @@ class NotMcap(Exception):
         super().__init__(f"{path}: is no MCAP file: it does not begin with the bytes of one")
 
 
-class McapFile:
+class McapScanner:
     """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
 
     After the pass: `cut`, why and where it ended too early (empty: it is whole), `kept` bytes up to there,
@@ -85,12 +85,12 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, os.stat(path).st_size
         self.profile = self.library = self.cut = ""
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, McapSchema] = {}
+        self.channels: dict[int, McapChannel] = {}
         self.kept = self.damaged = 0
         self.indexed = False
 
-    def contents(self) -> Iterator[Message | Attachment | Metadata]:
+    def contents(self) -> Iterator[McapMessage | McapAttachment | McapMetadata]:
         """All that is whole, in the order of the file. Raises NotMcap, OSError."""
         with open(self.path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -126,41 +126,41 @@ class McapFile:
                 continue
             yield code, file.read(length)
 
-    def _record(self, code: int, data: bytes) -> Iterator[Message | Attachment | Metadata]:
+    def _record(self, code: int, data: bytes) -> Iterator[McapMessage | McapAttachment | McapMetadata]:
         if code == _CHUNK:
             yield from self._chunk(data)
         elif code == _MESSAGE_CODE:
             yield _message(data, 0, len(data))
         elif code == _METADATA:
-            source = _Source(data)
-            yield Metadata(source.text(), source.table())
+            source = _RecordFields(data)
+            yield McapMetadata(source.text(), source.table())
         elif code == _ATTACHMENT:
-            source = _Source(data)
+            source = _RecordFields(data)
             log_time, create_time = source.numbers("QQ")
             name, media_type, (size,) = source.text(), source.text(), source.numbers("Q")
-            yield Attachment(name, media_type, log_time, create_time, source.bytes(size))
+            yield McapAttachment(name, media_type, log_time, create_time, source.bytes(size))
         elif code == _HEADER:
-            source = _Source(data)
+            source = _RecordFields(data)
             self.profile, self.library = source.text(), source.text()
         elif code == _FOOTER:
-            start, *_ = _Source(data).numbers("QQI")
+            start, *_ = _RecordFields(data).numbers("QQI")
             self.indexed = start > 0
         else:
             self._described(code, data)
 
     def _described(self, code: int, data: bytes) -> None:
-        source = _Source(data)
+        source = _RecordFields(data)
         if code == _SCHEMA:
             (number,) = source.numbers("H")
             name, encoding, (size,) = source.text(), source.text(), source.numbers("I")
-            self.schemas[number] = Schema(name, encoding, source.bytes(size))
+            self.schemas[number] = McapSchema(name, encoding, source.bytes(size))
         elif code == _CHANNEL:
             number, schema = source.numbers("HH")
             topic, encoding = source.text(), source.text()
-            self.channels[number] = Channel(topic, encoding, schema, source.table())
+            self.channels[number] = McapChannel(topic, encoding, schema, source.table())
 
-    def _chunk(self, data: bytes) -> Iterator[Message]:
-        source = _Source(data)
+    def _chunk(self, data: bytes) -> Iterator[McapMessage]:
+        source = _RecordFields(data)
         *_, size, crc = source.numbers("QQQI")
         compression, (length,) = source.text(), source.numbers("Q")
         records = _unpacked(compression, source.bytes(length), size)
@@ -178,9 +178,9 @@ class McapFile:
             at += length
 
 
-def _message(data: bytes, at: int, end: int) -> Message:
+def _message(data: bytes, at: int, end: int) -> McapMessage:
     channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
-    return Message(channel, sequence, log_time, publish_time, data[at + _MESSAGE.size : end])
+    return McapMessage(channel, sequence, log_time, publish_time, data[at + _MESSAGE.size : end])
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
@@ -207,7 +207,7 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
     return data if compression == "" else None
 
 
-class _Source:
+class _RecordFields:
     """Fields of a record. Raises struct.error where they end too early."""
 
     def __init__(self, data: bytes) -> None:

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any
 
-from twind_drivers.can.units import COUNT, EFFORT
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.shaft import Shaft, Watch
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.can.can_units import COUNT, EFFORT
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_motors import CanMotors
+from twind_drivers.virtual.can.node_shaft import NodeShaft, NodeWatchdog
+from twind_drivers.virtual.can.node_spec import NodeSpec
 
 BOOT = 0.3  # s from power to the first frame (assumed)
 NOMINAL, AMBIENT = 48.0, 25.0  # V, °C
@@ -20,12 +20,12 @@ HEAT, LOW, HIGH = "heat", "low", "high"
 COMMON = ("hottest", "lowest", "highest", "boot")  # settings that are no register
 
 
-class Node:
+class VirtualCanNode:
     """One actuator. Times are s of the bus; a family's class says what its frames mean."""
 
-    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+    def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         self.spec, self.row, self.id = spec, row, spec.id
-        self.motors, self.shaft, self.watch = motors, Shaft(row, motors), Watch(now)
+        self.motors, self.shaft, self.watch = motors, NodeShaft(row, motors), NodeWatchdog(now)
         self.spans = (spec.position, spec.velocity, spec.torque)
         self.powered, self.boots_at = True, inf
         self.silenced = False  # its connector is pulled
@@ -34,7 +34,7 @@ class Node:
 
     # ------------------------------------------------------------------------------- what a family says
 
-    def obey(self, message: Message, now: float) -> Sequence[Message]:
+    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """What it says to a frame, after its effect. Frames for others give nothing."""
         raise NotImplementedError
 
@@ -53,11 +53,11 @@ class Node:
         """When it says something by itself, s; `inf`: never."""
         return inf
 
-    def beat(self, now: float) -> Sequence[Message]:
+    def beat(self, now: float) -> Sequence[CanMessage]:
         """What it says by itself, when `next_beat` has come."""
         return ()
 
-    def expire(self, now: float) -> Sequence[Message]:
+    def expire(self, now: float) -> Sequence[CanMessage]:
         """Its watchdog has expired: torque off. A family adds what it says of it."""
         self.watch.trip(now)
         self.shaft.disable()
@@ -80,7 +80,7 @@ class Node:
             self.shaft.enable()
             self.watch.tripped = False
 
-    def damage(self, bits: int) -> Sequence[Message]:
+    def damage(self, bits: int) -> Sequence[CanMessage]:
         """A fault in the vendor's code: torque off until it is cleared. What it says of it by itself."""
         self.fault |= bits
         self.shaft.disable()

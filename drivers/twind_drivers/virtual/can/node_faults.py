@@ -4,15 +4,15 @@ import struct
 from collections.abc import Mapping
 from math import inf, tau
 
+from twind_drivers.can.can_units import COUNT
 from twind_drivers.can.frame import EXTENDED
-from twind_drivers.can.units import COUNT
-from twind_drivers.virtual.can.controller import Controller
-from twind_drivers.virtual.can.damiao import Damiao
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.node import Node
-from twind_drivers.virtual.can.nodes import Nodes
-from twind_drivers.virtual.hinge import Hands, order
-from twind_drivers.virtual.history import History
+from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.node import VirtualCanNode
+from twind_drivers.virtual.can.nodes import VirtualCanNodes
+from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
+from twind_drivers.virtual.hinge import ShaftGrip, order
+from twind_drivers.virtual.reading_history import ReadingHistory
 
 EVERY = 0.01  # s between two commands of another master
 
@@ -20,12 +20,12 @@ EVERY = 0.01  # s between two commands of another master
 class NodeFaults:
     """Faults of nodes; unless named otherwise they outlast `clear`, as a node's state does."""
 
-    def __init__(self, bus: str, nodes: Nodes, controller: Controller) -> None:
+    def __init__(self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController) -> None:
         self._bus, self._nodes, self._wire = bus, nodes, controller
         self.now = 0.0  # s, kept by the bus
-        self.history: History | None = None
+        self.history: ReadingHistory | None = None
         hinges = [node.spec.hinge for node in nodes.each]
-        self.hands = Hands(hinges, [tau] * len(hinges), self._place, nodes.motors.grip)
+        self.hands = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.grip)
         self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
@@ -91,7 +91,7 @@ class NodeFaults:
         if not min(position, velocity, torque) > 0.0:
             raise ValueError(f"ranges: {position} rad, {velocity} rad/s, {torque} N·m: all are above 0")
         for node in self._some(id):
-            if isinstance(node, Damiao):
+            if isinstance(node, VirtualDamiao):
                 node.rescale(position, velocity, torque)
             else:
                 node.spans = (position, velocity, torque)
@@ -162,7 +162,7 @@ class NodeFaults:
 
     def record(self, count: int) -> None:
         """Keep the last `count` places, in counts; 0: none. Raises ValueError outside 0..100,000."""
-        self.history = History(len(self._nodes.each), count) if count else None
+        self.history = ReadingHistory(len(self._nodes.each), count) if count else None
 
     def rows(self, id: int) -> list[int]:
         """Rows of the nodes with this id. Raises KeyError that names the ids there are."""
@@ -184,7 +184,7 @@ class NodeFaults:
         """When the other master speaks next, s."""
         return min(self.masters.values(), default=inf)
 
-    def commands(self, now: float) -> list[Message]:
+    def commands(self, now: float) -> list[CanMessage]:
         """What it says by then."""
         said = []
         for row, at in list(self.masters.items()):
@@ -196,7 +196,7 @@ class NodeFaults:
     def _place(self, row: int, count: float) -> float:
         return count * COUNT + self._nodes.each[row].shaft.zero
 
-    def _some(self, id: int | None) -> list[Node]:
+    def _some(self, id: int | None) -> list[VirtualCanNode]:
         each = self._nodes.each
         return list(each) if id is None else [each[row] for row in self.rows(id)]
 
@@ -205,11 +205,11 @@ class NodeFaults:
         self._wire.changed()
 
 
-def _limp(node: Node) -> Message:
+def _limp(node: VirtualCanNode) -> CanMessage:
     """A command without torque, as each family has it."""
     family = node.spec.spoken()
     if family == "robstride":
-        return Message(EXTENDED | 1 << 24 | 0x7FFF << 8 | node.id, bytes.fromhex("7FFF7FFF00000000"))
+        return CanMessage(EXTENDED | 1 << 24 | 0x7FFF << 8 | node.id, bytes.fromhex("7FFF7FFF00000000"))
     if family == "odrive":
-        return Message(node.id << 5 | 0x0E, struct.pack("<f", 0.0))
-    return Message(node.id, bytes.fromhex("7FFF7FF0000007FF"))
+        return CanMessage(node.id << 5 | 0x0E, struct.pack("<f", 0.0))
+    return CanMessage(node.id, bytes.fromhex("7FFF7FF0000007FF"))

@@ -4,38 +4,38 @@ from collections.abc import Callable, Sequence
 from math import inf
 
 from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
-from twind_drivers.virtual.can.cubemars import CubeMars
-from twind_drivers.virtual.can.damiao import Damiao
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.muscles import CanMuscles
-from twind_drivers.virtual.can.node import BOOT, Node
-from twind_drivers.virtual.can.odrive import ODrive
-from twind_drivers.virtual.can.robstride import RobStride
-from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
+from twind_drivers.virtual.can.can_motors import CanMotors
+from twind_drivers.virtual.can.node import BOOT, VirtualCanNode
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_cubemars import VirtualCubeMars
+from twind_drivers.virtual.can.virtual_damiao import VirtualDamiao
+from twind_drivers.virtual.can.virtual_odrive import VirtualODrive
+from twind_drivers.virtual.can.virtual_robstride import VirtualRobStride
 
-KINDS: dict[str, type[Node]] = {
-    "damiao": Damiao,
-    "cubemars": CubeMars,
-    "robstride": RobStride,
-    "odrive": ODrive,
+KINDS: dict[str, type[VirtualCanNode]] = {
+    "damiao": VirtualDamiao,
+    "cubemars": VirtualCubeMars,
+    "robstride": VirtualRobStride,
+    "odrive": VirtualODrive,
 }
 
 
-class Nodes:
+class VirtualCanNodes:
     """m nodes, in rows. `say(row, message, now)` takes what they send."""
 
     def __init__(
         self,
         specs: Sequence[NodeSpec],
-        muscles: CanMuscles,
+        muscles: CanMotorPhysics,
         now: float,
-        say: Callable[[int, Message, float], None],
+        say: Callable[[int, CanMessage, float], None],
     ) -> None:
         """Raises ValueError for a node that cannot be simulated."""
-        self.motors = Motors(muscles, [spec.torque for spec in specs], now)
+        self.motors = CanMotors(muscles, [spec.torque for spec in specs], now)
         self._say = say
-        self.each: list[Node] = [
+        self.each: list[VirtualCanNode] = [
             KINDS[spec.spoken()](spec, row, self.motors, now) for row, spec in enumerate(specs)
         ]
         self.twins: set[int] = set()  # rows beside which a second node with the same id answers
@@ -50,7 +50,7 @@ class Nodes:
             self._look(row)
         self._sum()
 
-    def hear(self, message: Message, now: float, but: int) -> None:
+    def hear(self, message: CanMessage, now: float, but: int) -> None:
         """A frame has passed the wire: all that are there hear it, `but` the row that sent it."""
         self.motors.settle(now)
         id = message.id
@@ -102,13 +102,13 @@ class Nodes:
         self.there = sum(self.present)  # how many
         self.event = min(self._times, default=inf)  # s, when the next one does something by itself
 
-    def _tell(self, row: int, said: Sequence[Message], now: float) -> None:
+    def _tell(self, row: int, said: Sequence[CanMessage], now: float) -> None:
         """What one says by itself; nobody hears it with its connector pulled."""
         for message in said if self.present[row] else ():
             self._say(row, message, now)
 
-    def _answer(self, row: int, answer: Message, now: float) -> None:
+    def _answer(self, row: int, answer: CanMessage, now: float) -> None:
         self._say(row, answer, now)
         if row in self.twins:
             other = bytes(each ^ 0x10 if place == 2 else each for place, each in enumerate(answer.data))
-            self._say(row, Message(answer.id, other), now)
+            self._say(row, CanMessage(answer.id, other), now)

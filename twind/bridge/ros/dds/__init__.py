@@ -1,5 +1,5 @@
-"""ROS 2 over DDS, by Cyclone DDS: `Dds` is a `twind.bridge.ros.transport.Transport`."""
+"""ROS 2 over DDS, by Cyclone DDS: `Dds` is a `twind.bridge.ros.ros_transport.RosTransport`."""
 
-from twind.bridge.ros.dds.transport import Dds
+from twind.bridge.ros.dds.dds_transport import DdsTransport
 
-__all__ = ["Dds"]
+__all__ = ["DdsTransport"]

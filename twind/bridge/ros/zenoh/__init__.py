@@ -4,6 +4,6 @@
 `node`: its endpoints · `service`: who answers · `graph`: all of it as a back end.
 """
 
-from twind.bridge.ros.zenoh.graph import Zenoh
+from twind.bridge.ros.zenoh.zenoh_transport import ZenohTransport
 
-__all__ = ["Zenoh"]
+__all__ = ["ZenohTransport"]

@@ -1,0 +1,170 @@
+"""`twindctl adopt`: files, ports, the question, and what is said. Blocks."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from typing import Any
+
+from twind.client import Client, ClientError, NoDaemon
+from twind.config.doc_pages import CALIBRATION, page
+from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
+from twind_calibration.adoption.calibration_entry_status import entry_of
+from twind_calibration.adoption.servo_configurator import WritableProber
+from twind_calibration.adoption.servo_locations import choose, joint_of, look, lookout, serial_buses
+from twind_calibration.command_hint import again
+from twind_calibration.instances import stop
+from twind_calibration.robot_description import RobotDescription, read
+from twind_drivers.bus import PortError, PortInUse
+from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.dynamixel.serial_port import SerialTransport
+
+STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
+PATIENCE = 5.0  # s for an answer of a daemon
+CALIBRATE = (
+    "{0} is not calibrated: live refuses to arm (CALIB_MISSING) until it is. With the daemon running: "
+    "`twindctl calibrate sweep {0}`, then `twindctl calibrate zero {0}` ({1}); mirror shows it already, "
+    "marked uncalibrated"
+)
+At = Callable[[int], WritableProber]
+
+
+def adopt(options: argparse.Namespace) -> int:
+    """Exit code 0: done, or nothing to do. Raises Rejected, UsageError."""
+    try:
+        return _open_and_adopt(options)
+    except Rejected as error:  # what it says to type is typed for the same robot
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _open_and_adopt(options: argparse.Namespace) -> int:
+    _require_somebody(options)
+    described = read(options)
+    buses = serial_buses(described.robot)
+    if options.joint is not None:
+        joint = joint_of(described.robot, options.joint)
+        buses = tuple(bus for bus in buses if bus.name == joint.bus)
+    named = {bus.name: described.port(bus.name) for bus in buses}
+    for port in named.values():
+        _require_no_daemon(options, described, port)
+    try:
+        with ExitStack() as stack:
+            opened = {bus: _opened(port, stack) for bus, port in named.items()}
+            return _adopt(options, described, opened)
+    except PortError as error:  # held (by whom), not there, lost
+        stopped = STOP.format(stop(str(described.sockets)))
+        hint = f". A daemon there? {stopped}, then try again" if isinstance(error, PortInUse) else ""
+        raise Rejected(f"{error}{hint}") from error
+
+
+def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dict[str, At]) -> int:
+    robot, heard = described.robot, {}
+    for bus, at in opened.items():
+        rates = " and ".join(map(str, lookout(robot, robot.bus(bus))))
+        _say(options, f"looking for servos on bus {bus} at {rates} baud ...")
+        heard[bus] = look(at, robot, robot.bus(bus))
+    chosen = choose(robot, heard, options.joint)
+    if chosen is None:
+        count = sum(joint.bus in opened for joint in robot.joints)
+        show(options, {"state": "complete"}, f"nothing to adopt: all {count} joints have their servo")
+        return DONE
+    name = chosen.joint.name
+    entry = entry_of(robot, described.calibration, chosen.joint.actuator, described.usual)
+    adoption = prepare(chosen, opened[chosen.bus.name], entry)
+    if adoption.nothing:
+        text = f"{name} has its servo, {chosen.home}, and that holds what it must; {adoption.entry}"
+        show(options, adoption.told("there"), text)
+        return DONE
+    if options.dry_run:
+        show(options, adoption.told("planned"), "\n".join([*adoption.lines(), "nothing was written"]))
+        return DONE
+    _ask(options, adoption)
+    try:
+        adoption.carry_out()
+    except KeyboardInterrupt:
+        _say(options, f"cut short: `twindctl adopt {name}` once more finds the servo and ends it")
+        raise
+    adopted = f"{name} has its servo: {chosen.home} on bus {chosen.bus.name}, torque off"
+    text = again(options).prose(f"{adopted}\n{CALIBRATE.format(name, page(CALIBRATION))}")
+    show(options, adoption.told("adopted"), text)
+    return DONE
+
+
+def _require_somebody(options: argparse.Namespace) -> None:
+    """Raises UsageError where nobody could be asked, before anything is looked for."""
+    if options.yes or options.dry_run:
+        return
+    if options.json:
+        raise UsageError("--json asks nobody: add --yes, or --dry-run to see what would be written")
+    if not sys.stdin.isatty():
+        raise UsageError("nobody to ask: standard input is no terminal; add --yes, or --dry-run")
+
+
+def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
+    """Show what will be written; raises Rejected where nobody says yes."""
+    for line in adoption.lines():
+        _say(options, line)
+    if options.yes:
+        return
+    print("write this? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise Rejected("nothing was written")
+
+
+def _say(options: argparse.Namespace, line: str) -> None:
+    if not options.json:
+        print(again(options).prose(line), file=sys.stderr, flush=True)
+
+
+def _opened(port: str, stack: ExitStack) -> At:
+    """The port, alone; the result sets its rate. Raises PortError."""
+    transport = SerialTransport(port, 57_600)  # which every adapter has; nothing is sent yet
+    stack.callback(transport.close)
+    return partial(_at, transport, MonotonicClock())
+
+
+def _at(transport: SerialTransport, clock: Clock, baud: int) -> WritableProber:
+    transport.set_baud(baud)
+    return WritableProber(transport, clock, baud, timer=(transport.latency_ms or 0) * 1e-3)
+
+
+def _require_no_daemon(options: argparse.Namespace, described: RobotDescription, port: str) -> None:
+    """Raises Rejected: a daemon has this port, takes it again as soon as it is free, or does not say.
+
+    It owns its bus at its own rate, and would go on with the calibration of the servo that is gone.
+    """
+    for place in dict.fromkeys((options.socket, None, str(described.sockets))):
+        status = status_at(place)
+        if status is None:
+            continue
+        its = {os.path.realpath(bus["port"]) for bus in status["buses"] if bus["port"]}
+        if status["mode"] != "sim" and os.path.realpath(port) in its:
+            path = status["path"]
+            stopped = STOP.format(stop(path))
+            raise Rejected(f"{port}: the daemon at {path} has this port: {stopped}, then try again")
+
+
+def status_at(place: str | None) -> dict[str, Any] | None:
+    """What the daemon at `place` says of itself, with the `path` of its socket; None: there is none.
+
+    Raises Rejected: there may be one, and it does not let us ask, or does not answer.
+    """
+    denied: NoDaemon | None = None
+    for name in ("observe", "control"):
+        with Client(place, name=name, timeout=PATIENCE) as client:
+            try:
+                return {**client.call("GetStatus")["status"], "path": client.path}
+            except NoDaemon as error:
+                denied = denied if error.absent else error
+            except ClientError as error:
+                stopped = STOP.format(stop(client.path))
+                raise Rejected(
+                    f"{client.path}: a daemon listens there and does not say which ports it has ({error}): "
+                    f"{stopped}, then try again"
+                ) from error
+    if denied is not None:
+        raise Rejected(f"{denied}. So nobody knows whether a daemon has this port: try with sudo") from denied
+    return None

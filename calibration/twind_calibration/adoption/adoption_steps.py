@@ -1,0 +1,106 @@
+"""A chosen servo becomes a joint's: the steps in their order, and what is told of them. Blocks."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from twind.ctl.verb import Rejected
+from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
+from twind_calibration.adoption.register_plan import RegisterStep, different, looked_at, plan
+from twind_calibration.adoption.servo_configurator import ServoConfigurator, WritableProber
+from twind_calibration.adoption.servo_locations import AdoptionCandidate
+from twind_drivers.dynamixel.control_tables import table
+
+TORQUE = "torque_enable"
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptionPlan:
+    """What is to be done with one servo, before anything is. `hand` holds it."""
+
+    chosen: AdoptionCandidate
+    firmware: int
+    steps: tuple[RegisterStep, ...]
+    entry: CalibrationEntryStatus
+    hand: ServoConfigurator
+
+    @property
+    def nothing(self) -> bool:
+        """It stands at its place and holds what it must."""
+        return not self.steps and self.chosen.place == self.chosen.home
+
+    def lines(self) -> list[str]:
+        """For a person who is to agree: who, what is written, and what becomes of the calibration."""
+        chosen, joint = self.chosen, self.chosen.joint
+        said = [
+            f"{chosen.found.model_name}, firmware {self.firmware}, {chosen.place}, torque off",
+            f"becomes {joint.name}: {chosen.home} on bus {chosen.bus.name}",
+            *(f"  {step}" for step in self.steps),
+        ]
+        if chosen.place.id != chosen.home.id:
+            said.append(f"  id (7): {chosen.place.id} -> {chosen.home.id}")
+        if chosen.place.baud != chosen.home.baud:
+            said.append(f"  baud rate (8): {chosen.place.baud} -> {chosen.home.baud}")
+        return [*said, *(f"  {line}" for line in self.entry.lines())]
+
+    def told(self, state: str) -> dict[str, Any]:
+        """The same for programs. `state`: planned, adopted or there."""
+        chosen = self.chosen
+        return {
+            "state": state,
+            "joint": chosen.joint.name,
+            "bus": chosen.bus.name,
+            "model": chosen.found.model_name,
+            "firmware": self.firmware,
+            "from": asdict(chosen.place),
+            "to": asdict(chosen.home),
+            "registers": [asdict(step) for step in self.steps],
+            "calibrated": self.entry.there and state == "there",
+        }
+
+    def carry_out(self) -> None:
+        """Write, read back, look at the whole again where it then stands. Raises Rejected, PortError.
+
+        Whenever it is interrupted, the same once more finds the servo and ends it.
+        """
+        joint, known = self.chosen.joint, self.hand.table
+        self.entry.strike_out()
+        for step in self.steps:
+            self.hand.write(step.register, step.then)
+        self.hand.move(self.chosen.home)
+        held = self.hand.read(looked_at(known))
+        if held[TORQUE] or (wrong := list(different(joint, known, self.firmware, held))):
+            why = "its torque is on" if held[TORQUE] else "; ".join(wrong)
+            raise Rejected(f"{joint.name}, {self.hand.place}: after all was written, {why}")
+
+
+def prepare(
+    chosen: AdoptionCandidate, at: Callable[[int], WritableProber], entry: CalibrationEntryStatus
+) -> AdoptionPlan:
+    """Read the servo and work out what must be written; nothing is. Raises Rejected, PortError.
+
+    Refused too: a servo at its place whose joint is calibrated. It is that joint's own, as far as anybody can
+    tell, and to adopt it would cost its calibration.
+    """
+    model, firmware = chosen.found.model, chosen.found.firmware
+    assert model is not None  # `choose` lets no other pass
+    assert firmware is not None
+    hand = ServoConfigurator(at, table(model, firmware), chosen.place)
+    if chosen.place != chosen.home and not hand.is_free(chosen.home):
+        raise Rejected(
+            f"{chosen.home}, the place of {chosen.joint.name}, is taken after all: its servo answers now and "
+            "then only. Look at its cable, or take it off the bus"
+        )
+    held = hand.read(looked_at(hand.table))
+    if held[TORQUE]:
+        raise Rejected(f"{chosen.place}: its torque is on: take its power away and give it back")
+    steps = plan(chosen.joint, hand.table, firmware, held)
+    if chosen.place == chosen.home and entry.there and steps:
+        name = chosen.joint.name
+        raise Rejected(
+            f"{name} has its servo, {chosen.home}, and its calibration, {entry.path}: nothing to adopt. It "
+            f"holds otherwise than the robot file says: {'; '.join(map(str, steps))}: `twindctl doctor` says "
+            f"what each needs. If it is another servo than the calibrated one, its zero is another too: take "
+            f"{name} out of {entry.path}, then adopt it"
+        )
+    return AdoptionPlan(chosen, firmware, steps, entry, hand)

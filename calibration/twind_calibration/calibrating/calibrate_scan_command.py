@@ -1,0 +1,86 @@
+"""`twindctl calibrate scan`: the doctor's looks at buses and devices, and what a calibration records."""
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from twind.ctl.progress import ProgressLine
+from twind.ctl.status_table import lined_up
+from twind.ctl.verb import DONE, REFUSED, show
+from twind_calibration.command_hint import again
+from twind_calibration.doctor import check_table, report, runner
+from twind_calibration.doctor.check_context import CheckContext
+from twind_calibration.doctor.context_builder import examine
+from twind_calibration.doctor.finding_commands import told
+from twind_calibration.doctor.host_inspector import HostInspector
+from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
+from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
+from twind_drivers.clock import MonotonicClock
+
+LOOKS = (BUSES, SERVOS, ACTUATORS)
+# Register -> heading; what a calibration records of a device.
+SNAPSHOT = {
+    "homing_offset": "homing",
+    "drive_mode": "drive",
+    "operating_mode": "mode",
+    "min_position_limit": "min",
+    "max_position_limit": "max",
+}
+BESIDE = (
+    "a daemon asks for the ids of its robot file alone: ids that nobody knows, and ids that answer twice, "
+    "are seen with the daemon stopped"
+)
+
+
+def scan(options: argparse.Namespace) -> int:
+    """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
+    known, checks = check_table.complaints(), [each for each in check_table.checks() if each.what in LOOKS]
+    examined = examine(options, HostInspector(), MonotonicClock())
+    try:
+        with ProgressLine(options, "scan") as progress:
+            outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
+        beside = examined.daemon is not None
+        here = again(options, examined.sockets or None)
+        outcome.found, outcome.fix = told(outcome.found, known, here, daemon=beside)
+        devices = list(_devices(examined))
+    finally:
+        examined.close()
+    wrong = report.wrong(outcome, known, None) + len(outcome.unseen) + len(examined.wrong_files)
+    text = [*_table(devices), *(str(error) for error in examined.wrong_files)]
+    text += [*([BESIDE] if beside else []), "", report.text(outcome, known, None)]
+    data = report.data(outcome, known, None) | {"devices": devices}
+    data["wrong_files"] = [str(error) for error in examined.wrong_files]
+    show(options, data, "\n".join(text))
+    return REFUSED if wrong or not devices else DONE
+
+
+def _devices(examined: CheckContext) -> Iterator[dict[str, Any]]:
+    """Everybody who answers, bus by bus, with the registers that were read."""
+    for survey in examined.surveys.values():
+        if isinstance(survey, SerialSurvey):
+            for servo in survey.servos:
+                yield {
+                    "bus": servo.bus,
+                    "id": servo.id,
+                    "joint": None if servo.joint is None else servo.joint.name,
+                    "model": servo.model_name or servo.model,
+                    "firmware": servo.firmware,
+                    **{name: servo.values.get(name) for name in SNAPSHOT},
+                }
+        elif isinstance(survey, CanSurvey):
+            for node in survey.nodes:
+                yield {
+                    "bus": node.bus,
+                    "id": node.joint.id,
+                    "joint": node.joint.name,
+                    "model": node.joint.type.device,
+                    "firmware": None,
+                    **{name: node.values.get(name) for name in SNAPSHOT},
+                }
+
+
+def _table(devices: list[dict[str, Any]]) -> list[str]:
+    heads = ("bus", "id", "joint", "model", "firmware", *SNAPSHOT)
+    rows = [tuple(SNAPSHOT.get(head, head) for head in heads)]
+    rows += [tuple("-" if each[head] is None else str(each[head]) for head in heads) for each in devices]
+    return lined_up(rows, left=(0, 2, 3))

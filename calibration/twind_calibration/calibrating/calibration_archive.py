@@ -1,0 +1,55 @@
+"""A calibration file and the numbered ones beside it: which there are, and what each of them says."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
+from twind.ctl.verb import Rejected
+
+CURRENT = "current"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationArchive:
+    """Of one individual: `path`, and `NAME.0001.yaml` and up beside it."""
+
+    path: Path
+    robot: RobotFile
+
+    def numbers(self) -> Sequence[int]:
+        """Of the earlier files, the latest last. Raises Rejected: the folder cannot be read."""
+        numbered = re.compile(re.escape(self.path.stem) + r"\.(\d{4,9})\.yaml")
+        try:
+            names = [each.name for each in self.path.parent.iterdir()]
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise Rejected(f"{self.path.parent}: {error.strerror}") from None
+        return sorted(int(found[1]) for name in names if (found := numbered.fullmatch(name)))
+
+    def file(self, which: str) -> Path:
+        """Of a number, of `current`, or of a path that has a slash or ends in .yaml. Raises Rejected."""
+        if which == CURRENT:
+            return self.path
+        if "/" in which or which.endswith(".yaml"):
+            return Path(which)
+        known = self.numbers()
+        if not which.isdecimal() or int(which) not in known:
+            there = ", ".join(f"{number:04d}" for number in known) or "none"
+            raise Rejected(f"no earlier file {which!r} of {self.path}; there are: {there}")
+        return self.path.with_name(f"{self.path.stem}.{int(which):04d}.yaml")
+
+    def read(self, which: str) -> Calibration:
+        """What that file says. Raises Rejected: there is none, or it is no calibration of this robot file."""
+        file = self.file(which)
+        try:
+            return load_calibration(file, self.robot)
+        except ConfigError as error:
+            if error.absent:
+                remedy = "`twindctl calibrate sweep`, then `zero`, or `import`, make one"
+                raise Rejected(f"{file}: nothing is calibrated yet: {remedy}") from None
+            raise Rejected(str(error)) from None

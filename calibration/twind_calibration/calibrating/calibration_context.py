@@ -1,0 +1,110 @@
+"""What every step of a calibration stands on: the daemon, its robot file, and whose calibration file.
+
+The daemon says which robot file it read and where it looks for the calibration, so that a step without
+options writes what the daemon will read.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from difflib import get_close_matches
+from math import nan
+from pathlib import Path
+from typing import Any
+
+from twind.client import CallError, Client
+from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.daemon_settings import usual_calibration
+from twind.config.robot_file import read_robot
+from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
+from twind.ctl.verb import Rejected, UsageError
+from twind.version import __version__
+
+TOOL = f"twind {__version__}"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationContext:
+    """The robot as its daemon describes it, and its calibration file, which need not be there yet."""
+
+    robot: RobotFile
+    path: Path  # of the calibration file
+    named: bool  # the daemon was told this file by name: it does not start without it
+    rate_hz: float = nan  # of its readings; NaN: nobody asked
+
+    @property
+    def individual(self) -> str:
+        """Whose calibration it is: the file's name."""
+        return self.path.stem
+
+    def calibration(self) -> Calibration | None:
+        """What the file says now; None: there is none. Raises Rejected: it cannot be used, and why."""
+        try:
+            return load_calibration(self.path, self.robot)
+        except ConfigError as error:
+            if error.absent:
+                return None
+            if error.forbidden:
+                raise Rejected(f"{error}; try with sudo") from None
+            raise Rejected(
+                f"{error}. Put an earlier file back (`twindctl calibrate rollback`), or move this one away: "
+                "what is measured then begins a new file"
+            ) from None
+
+    def chosen(self, names: Sequence[str], known: Sequence[str]) -> list[str]:
+        """The actuators that were named, each once and in the robot's order; all where none was.
+
+        Raises Rejected for a name that is none of `known`.
+        """
+        for name in names:
+            if name not in known:
+                near = get_close_matches(name, known, 1)
+                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(known)}"
+                raise Rejected(f"{self.robot.name} has no joint {name!r}; {hint}")
+        return [name for name in known if name in names or not names]
+
+
+def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
+    """Asked of the daemon. Raises Rejected (its robot file was changed since, or is another), ClientError."""
+    told = client.call("GetRobot")["robot"]
+    parameters = client.call("GetParameters")["parameters"]
+    robot = _robot(told)
+    rate = float(parameters.get("rate_hz") or robot.rate_hz)
+    if options.calibration:
+        path = Path(options.calibration).absolute()
+        if path.suffix != ".yaml":
+            raise UsageError(f"--calibration {options.calibration}: a calibration file is named NAME.yaml")
+        return CalibrationContext(robot, path, named=True, rate_hz=rate)
+    if parameters.get("calibration"):
+        return CalibrationContext(robot, Path(parameters["calibration"]), named=True, rate_hz=rate)
+    individual = parameters.get("individual") or robot.name
+    path = usual_calibration(Path(parameters["state_dir"]), individual)
+    return CalibrationContext(robot, path, named=False, rate_hz=rate)
+
+
+def _robot(told: dict[str, Any]) -> RobotFile:
+    """The file that the daemon read. Raises Rejected: it is not as it was."""
+    try:
+        robot = read_robot(Path(told["path"]))
+    except ConfigError as error:
+        raise Rejected(f"the robot file of the daemon cannot be read: {error}") from None
+    if robot.text_sha256 != told["text_sha256"]:
+        raise Rejected(f"{robot.path} was changed since the daemon read it: restart the daemon, then again")
+    return robot
+
+
+def scanned(client: Client, bus: str) -> dict[int, dict[str, Any]]:
+    """Who answers on a bus, by id, with what identification reads of it. Raises Rejected, ClientError."""
+    try:
+        return {int(found["id"]): found for found in client.stream("Scan", bus=bus)}
+    except CallError as error:
+        if error.name == "BusFailed":
+            raise Rejected(f"bus {bus}: {error}") from error
+        raise
+
+
+def now() -> str:
+    """UTC, as a calibration file has it."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,0 +1,214 @@
+"""`twindctl calibrate endstop`: what will move is said and asked for, then found, then written. Blocks."""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, isnan
+from statistics import fmean, pstdev
+from typing import Any
+
+from twind.client import Client
+from twind.config.actuator_types import ServoType
+from twind.config.calibration_file import Calibration, JointCalibration, turn_band
+from twind.config.counts import angle_of
+from twind.ctl.progress import ProgressLine
+from twind.ctl.verb import DONE, Rejected, UsageError, calibrating, operator
+from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
+from twind_calibration.calibrating.encoder_unwrap import on_turn
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.recorded_devices import differences, records
+from twind_calibration.calibrating.zero_placement import ZeroOffset, misfits, whole
+from twind_calibration.command_hint import again
+
+
+@dataclass(frozen=True, slots=True)
+class EndstopPlan:
+    """What will be done, in the words of the robot file."""
+
+    slot: CalibrationActuator
+    side: str
+    stop: float  # rad, as described
+    share: float | None  # of the current limit; None: the daemon's own
+    speed: float | None  # rad/s; None: the daemon's own
+    times: int | None
+
+    def words(self, at: float | None) -> str:
+        """What will move, where to and how strong; `at`: rad, where it is now."""
+        kind = self.slot.joint.type
+        assert isinstance(kind, ServoType)
+        share = USUAL_SHARE if self.share is None else self.share
+        most, pull = share * kind.current_limit_a, share * kind.effort_limit_nm
+        strength = f"{share:.0%} of its current limit" + (f", {most:.2f} A" if isfinite(most) else "")
+        strength += f", about {pull:.2f} N·m" if isfinite(pull) else ""
+        way = "" if at is None else f", {abs(self.stop - at):.2f} rad from where it is"
+        speed = USUAL_SPEED if self.speed is None else self.speed
+        return (
+            f"{self.slot.name} will move by itself: to its {self.side} stop at {self.stop:+.3f} rad{way}, "
+            f"no further than {MARGIN:g} rad beyond, at {speed:g} rad/s, with at most {strength}, "
+            f"{self.times or USUAL_TIMES} times. All others are limp: the robot must hang or lie"
+        )
+
+
+def endstop(options: argparse.Namespace) -> int:
+    """Exit code 0: done. Raises Rejected, UsageError, ClientError."""
+    try:
+        with operator(options) as client:
+            return _endstop(options, client)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _endstop(options: argparse.Namespace, client: Client) -> int:
+    place = ground(options, client)
+    touch = _touch(options, place)
+    require_somebody(options)
+    calibration = place.calibration()
+    entry = None if calibration is None else calibration.by_name.get(touch.slot.name)
+    if calibration is None or entry is None:
+        first = "`twindctl calibrate sweep`, then `zero --from-sweep`"
+        raise Rejected(f"{touch.slot.name} is not calibrated, not even coarsely: {first}, first")
+    _require_ready(client, place, touch, entry)
+    if not options.json:
+        print(touch.words(_position(client, touch.slot.joint.name)), flush=True)
+    if not agreed(options, "nobody's fingers are in its way: go?"):
+        raise Rejected("nothing moved")
+    with calibrating(client, take=options.take):
+        counts = _found(options, client, touch)
+    fresh = measured(touch, entry, counts)
+    _show(options, touch, entry, fresh, counts)
+    return _write(options, place, calibration, fresh)
+
+
+def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPlan:
+    """Raises Rejected: no such joint, no such stop; UsageError: nobody says which."""
+    every = {slot.name: slot for slot in slots(place.robot)}
+    [name] = place.chosen([options.joint], list(every))
+    slot, joint = every[name], every[name].joint
+    ends = joint.stops.described
+    if not ends:
+        raise Rejected(f"{name}: {place.robot.path} describes no stop of it (`stop_rad`)")
+    asked = options.side or (joint.homing.side if joint.homing is not None else None)
+    if asked is None and len(ends) > 1:
+        raise UsageError(f"{name} has two stops: add --side lower or --side upper")
+    side = asked or next(iter(ends))
+    if side not in ends:
+        raise Rejected(f"{name}: {place.robot.path} describes no {side} stop of it (`stop_rad`)")
+    if not isinstance(joint.type, ServoType):
+        raise Rejected(f"{name} is a {joint.type.device}: only serial servos are driven against a stop")
+    homing = joint.homing
+    current = options.current if options.current is not None or homing is None else homing.current_a
+    speed = options.speed if options.speed is not None or homing is None else homing.speed
+    if current is not None and isnan(joint.type.current_limit_a):
+        raise Rejected(
+            f"type {joint.type.name} has no current_limit_a: nobody knows what {current:g} A is of it"
+        )
+    share = None if current is None else current / joint.type.current_limit_a
+    return EndstopPlan(slot, side, ends[side], share, speed, options.times)
+
+
+def _require_ready(
+    client: Client, place: CalibrationContext, touch: EndstopPlan, entry: JointCalibration
+) -> None:
+    """Raises Rejected: another mode, a servo that is not as it was calibrated."""
+    mode = client.call("GetStatus")["status"]["mode"]
+    if mode != "live":
+        raise Rejected(f"mode {mode} moves no robot: `twindctl mode live`, then again")
+    known = {touch.slot.name: entry.device}
+    found = records(client, place.robot, [touch.slot], known).get(touch.slot.name)
+    changed = ["nobody answers there"] if found is None else differences(entry.device, found)
+    if changed:
+        raise Rejected(
+            f"{touch.slot.name} is not as it was calibrated: {', '.join(changed)}: put that right first, or "
+            "calibrate it anew"
+        )
+
+
+def _position(client: Client, name: str) -> float | None:
+    for each in client.call("GetStatus", joints=True)["joints"]:
+        if each["name"] == name:
+            position: float | None = each["position"]
+            return position
+    return None
+
+
+def _found(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> list[int]:
+    """The captures. Raises Rejected: none, and why; ClientError."""
+    how = {"current_share": touch.share, "speed": touch.speed, "times": touch.times}
+    given = {key: value for key, value in how.items() if value is not None}
+    last, phase, told = {}, "", -inf
+    with ProgressLine(options, touch.slot.name) as progress:
+        for last in client.stream("FindStop", joint=touch.slot.joint.name, side=touch.side, **given):
+            if options.json:
+                news = {"joint": touch.slot.name, "phase": last["phase"], "progress": last["progress"]}
+                print(json.dumps(news), flush=True)
+            elif progress.live:
+                progress.tell(last["phase"], last["progress"])
+            elif last["phase"] != phase or last["progress"] - told >= 0.1:
+                phase, told = last["phase"], last["progress"]
+                print(f"{touch.slot.name}: {phase}, {told:.0%}", file=sys.stderr, flush=True)
+    if not last.get("ticks"):
+        why = "; ".join(finding["message"] for finding in last.get("findings") or ()) or "it was cut short"
+        raise Rejected(f"{touch.slot.name}: {why}. Nothing was written")
+    return [int(count) for count in last["ticks"]]
+
+
+def measured(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
+    """The entry with the zero that follows, and the travel's end where the stop was met.
+
+    `counts` may be whole turns off the file's. Raises Rejected: it does not fit the travel.
+    """
+    slot, turn = touch.slot, touch.slot.joint.type.ticks_per_turn
+    mean = fmean(counts)
+    mean += on_turn(round(mean), turn_band(entry.sweep_ticks, turn)) - round(mean)
+    zero = ZeroOffset(round(mean - touch.stop / slot.rad_per_tick), pstdev(counts), len(counts), "endstop")
+    low, high = entry.sweep_ticks
+    downwards = (touch.side == "lower") == (slot.rad_per_tick > 0.0)
+    sweep = (round(mean), high) if downwards else (low, round(mean))
+    wrong = misfits(slot, entry.device, sweep, zero.ticks) if sweep[0] < sweep[1] else ["no travel is left"]
+    if wrong:
+        raise Rejected(
+            f"{slot.name}: met its stop at {mean:.0f}, and {'; '.join(wrong)}. Nothing was written"
+        )
+    return whole(slot, entry.device, sweep, zero)
+
+
+def _show(
+    options: argparse.Namespace,
+    touch: EndstopPlan,
+    before: JointCalibration,
+    fresh: JointCalibration,
+    counts: Sequence[int],
+) -> None:
+    moved = angle_of(touch.slot.joint, before.zero_ticks, fresh.zero_ticks)
+    if options.json:
+        told: Mapping[str, Any] = {
+            "joint": touch.slot.name,
+            "side": touch.side,
+            "ticks": list(counts),
+            "zero_ticks": fresh.zero_ticks,
+            "sigma_ticks": round(fresh.zero_sigma_ticks, 3),
+            "moved_rad": round(moved, 6),
+            "sweep_ticks": list(fresh.sweep_ticks),
+        }
+        print(json.dumps(told), flush=True)
+        return
+    print(
+        f"{touch.slot.name}: its {touch.side} stop is at {', '.join(map(str, counts))}; zero "
+        f"{before.zero_ticks} -> {fresh.zero_ticks} ({moved:+.4f} rad), travel {fresh.sweep_ticks[0]}.."
+        f"{fresh.sweep_ticks[1]}; torque is off",
+        flush=True,
+    )
+
+
+def _write(
+    options: argparse.Namespace, place: CalibrationContext, calibration: Calibration, fresh: JointCalibration
+) -> int:
+    if not agreed(options, f"write this to {place.path}?"):
+        raise Rejected("nothing was written")
+    after = written(place, calibration, [fresh])
+    next_steps(options, place, after)
+    return DONE

@@ -1,0 +1,68 @@
+"""A calibration file written anew so that the daemon can still read it: owner, group and mode as they were.
+
+The one place where verbs write it. Old or new, never mixed; the earlier file stays as numbered history.
+"""
+
+import contextlib
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from twind.config import atomic_save
+from twind.config.atomic_save import FileOwnership, LockedFolder
+from twind.config.calibration_file import HISTORY, Calibration, dump_calibration
+from twind.config.yaml_tree import ConfigError
+from twind.ctl.verb import Rejected
+
+
+@contextlib.contextmanager
+def alone(path: Path) -> Iterator[LockedFolder]:
+    """The folder of the file at `path`, held: what it says now it says until this is left.
+
+    No person is asked meanwhile: others wait. Raises Rejected: no folder, or somebody else has it.
+    """
+    with contextlib.ExitStack() as stack:
+        with refusing(path):
+            folder = stack.enter_context(atomic_save.alone(path.parent))
+        yield folder
+
+
+def save(calibration: Calibration, path: Path, held: LockedFolder | None = None) -> None:
+    """Make the file at `path` hold it. A first file, written by root, is given to whom its folder belongs.
+
+    `held`: its folder, of whom made the calibration of what the file holds. Raises Rejected that names the
+    file, why it was not written, and the remedy.
+    """
+    with contextlib.nullcontext(held) if held is not None else alone(path) as folder, refusing(path):
+        if path.suffix != ".yaml":
+            raise OSError("its name does not end in .yaml")
+        folder.save_text(path.stem, dump_calibration(calibration), HISTORY, rights(path))
+
+
+@contextlib.contextmanager
+def refusing(path: Path) -> Iterator[None]:
+    """What keeps `path` from being written, as Rejected with the remedy."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise Rejected(f"{path}: there is no folder {path.parent}: `mkdir -p {path.parent}`") from None
+    except PermissionError as error:
+        raise Rejected(f"{path} cannot be written: {error.strerror}; try with sudo") from None
+    except OSError as error:
+        raise Rejected(f"{path} cannot be written: {error.strerror or error}") from None
+    except ConfigError as error:
+        raise Rejected(f"{path} cannot be written: {error}") from None
+
+
+def rights(path: Path) -> FileOwnership | None:
+    """As they were; only root gives a file away, so that the daemon's user can read it still."""
+    try:
+        before: os.stat_result | None = path.stat()
+    except FileNotFoundError:
+        before = None
+    whose = before or path.parent.stat()
+    owner, group = (whose.st_uid, whose.st_gid) if os.geteuid() == 0 else (-1, -1)
+    if before is None:
+        return FileOwnership(owner=owner, group=group) if os.geteuid() == 0 else None
+    return FileOwnership(stat.S_IMODE(before.st_mode), owner, group)

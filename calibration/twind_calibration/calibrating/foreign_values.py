@@ -1,0 +1,134 @@
+"""Values that others measured, folded into entries of ours without a count lost. Pure.
+
+Present Position = actual + Homing Offset (e-manual, X series): a count that was told under one offset is
+another one under another, by their difference. Whatever homing offset a servo has is kept and recorded, and
+the zero counts in what it tells with it. Of a Feetech servo the sign is the other one, the encoder another.
+"""
+
+from dataclasses import dataclass, replace
+
+from twind.config.actuator_types import ServoType
+from twind.config.calibration_file import JointCalibration, turn_band
+from twind.config.device_record import DeviceRecord
+from twind.config.servo_check import MAX_OFFSET
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
+from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
+from twind_calibration.calibrating.lerobot_file import LeRobotMotor
+from twind_calibration.calibrating.sweep_tracker import told
+from twind_calibration.calibrating.travel_verdict import judge
+from twind_calibration.calibrating.zero_placement import ZeroOffset, misfits, whole
+
+REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
+DYNAMIXEL, FEETECH = "dynamixel", "feetech"
+Ticks = tuple[int, int]
+Convention = int | None  # count at joint angle 0, as the source counts; None: the middle of the travel
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignCalibration:
+    """What somebody else says of one actuator, in counts under `homing_offset`."""
+
+    travel: Ticks | None  # None: nobody measured it
+    homing_offset: int
+    drive_mode: int | None = None  # None: it says nothing of it
+    make: str | None = None  # of the servos that it is of, as a person says; None: nobody did
+    swept: bool = False  # the travel is a sweep of ours, on whatever turn
+
+
+@dataclass(frozen=True, slots=True)
+class ImportResult:
+    """The entry that follows, or what speaks against one."""
+
+    slot: CalibrationActuator
+    entry: JointCalibration | None
+    wrong: tuple[str, ...] = ()
+    note: str = ""  # what a person should know of it all the same
+
+
+def of_motor(motor: LeRobotMotor, make: str | None) -> ForeignCalibration:
+    """Of a LeRobot file."""
+    return ForeignCalibration((motor.range_min, motor.range_max), motor.homing_offset, motor.drive_mode, make)
+
+
+def of_registers(slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks | None) -> ForeignCalibration:
+    """Of a servo's own registers: a sweep that was made of it as it is, else its position limits.
+
+    Limits as delivered, one whole turn, are nobody's travel.
+    """
+    if sweep is not None:
+        return ForeignCalibration(sweep, device.homing_offset_ticks, swept=True)
+    limits = (device.min_ticks, device.max_ticks)
+    turn = slot.joint.type.ticks_per_turn
+    return ForeignCalibration(
+        limits if 0 < limits[1] - limits[0] < turn - 1 else None, device.homing_offset_ticks
+    )
+
+
+def fold(
+    slot: CalibrationActuator,
+    source: ForeignCalibration,
+    device: DeviceRecord,
+    zero_at: Convention,
+    *,
+    wide: bool = False,
+) -> ImportResult:
+    """The entry of an actuator whose servo is now as `device` says. `wide`: its travel may be too long."""
+    refused = _refused(slot, source, device)
+    if refused or source.travel is None:
+        return ImportResult(slot, None, (refused,))
+    turn, now = slot.joint.type.ticks_per_turn, device.homing_offset_ticks
+    moved = now - source.homing_offset
+    low, high = source.travel[0] + moved, source.travel[1] + moved
+    sweep = framed(low, high, slot.start + now, turn)
+    zero = (low + high) // 2 if zero_at is None else zero_at + moved
+    zero += sweep[0] - low
+    if source.swept:
+        zero = on_turn(zero, turn_band(sweep, turn))
+    judged = judge(slot, sweep[1] - sweep[0])
+    wrong = [] if judged.good or (wide and judged.wide) else [told(judged)]
+    wrong += misfits(slot, device, sweep, zero)
+    if wrong:
+        return ImportResult(slot, None, tuple(wrong))
+    entry = whole(slot, device, sweep, ZeroOffset(zero, 0.0, 1, "sweep"))
+    return ImportResult(slot, replace(entry, method="import"))
+
+
+def _refused(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
+    """Why nothing of it can be taken; "": it can."""
+    joint, now = slot.joint, device.homing_offset_ticks
+    if not isinstance(joint.type, ServoType):
+        return f"is a {joint.type.device} on CAN: registers and files like these say nothing of it"
+    if source.make == FEETECH:
+        return "a Feetech servo has another encoder, and its homing offset the other sign: sweep it"
+    if source.travel is None:
+        return "its position limits (52, 48) are a whole turn, as delivered: `twindctl calibrate sweep` first"
+    low, high = source.travel
+    if high - low >= joint.type.ticks_per_turn - 1:
+        return f"{low}..{high} is a whole turn, no travel that was measured: `twindctl calibrate sweep`"
+    if abs(now) > MAX_OFFSET and joint.mode == "position":
+        return f"homing_offset (20) is {now}; beyond ±{MAX_OFFSET} position mode ignores it: write 0, sweep"
+    reversed_since = source.drive_mode is not None and (source.drive_mode ^ device.drive_mode) & REVERSED
+    if reversed_since:
+        return (
+            f"drive_mode is {source.drive_mode}, that of the servo (10) is {device.drive_mode}: its counts "
+            "run the other way by now: sweep it"
+        )
+    return _moved(source, now)
+
+
+def _moved(source: ForeignCalibration, now: int) -> str:
+    """Why a count under another homing offset cannot be folded in; "": it can."""
+    was = source.homing_offset
+    if was == now:
+        return ""
+    if abs(was) > MAX_OFFSET or abs(now) > MAX_OFFSET:
+        return (
+            f"homing_offset is {was}, that of the servo (20) is {now}; beyond ±{MAX_OFFSET} it counts in "
+            "some operating modes and not in others, so nobody can tell where the travel is: sweep it"
+        )
+    if source.make != DYNAMIXEL:
+        return (
+            f"homing_offset is {was}, that of the servo (20) is {now}: `--make {DYNAMIXEL}` folds it in, if "
+            "the source is of Dynamixel servos"
+        )
+    return ""

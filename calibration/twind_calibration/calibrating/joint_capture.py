@@ -1,0 +1,41 @@
+"""Readings of a joint that is held still, and whether it was. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean, pstdev
+
+from twind_calibration.calibrating.encoder_unwrap import shortest
+
+SAMPLES = 50
+MOST_SIGMA = 3.0  # ticks of 4096 a turn: standard deviation of a joint that is held
+TURN = 4096  # ticks of the turn that bound is meant for
+THIRD = 3  # the first and the last third of the readings are compared: a slow movement is one too
+
+
+@dataclass(frozen=True, slots=True)
+class JointCapture:
+    """Readings of one joint. `mean` in ticks, on the turn of the first reading."""
+
+    count: int
+    mean: float
+    sigma: float  # ticks
+    wrong: str = ""  # why it does not count; "": it does
+
+
+def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) -> JointCapture:
+    """Mean and spread of the readings; refused: too few, spread over 3 ticks, or a movement under way."""
+    if not readings:
+        return JointCapture(0, 0.0, 0.0, "it was not heard")
+    first = readings[0]
+    way = [first + shortest(each - first, ticks_per_turn) for each in readings]  # 4095 and 0 are neighbours
+    mean, sigma, most = fmean(way), pstdev(way), MOST_SIGMA * max(1.0, ticks_per_turn / TURN)
+    third = max(1, len(way) // THIRD)
+    drift = fmean(way[-third:]) - fmean(way[:third])
+    wrong = ""
+    if len(way) < least:
+        wrong = f"{len(way)} readings came, {least} are needed"
+    elif abs(drift) > most:
+        wrong = f"it moved: {drift:+.1f} ticks from the first readings to the last, at most {most:g}"
+    elif not sigma <= most:
+        wrong = f"its readings spread by {sigma:.1f} ticks (standard deviation), at most {most:g}"
+    return JointCapture(len(way), mean, sigma, wrong)

@@ -1,0 +1,45 @@
+"""Topic `raw` of the daemon as readings of actuators, each with the time at which it was heard."""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from twind.client import Client
+from twind.ctl.verb import Rejected
+from twind_calibration.calibrating.encoder_unwrap import EncoderSample
+
+LEAST_HZ = 50.0  # readings a second: fewer, and a quick movement goes over the half-turn unseen
+
+
+@dataclass(frozen=True, slots=True)
+class RawReading:
+    """One exchange. `samples`: of everybody who was heard so far, the same again where nobody is heard."""
+
+    time: float  # s, of the daemon's clock
+    samples: Mapping[str, EncoderSample]
+
+
+@contextlib.contextmanager
+def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawReading]]:
+    """As fast as the loop reads, `rate_hz`. Its end hangs the client up. Raises Rejected, ClientError."""
+    if not rate_hz >= LEAST_HZ:
+        raise Rejected(
+            f"the daemon reads at {rate_hz:g} Hz, a joint moved by hand needs {LEAST_HZ:g}: raise `rate_hz`"
+        )
+    news = client.stream("Monitor", topics=["raw"], rate=rate_hz)
+    try:
+        yield (_reading(each) for each in news)
+    finally:
+        news.close()
+
+
+def _reading(news: Mapping[str, Any]) -> RawReading:
+    raw, time = news["raw"], float(news["time"])
+    rows = zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True)
+    samples = {
+        name: EncoderSample(time - age * 1e-3, int(ticks))
+        for name, ticks, age in rows
+        if ticks is not None and age is not None
+    }
+    return RawReading(time, samples)

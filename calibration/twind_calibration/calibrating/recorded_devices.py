@@ -1,0 +1,75 @@
+"""What is on the wire now, as a calibration records it, and in what it differs from what was recorded."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any
+
+from twind.client import Client
+from twind.config.calibration_file import Calibration
+from twind.config.device_record import DeviceRecord, recorded
+from twind.config.robot_spec import RobotFile
+from twind.ctl.verb import Rejected
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
+from twind_calibration.calibrating.calibration_context import scanned
+from twind_drivers.bus import IdentifiedDevice
+
+# Of a record: what people call it.
+NAMES = {
+    "homing_offset_ticks": "homing_offset (20)",
+    "drive_mode": "drive_mode (10)",
+    "operating_mode": "operating_mode (11)",
+    "min_ticks": "min_position_limit (52)",
+    "max_ticks": "max_position_limit (48)",
+    "tag": "moving_threshold (24)",
+}
+FENCE = ("min_ticks", "max_ticks")  # what `limits` puts right
+
+
+def records(
+    client: Client,
+    robot: RobotFile,
+    slots: Sequence[CalibrationActuator],
+    known: Mapping[str, DeviceRecord] = MappingProxyType({}),
+) -> dict[str, DeviceRecord]:
+    """By actuator, of those who answer. `known`: what was recorded of them; who had a tag is asked for it.
+
+    Raises Rejected: one that does not tell its settings; ClientError.
+    """
+    found: dict[str, DeviceRecord] = {}
+    for bus in robot.buses:
+        present = scanned(client, bus.name)
+        for slot in slots:
+            told = present.get(slot.joint.id) if slot.joint.bus == bus.name else None
+            if told is not None:
+                then = known.get(slot.name)
+                found[slot.name] = _record(slot, told, tagged=then is not None and then.tag is not None)
+    return found
+
+
+def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
+    settings = {name: int(value) for name, value in (told.get("settings") or {}).items()}
+    firmware = int(told.get("firmware") or 0)
+    name, unique = told.get("model_name"), told.get("unique_id")
+    device = IdentifiedDevice(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
+    try:
+        return recorded(device, tagged=tagged)
+    except KeyError as error:
+        raise Rejected(
+            f"{slot.name} (bus {slot.joint.bus} id {slot.joint.id}) does not tell its {error.args[0]}: is "
+            "its status return level (68) 2? Try again, or `twindctl doctor`"
+        ) from None
+
+
+def of_file(calibration: Calibration | None) -> dict[str, DeviceRecord]:
+    """What a calibration recorded of each device, by actuator."""
+    return {} if calibration is None else {each.name: each.device for each in calibration.joints}
+
+
+def differences(then: DeviceRecord, now: DeviceRecord, but: Collection[str] = ()) -> list[str]:
+    """In what a device is another than it was, fields `but` left out, in words; [] for nothing."""
+    return [
+        f"{NAMES.get(each.name, each.name)} is {getattr(now, each.name)}, was {getattr(then, each.name)}"
+        for each in fields(DeviceRecord)
+        if each.name not in but and getattr(now, each.name) != getattr(then, each.name)
+    ]

@@ -1,0 +1,246 @@
+"""`twindctl calibrate sweep`: the daemon's readings, the person at the robot, and the draft. Blocks."""
+
+import argparse
+import json
+import select
+import shutil
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from twind.client import Client
+from twind.config.device_record import DeviceRecord
+from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
+from twind_calibration.calibrating import calibration_draft as drafts
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
+from twind_calibration.calibrating.calibration_draft import DraftTravel
+from twind_calibration.calibrating.file_option import named
+from twind_calibration.calibrating.raw_readings import RawReading, readings
+from twind_calibration.calibrating.recorded_devices import of_file, records
+from twind_calibration.calibrating.sweep_display import SweepDisplay, line
+from twind_calibration.calibrating.sweep_tracker import SweepEvent, SweepStage, SweepTracker, told
+from twind_calibration.calibrating.torque_free import limp, require_limp
+from twind_calibration.calibrating.zero_placement import travel_of
+from twind_calibration.command_hint import again
+from twind_drivers.clock import Clock, MonotonicClock
+
+REDRAW = 0.1  # s
+TELL = 0.5  # s between two lines of JSON of a joint that moves
+HEAD = "by hand, slowly, to both ends, half a second at each"
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Exit code 0: all that were asked for have a travel. Raises Rejected, ClientError."""
+    try:
+        with operator(options) as client:
+            return _sweep(options, client, MonotonicClock())
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
+    place = ground(options, client)
+    every = slots(place.robot)
+    names = [slot.name for slot in every]
+    draft = drafts.load(place.path, place.robot)
+    calibration = place.calibration()
+    known = set(draft.swept) | (set() if calibration is None else set(calibration.by_name))
+    asked = [
+        name
+        for name in place.chosen(options.joints, names)
+        if options.joints or options.again or name not in known
+    ]
+    session = SweepSession(options, place, every, asked, clock)
+    if not asked:
+        session.close()
+        return DONE
+    drafts.require_room(place.path)  # before anybody moves anything
+    session.draft = draft
+    require_limp(client, clock)
+    session.records = records(client, place.robot, every, of_file(calibration) | draft.devices)
+    with (
+        limp(client, clock, take=options.take) as keep,
+        observer(options) as watching,
+        readings(watching, place.rate_hz) as stream,
+    ):
+        try:
+            session.begin()
+            for reading in stream:
+                keep()
+                if session.take(reading):
+                    break
+        except KeyboardInterrupt:
+            session.cut()
+            raise
+    session.save(at_once=True)
+    return session.close()
+
+
+class SweepSession:
+    """One sweep: what is known of everybody, what was told, and what is in the draft."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        place: CalibrationContext,
+        every: tuple[CalibrationActuator, ...],
+        asked: list[str],
+        clock: Clock,
+    ) -> None:
+        self.draft = drafts.CalibrationDraft()
+        self.records: Mapping[str, DeviceRecord] = {}
+        self._options, self._place, self._clock = options, place, clock
+        self._slots = {slot.name: slot for slot in every}
+        self._asked = asked
+        self._travels = SweepTracker(every, asked, wide=options.wide)
+        columns, rows = shutil.get_terminal_size()
+        self._board = SweepDisplay(live=sys.stdout.isatty() and not options.json, rows=rows, columns=columns)
+        self._begun, self._drawn, self._told = clock.now(), 0.0, dict.fromkeys(asked, 0.0)
+
+    def begin(self) -> None:
+        """Say what is to be done."""
+        absent = [name for name in self._asked if name not in self.records]
+        if absent:
+            raise Rejected(
+                f"nobody answers for {', '.join(absent)}: `twindctl calibrate scan` looks at the buses"
+            )
+        self._forget(self._asked)  # else an earlier travel would pass for one of this sweep
+        count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]
+        ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
+        self._say(f"move {count} {HEAD}{ends}")
+
+    def take(self, reading: RawReading) -> bool:
+        """One reading; whether the sweep is over."""
+        for news in self._travels.take(reading.samples):
+            self._news(news)
+        self._show(reading.time)
+        late = self._options.timeout is not None and self._clock.now() - self._begun > self._options.timeout
+        return late or self._entered() or self._travels.over
+
+    def save(self, *, at_once: bool) -> None:
+        """What is done goes into the draft. `at_once`: also what fits without having rested at its ends."""
+        for name in self._asked:
+            found = self._travels.travel(name, at_once=at_once)
+            if found is not None:
+                self._keep(name, found)
+
+    def cut(self) -> None:
+        """Ctrl-C: what was done before is in the draft."""
+        self._draw()
+        self._board.leave()
+        done = sum(name in self.draft.swept for name in self._asked)
+        self._say(
+            f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
+            f"`{self._next()}` goes on with the others"
+        )
+
+    def close(self) -> int:
+        """Say who is done and who is not; the exit code."""
+        left = [name for name in self._asked if name not in self.draft.swept]
+        done = [name for name in self._asked if name in self.draft.swept]
+        whole = not left
+        next = self._next()
+        if self._options.json:
+            print(
+                json.dumps(
+                    {
+                        "done": done,
+                        "left": {name: self._why(name) for name in left},
+                        "draft": str(drafts.path_of(self._place.path)),
+                        "next": again(self._options).command(next),
+                    }
+                )
+            )
+            return DONE if whole else REFUSED
+        self._draw()
+        self._board.leave()
+        if not self._asked:
+            self._say("every joint has its travel already: --again, or names, sweep them anew")
+            return DONE
+        for name in left:
+            self._say(f"not done: {name}: {self._why(name)}")
+        where = f", kept in {drafts.path_of(self._place.path)}" if done else ""
+        self._say(f"{len(done)} of {len(self._asked)} swept{where}")
+        what = "hold the robot in a pose whose angles are known" if whole else "the rest"
+        self._say(f"next: `{next}`, {what}")
+        return DONE if whole else REFUSED
+
+    def _next(self) -> str:
+        """The command that goes on."""
+        left = [name for name in self._asked if name not in self.draft.swept]
+        anew = self._options.joints or self._options.again  # what the file has of them is not enough
+        names = "".join(f" {name}" for name in left) if anew else ""
+        return f"twindctl calibrate {f'sweep{names}' if left else 'zero'}{named(self._options)}"
+
+    def _why(self, name: str) -> str:
+        progress = self._travels.progress(name)
+        if progress.stage is SweepStage.STILL:
+            return "it was not moved"
+        return told(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
+
+    def _keep(self, name: str, travel: tuple[int, int]) -> None:
+        """Into the draft, in the frame of the calibration file."""
+        record = self.records[name]
+        swept = travel_of(self._slots[name], record, travel)
+        before = self.draft.swept.get(name)
+        if before is None or (before.sweep_ticks, before.device) != (swept, record):
+            fresh = DraftTravel(record, swept, now())
+            path, robot = self._place.path, self._place.robot
+            self.draft = drafts.change(path, robot, lambda known: known.joined(name, fresh))
+
+    def _forget(self, names: Iterable[str]) -> None:
+        """Out of the draft."""
+        if self.draft.without(names) != self.draft:
+            path, robot = self._place.path, self._place.robot
+            self.draft = drafts.change(path, robot, lambda known: known.without(names))
+
+    def _news(self, news: SweepEvent) -> None:
+        if news.what == "done":
+            self.save(at_once=False)
+        elif news.what == "wrong":  # it was done, and went further since
+            self._forget([news.name])
+        if self._options.json:
+            print(json.dumps({"joint": news.name, "event": news.what, "text": news.text}), flush=True)
+        elif news.what != "done" or not sys.stdout.isatty():
+            self._say(f"{news.name}: {news.what}: {news.text}")
+
+    def _show(self, time: float) -> None:
+        if self._options.json:
+            for name in self._asked:
+                self._line(name, time)
+        elif time - self._drawn >= REDRAW:
+            self._drawn = time
+            self._draw()
+
+    def _draw(self) -> None:
+        width = max(map(len, self._asked), default=1)
+        self._board.draw([line(self._travels.progress(name), width) for name in self._asked])
+
+    def _line(self, name: str, time: float) -> None:
+        """A line of JSON of a joint that moves, now and then."""
+        if time - self._told[name] < TELL:
+            return
+        progress = self._travels.progress(name)
+        if progress.stage is SweepStage.MOVING:
+            self._told[name] = time
+            print(json.dumps({"joint": name, "event": "moving", **_plain(progress)}), flush=True)
+
+    def _entered(self) -> bool:
+        if not sys.stdin.isatty() or self._options.json:
+            return False
+        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+        return bool(ready) and sys.stdin.readline() is not None
+
+    def _say(self, text: str) -> None:
+        if not self._options.json:
+            self._board.say(again(self._options).prose(text))
+
+
+def _plain(progress: Any) -> dict[str, Any]:
+    return {
+        "travel_rad": round(progress.judged.radians, 4),
+        "described_rad": round(progress.range, 4),
+        "share": round(progress.judged.share, 4),
+        "rested": list(progress.ends),
+    }

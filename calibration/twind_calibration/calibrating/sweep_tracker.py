@@ -1,0 +1,143 @@
+"""Every actuator of a sweep, reading by reading: who moves, how far, who is done. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
+from twind_calibration.calibrating.encoder_unwrap import EncoderSample, UnwrappedEncoder
+from twind_calibration.calibrating.travel_verdict import TravelVerdict, UnexpectedMotion, judge, strayed
+
+NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
+ALL = 0.9  # of the way between its limits: below it a rest may be one half-way, and only a person knows
+
+
+class SweepStage(StrEnum):
+    """Of one actuator."""
+
+    STILL = "still"  # not moved yet
+    MOVING = "moving"
+    DONE = "done"  # rested at both ends of a travel that fits
+    WRONG = "wrong"  # rested at both ends of one that does not
+
+
+@dataclass(frozen=True, slots=True)
+class SweepProgress:
+    """One actuator now."""
+
+    name: str
+    stage: SweepStage
+    judged: TravelVerdict
+    ends: tuple[bool, bool]  # rested at its lowest, at its highest count
+    range: float  # rad, as described
+
+
+@dataclass(frozen=True, slots=True)
+class SweepEvent:
+    """Something that a person should know at once. `what`: done, wrong, lost or strayed."""
+
+    what: str
+    name: str
+    text: str
+
+
+class SweepTracker:
+    """`asked`: the actuators that are to be swept. The others are watched, for who moves instead."""
+
+    def __init__(
+        self, slots: Sequence[CalibrationActuator], asked: Sequence[str], *, wide: bool = False
+    ) -> None:
+        self.asked = tuple(asked)
+        self._slots = {slot.name: slot for slot in slots}
+        self._tracks = {slot.name: UnwrappedEncoder(slot.joint.type.ticks_per_turn) for slot in slots}
+        self._kept: dict[str, tuple[int, int]] = {}
+        self._stages = dict.fromkeys(self._slots, SweepStage.STILL)
+        self._told: set[str] = set()
+        self._wide = wide
+
+    def take(self, readings: Mapping[str, EncoderSample]) -> list[SweepEvent]:
+        """One reading of everybody who was heard."""
+        news = [each for name, sample in readings.items() for each in self._one(name, sample)]
+        stray = self._stray()
+        if stray is not None and not self._told.issuperset(stray.moved):
+            self._told.update(stray.moved)
+            news.append(SweepEvent("strayed", stray.moved[0], str(stray)))
+        return news
+
+    def progress(self, name: str) -> SweepProgress:
+        """How far one is."""
+        slot, track = self._slots[name], self._tracks[name]
+        low, high = self._kept.get(name, (track.low, track.high))
+        span = max(track.span, high - low)
+        ends = (True, True) if name in self._kept else self._rested(name)
+        return SweepProgress(name, self._stages[name], self._judge(slot, span), ends, slot.range)
+
+    def travel(self, name: str, *, at_once: bool = False) -> tuple[int, int] | None:
+        """Lowest and highest count of one that is done; `at_once`: of one whose travel fits, rested or no."""
+        if name in self._kept:
+            return self._kept[name]
+        track = self._tracks[name]
+        if at_once and self._judge(self._slots[name], track.span).good:
+            return track.low, track.high
+        return None
+
+    @property
+    def over(self) -> bool:
+        """Nobody who was asked for is left."""
+        return all(self._stages[name] in (SweepStage.DONE, SweepStage.WRONG) for name in self.asked)
+
+    def _one(self, name: str, sample: EncoderSample) -> list[SweepEvent]:
+        track, before = self._tracks[name], self._stages[name]
+        why = track.take(sample)
+        if why:
+            self._stages[name] = SweepStage.DONE if name in self._kept else SweepStage.STILL
+            text = f"{why}: a reading may be lost; move {name} again, from end to end"
+            return [SweepEvent("lost", name, text)] if name in self.asked and name not in self._kept else []
+        if before is SweepStage.STILL and track.span > self._slots[name].ticks(NEAR):
+            self._stages[name] = SweepStage.MOVING
+        if name not in self.asked or self._rested(name) != (True, True):
+            return []
+        return self._ended(name, before)
+
+    def _ended(self, name: str, before: SweepStage) -> list[SweepEvent]:
+        """It rested at both ends of the travel that it has now."""
+        track = self._tracks[name]
+        judged = self._judge(self._slots[name], track.span)
+        if judged.good and judged.radians >= ALL * (self._slots[name].upper - self._slots[name].lower):
+            low, high = self._kept.get(name, (0, 0))
+            if track.span > high - low:
+                self._kept[name] = (track.low, track.high)
+            self._stages[name] = SweepStage.DONE
+        elif judged.share >= 1.0:  # shorter ones may have rested half-way
+            self._kept.pop(name, None)
+            self._stages[name] = SweepStage.WRONG
+        after = self._stages[name]
+        if after is before or after not in (SweepStage.DONE, SweepStage.WRONG):
+            return []
+        said = (
+            f"{judged.radians:.2f} rad, {100 * judged.share:.0f} % of the described {self._range(name):.2f}"
+        )
+        return [SweepEvent(after.value, name, told(judged) if judged.wrong else said)]
+
+    def _rested(self, name: str) -> tuple[bool, bool]:
+        return self._tracks[name].rested(max(4, self._slots[name].ticks(NEAR)))
+
+    def _range(self, name: str) -> float:
+        return self._slots[name].range
+
+    def _judge(self, slot: CalibrationActuator, span: int) -> TravelVerdict:
+        judged = judge(slot, span, tuple(self._slots.values()))
+        return TravelVerdict(judged.radians, judged.share) if judged.wide and self._wide else judged
+
+    def _stray(self) -> UnexpectedMotion | None:
+        shares = {
+            name: track.span * abs(self._slots[name].rad_per_tick) / self._slots[name].range
+            for name, track in self._tracks.items()
+        }
+        return strayed(shares, self.asked)
+
+
+def told(judged: TravelVerdict) -> str:
+    """A travel that does not fit, in words: what is wrong, and the likely causes."""
+    wide = "; `--wide` takes it as it is" if judged.wide else ""
+    return f"{judged.wrong}; likely: {', or '.join(judged.causes)}{wide}"

@@ -1,0 +1,98 @@
+"""Is a travel the one that the robot file describes? Pure. A verdict with its likely causes, in words."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twind.config.device_check import PLAUSIBLE_SWEEP
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
+
+LIKE = 0.10  # share by which a travel may differ from another joint's and still be taken for it
+GUESSES = (0.25, 1 / 3, 0.5, 2.0, 3.0, 4.0)  # what a ratio is often wrong by
+NAMED = 3  # joints that are named as the one it may be
+
+
+@dataclass(frozen=True, slots=True)
+class TravelVerdict:
+    """A travel beside the described one."""
+
+    radians: float  # at the joint
+    share: float  # of the described range
+    wrong: str = ""  # what speaks against it; "": nothing
+    causes: tuple[str, ...] = ()  # likely ones, the nearest first
+    wide: bool = False  # too long, and nothing else: `--wide` takes it
+
+    @property
+    def good(self) -> bool:
+        """It may be kept."""
+        return not self.wrong
+
+
+def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActuator] = ()) -> TravelVerdict:
+    """Of `span` ticks; `others` are the joints that it may be taken for."""
+    radians = span * abs(slot.rad_per_tick)
+    share = radians / slot.range
+    low, high = PLAUSIBLE_SWEEP
+    if span >= slot.joint.type.ticks_per_turn:
+        wrong = (
+            f"{span / slot.joint.type.ticks_per_turn:.2f} turns of its actuator: after a power-up nobody can "
+            "tell which turn it is on"
+        )
+        slips = ("a horn or coupling that slips", "a joint without stops: give it some within one turn")
+        return TravelVerdict(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))
+    if not low <= share <= high:
+        bound = f"less than {100 * low:.0f}" if not share >= low else f"more than {100 * high:.0f}"
+        wrong = f"{100 * share:.0f} % of the described {slot.range:.2f} rad, {bound} %"
+        causes = _causes(slot, radians, share, others)
+        return TravelVerdict(radians, share, wrong, causes, wide=share > high)
+    return TravelVerdict(radians, share)
+
+
+def _causes(
+    slot: CalibrationActuator, radians: float, share: float, others: Sequence[CalibrationActuator]
+) -> tuple[str, ...]:
+    found = []
+    if share < PLAUSIBLE_SWEEP[0]:
+        found.append("it was not moved to both its ends")
+    for guess in GUESSES:
+        if abs(share / guess - 1.0) <= LIKE:
+            found.append(f"its ratio: {slot.joint.ratio * guess:g} instead of {slot.joint.ratio:g} would fit")
+    like = [other.name for other in others if other.name != slot.name and _like(slot, radians, other)]
+    if like:
+        more = "" if len(like) <= NAMED else f" or {len(like) - NAMED} more"
+        found.append(f"the wrong joint: it goes as far as {', '.join(like[:NAMED])}{more} should")
+    found.append(f"limits_rad of {slot.joint.name} are not those of this robot")
+    return tuple(found)
+
+
+def _like(slot: CalibrationActuator, radians: float, other: CalibrationActuator) -> bool:
+    """The travel is what the other one should have."""
+    there = radians * slot.joint.ratio / other.joint.ratio
+    return abs(there / other.range - 1.0) <= LIKE
+
+
+@dataclass(frozen=True, slots=True)
+class UnexpectedMotion:
+    """Somebody moved though others were asked for, and one who was asked for did not."""
+
+    asked: tuple[str, ...]
+    moved: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return (
+            f"{' and '.join(self.moved)} moved while {' and '.join(self.asked)}, asked for, did not: are "
+            "their ids swapped, or was the other joint moved?"
+        )
+
+
+UNMOVED, MOVED = 0.05, 0.30  # shares of the described range
+
+
+def strayed(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:
+    """Who moved instead of whom, by the share of its range that each actuator went; None: nobody did.
+
+    A limp robot's joints follow each other by their weight: who went far while the one asked for stood still
+    is told, nobody else.
+    """
+    still = tuple(name for name in asked if shares.get(name, 0.0) < UNMOVED)
+    moved = tuple(name for name, share in shares.items() if name not in asked and share >= MOVED)
+    return UnexpectedMotion(still, moved) if still and moved else None

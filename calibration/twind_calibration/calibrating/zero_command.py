@@ -1,0 +1,302 @@
+"""`twindctl calibrate zero`: readings of a robot that is held still, and the entries that follow. Blocks."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from twind.client import Client
+from twind.config.calibration_file import Calibration, JointCalibration, turn_band
+from twind.config.counts import slot_angles
+from twind.config.device_record import DeviceRecord
+from twind.config.robot_spec import RobotFile
+from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
+from twind_calibration.calibrating import calibration_draft as drafts
+from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
+from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
+from twind_calibration.calibrating.encoder_unwrap import on_turn
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.joint_capture import JointCapture, capture
+from twind_calibration.calibrating.raw_readings import readings
+from twind_calibration.calibrating.recorded_devices import differences, records
+from twind_calibration.calibrating.torque_free import limp, require_limp
+from twind_calibration.calibrating.zero_placement import (
+    TOLERANCE,
+    ZeroOffset,
+    by_ends,
+    by_pose,
+    misfits,
+    spread,
+    whole,
+)
+from twind_calibration.command_hint import again
+from twind_drivers.clock import MonotonicClock
+
+SPARE = 5  # times as many readings as are asked for may pass until everybody was heard so often
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTravel:
+    """What is known of an actuator's travel, from the draft or from the calibration file."""
+
+    device: DeviceRecord
+    sweep: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroResult:
+    """One actuator: its new entry, or what speaks against one."""
+
+    slot: CalibrationActuator
+    entry: JointCalibration | None
+    wrong: tuple[str, ...]
+    angle: float | None  # rad that it stood at; None: by the ends of its travel
+
+    @property
+    def spread(self) -> float | None:
+        """Of its zero, ticks; None: nobody knows."""
+        return None if self.entry is None else spread(self.entry)
+
+    def line(self, width: int) -> str:
+        """For a person."""
+        if self.entry is None:
+            return f"NOT  {self.slot.name}: {'; '.join(self.wrong)}"
+        where = "by the ends of its travel" if self.angle is None else f"held at {self.angle:+.3f} rad"
+        one, known = self.entry, self.spread
+        wide = "unknown" if known is None else f"{known:4.1f} ticks"
+        return (
+            f"ok   {self.slot.name:<{width}} zero at {one.zero_ticks:>6}, spread {wide}; {where}; "
+            f"travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
+        )
+
+    def told(self) -> dict[str, Any]:
+        """One line of JSON."""
+        one = self.entry
+        return {
+            "joint": self.slot.name,
+            "good": one is not None,
+            "wrong": list(self.wrong),
+            "zero_ticks": None if one is None else one.zero_ticks,
+            "sigma_ticks": None if self.spread is None else round(self.spread, 3),
+            "captures": None if one is None else one.captures,
+            "method": None if one is None else one.method,
+            "sweep_ticks": None if one is None else list(one.sweep_ticks),
+        }
+
+
+def zero(options: argparse.Namespace) -> int:
+    """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
+    try:
+        with operator(options) as client:
+            return _zero(options, client)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _zero(options: argparse.Namespace, client: Client) -> int:
+    place, clock = ground(options, client), MonotonicClock()
+    every = slots(place.robot)
+    place.chosen(
+        options.joints, [slot.name for slot in every]
+    )  # a yes to a name that is none is worth nothing
+    require_somebody(options)
+    calibration = place.calibration()
+    draft = drafts.load(place.path, place.robot)
+    swept = travels_of(draft, calibration)
+    chosen = _chosen(options, place, every, draft, swept)
+    angles = None if options.from_sweep else _angles(options, place, chosen)
+    require_limp(client, clock)
+    if angles is not None:
+        _ask(options, angles, len(chosen))  # a lease does not last as long as a person may take
+    found = records(client, place.robot, chosen, {name: each.device for name, each in swept.items()})
+    held: Mapping[str, JointCapture] = {}
+    with limp(client, clock, take=options.take) as keep:
+        if angles is not None:
+            with observer(options) as watching:
+                held = captured(watching, place.rate_hz, chosen, options.samples, keep)
+    placed = [
+        place_slot(
+            slot, swept[slot.name], found.get(slot.name), held.get(slot.name), (angles or {}).get(slot.name)
+        )
+        for slot in chosen
+    ]
+    return _write(options, place, calibration, draft, placed)
+
+
+def travels_of(draft: drafts.CalibrationDraft, calibration: Calibration | None) -> dict[str, RecordedTravel]:
+    """By actuator; the draft is newer than the file."""
+    known = () if calibration is None else calibration.joints
+    found = {each.name: RecordedTravel(each.device, each.sweep_ticks) for each in known}
+    return found | {name: RecordedTravel(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
+
+
+def _chosen(
+    options: argparse.Namespace,
+    place: CalibrationContext,
+    every: Sequence[CalibrationActuator],
+    draft: drafts.CalibrationDraft,
+    swept: Mapping[str, RecordedTravel],
+) -> list[CalibrationActuator]:
+    """Raises Rejected: nobody was swept, or one who was named was not."""
+    names = place.chosen(options.joints, [slot.name for slot in every])
+    unswept = [name for name in names if name not in swept]
+    if options.joints and unswept:
+        raise Rejected(
+            f"not swept yet: {', '.join(unswept)}: `twindctl calibrate sweep` first, then the zero"
+        )
+    if not swept:
+        raise Rejected("nothing was swept yet: `twindctl calibrate sweep` first, then the zero")
+    pending = options.joints or list(swept if options.all else draft.swept)
+    if not pending:
+        raise Rejected(
+            "every joint that was swept has a zero: name those that are to get another, or --all for all; "
+            "their proofs go"
+        )
+    return [slot for slot in every if slot.name in names and slot.name in pending]
+
+
+def _angles(
+    options: argparse.Namespace, place: CalibrationContext, chosen: Sequence[CalibrationActuator]
+) -> dict[str, float]:
+    """Rad of each actuator that is read. Raises Rejected: no such pose, no such joint, outside its limits."""
+    poses = place.robot.poses
+    if options.pose is not None and options.pose not in poses:
+        raise Rejected(f"{place.robot.name} has no pose {options.pose!r}; it has {', '.join(poses)}")
+    pose = poses[options.pose] if options.pose is not None else dict.fromkeys(place.robot.names, 0.0)
+    others = dict(options.at)
+    place.chosen(list(others), place.robot.names)
+    stands = slot_angles(place.robot, dict(pose) | others)
+    angles = {slot.name: stands[slot.joint.name] for slot in chosen}
+    for slot in chosen:
+        if not slot.lower - TOLERANCE <= angles[slot.name] <= slot.upper + TOLERANCE:
+            turned = _turned(place.robot, slot)
+            raise Rejected(
+                f"{slot.name} cannot stand at {angles[slot.name]:g} rad: its limits are "
+                f"{slot.lower:g}..{slot.upper:g}; `{' '.join(f'--at {name}=RAD' for name in turned)}` gives "
+                f"{' and '.join(turned)} another angle"
+            )
+    return angles
+
+
+def _turned(robot: RobotFile, slot: CalibrationActuator) -> Sequence[str]:
+    """The joints that an actuator turns."""
+    for each in robot.transmissions:
+        if slot.joint.name in each.joints:
+            return each.joints
+    return (slot.joint.name,)
+
+
+def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -> None:
+    if options.yes:
+        return
+    name = f"pose {options.pose}" if options.pose else "its zero pose"
+    other = [f"{joint} at {angle:+.3f} rad" for joint, angle in angles.items() if angle]
+    told = f" ({', '.join(other)}, all others at 0)" if other else " (every joint at 0 rad)"
+    print(
+        f"hold the robot in {name}{told}: {count} joints are read. ENTER when it stands ", end="", flush=True
+    )
+    if not sys.stdin.readline():
+        raise Rejected("nothing was read")
+
+
+def captured(
+    client: Client, rate: float, chosen: Sequence[CalibrationActuator], count: int, keep: Callable[[], None]
+) -> dict[str, JointCapture]:
+    """So many readings of each, as they were heard. `keep` keeps them limp; called at every reading."""
+    heard: dict[str, list[int]] = {slot.name: [] for slot in chosen}
+    stamps = dict.fromkeys(heard, float("-inf"))
+    with readings(client, rate) as stream:
+        for passed, reading in enumerate(stream):
+            keep()
+            for name, sample in reading.samples.items():
+                if name in heard and sample.time > stamps[name] and len(heard[name]) < count:
+                    stamps[name] = sample.time
+                    heard[name].append(sample.ticks)
+            if all(len(each) == count for each in heard.values()) or passed > SPARE * count:
+                break
+    return {slot.name: capture(heard[slot.name], slot.joint.type.ticks_per_turn, count) for slot in chosen}
+
+
+def place_slot(
+    slot: CalibrationActuator,
+    known: RecordedTravel,
+    device: DeviceRecord | None,
+    read: JointCapture | None,
+    angle: float | None,
+) -> ZeroResult:
+    """Its entry, or what speaks against one. `angle`: rad that it was read at; None: by its travel's ends."""
+    if device is None:
+        return ZeroResult(slot, None, ("nobody answers there",), angle)
+    changed = differences(known.device, device)
+    if changed:
+        wrong = f"it is not as it was when it was swept: {', '.join(changed)}: sweep it again"
+        return ZeroResult(slot, None, (wrong,), angle)
+    stands = None
+    if angle is None:
+        at = by_ends(slot, known.sweep, *_ends(slot))
+        wrong = _apart(slot, at)
+    else:
+        if read is None or read.wrong:
+            why = "it was not read" if read is None else f"{read.wrong}: hold it still"
+            return ZeroResult(slot, None, (why,), angle)
+        at = by_pose(slot, known.sweep, read.mean, read.sigma, read.count, angle)
+        stands = on_turn(round(read.mean), turn_band(known.sweep, slot.joint.type.ticks_per_turn))
+        wrong = ""
+    speaks = [*([wrong] if wrong else []), *misfits(slot, device, known.sweep, at.ticks, stands)]
+    entry = None if speaks else whole(slot, device, known.sweep, at)
+    return ZeroResult(slot, entry, tuple(speaks), angle)
+
+
+def _ends(slot: CalibrationActuator) -> tuple[float | None, float | None]:
+    """Angles (rad) of the ends of the travel: stops that are described, else the limits."""
+    stops = slot.joint.stops
+    return (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
+
+
+def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
+    """Two ends that tell zeros too far apart."""
+    apart = 2.0 * at.sigma * abs(slot.rad_per_tick)
+    if apart <= 2.0 * TOLERANCE:
+        return ""
+    return (
+        f"its two ends tell zeros {apart:.2f} rad apart, at most {2.0 * TOLERANCE:g}: describe its stops "
+        "(`stop_rad`), or hold it in a pose"
+    )
+
+
+def _coarse(placed: Sequence[ZeroResult]) -> str:
+    """How good zeros by the ends of the travel are."""
+    good = [each for each in placed if each.entry is not None]
+    known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
+    one = [each.slot.name for each in good if each.spread is None]
+    told = [f"+-{max(known):.3f} rad, and what the hand left out"] if known else []
+    told += [f"nobody knows how coarse where one end alone is known: {', '.join(one)}"] if one else []
+    return f"by the ends of the travel a zero is coarse: {'; '.join(told)}"
+
+
+def _write(
+    options: argparse.Namespace,
+    place: CalibrationContext,
+    calibration: Calibration | None,
+    draft: drafts.CalibrationDraft,
+    placed: Sequence[ZeroResult],
+) -> int:
+    """Show, ask, write, say what comes next; the exit code."""
+    width = max(len(each.slot.name) for each in placed)
+    for each in placed:
+        print(json.dumps(each.told()) if options.json else each.line(width), flush=True)
+    entries = [each.entry for each in placed if each.entry is not None]
+    if options.from_sweep and entries and not options.json:
+        print(_coarse(placed))
+        print(again(options).prose("a wrong sign fits its ends too: `twindctl calibrate prove` afterwards"))
+    if not entries:
+        raise Rejected("no joint has a zero: nothing was written")
+    if not agreed(options, f"write {len(entries)} of {len(placed)} joints to {place.path}?"):
+        raise Rejected("nothing was written")
+    after = written(place, calibration, entries)
+    whole = [each.name for each in entries]
+    drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
+    next_steps(options, place, after)
+    return DONE if len(entries) == len(placed) else REFUSED

@@ -1,0 +1,128 @@
+"""What a sweep showed of one joint: its load against the model, and which other joint it might be."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twind.config.calibration_file import JointCalibration
+from twind.robot.arrays import Floats
+from twind_calibration.proving.expected_loads import ExpectedLoads
+from twind_calibration.proving.joint_match import JointMatch, by_others, by_own
+from twind_calibration.proving.proof_sweep import MeasuredLoads
+from twind_calibration.proving.sign_error_zero import mirror
+from twind_calibration.proving.sign_proof import (
+    NEAR,
+    LoadVerdict,
+    ProofContradiction,
+    SignProof,
+    fits,
+    judge,
+    misfits,
+)
+from twind_calibration.wiggling.posed_model import PosedModel
+
+MOST_NAMED = 4  # joints that are named instead
+BENT = 0.1  # rad: a neighbour that stands nearer to nought is no reason
+
+
+@dataclass(frozen=True, slots=True)
+class LoadComparison:
+    """Joints by their place. None is the joint itself."""
+
+    judged: LoadVerdict
+    like: tuple[int, ...] = ()  # contradicted: what was measured fits if servos are exchanged with these
+    bent: tuple[int, ...] = ()  # contradicted: it fits if the sign of one of these is wrong
+    untold: tuple[int, ...] = ()  # exchanged with these the same would have been measured
+
+
+def weigh(
+    body: PosedModel, joint: int, swept: MeasuredLoads, friction: float, entry: JointCalibration | None = None
+) -> LoadComparison:
+    """Of the joint that was swept. Its own sign and zero first; then whose servo it is.
+
+    `entry`: its calibration, by which a wrong sign would have another zero; None: as if its travel was swept
+    from end to end.
+    """
+    spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept.poses, joint)
+    lsb = spec.ratio * spec.type.effort_lsb_nm
+    right = expected.right()
+    wrong = expected.wrong(mirror(spec, entry))
+    judged = judge(swept.up[:, joint], swept.down[:, joint], right, wrong, friction, lsb)
+    if not np.isfinite(swept.poses).all() or body.stands_on(joint):
+        return LoadComparison(
+            replace(judged, proof=SignProof.UNOBSERVABLE, against=ProofContradiction.NOTHING)
+        )
+    told = _LoadMatch(
+        joint, swept, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack)
+    )
+    places = {other: told.place(other) for other in body.twins(joint)}
+    there = sorted((other for other, each in places.items() if each is JointMatch.THERE), key=told.misfit)
+    if judged.proof is not SignProof.CONTRADICTED:
+        if told.turned() is JointMatch.THERE:
+            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.OTHERS)
+        elif there:
+            judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.PLACE)
+        else:
+            return LoadComparison(
+                judged, untold=tuple(o for o, place in places.items() if place is JointMatch.UNTOLD)
+            )
+    measured, room = swept.effort[:, joint], judged.foreseen.slack
+    standing = np.flatnonzero(np.abs(swept.poses[0]) > BENT).tolist()
+    bent = [other for other in standing if other != joint and fits(measured, expected.bent(other), room)]
+    return LoadComparison(judged, _few(there), _few(bent))
+
+
+def _few(places: list[int]) -> tuple[int, ...]:
+    """Nobody, where too many would do: next to no load fits each that bears none."""
+    return tuple(places) if len(places) <= MOST_NAMED else ()
+
+
+class _LoadMatch:
+    """What own load and that of the others say of who was moved. `rooms` (n,) N·m."""
+
+    def __init__(
+        self, joint: int, swept: MeasuredLoads, expected: ExpectedLoads, right: Floats, rooms: Floats
+    ) -> None:
+        self._joint, self._swept, self._expected = joint, swept, expected
+        self._right, self._rooms = right, rooms
+        self._all, self._others = expected.all(), np.arange(len(rooms)) != joint
+
+    def place(self, other: int) -> JointMatch:
+        """Has it the place of joint `other`? By its own load; where that does not tell it, by the others'."""
+        own = by_own(
+            self._swept.effort[:, self._joint],
+            self._right,
+            self._expected.exchanged(other),
+            float(self._rooms[self._joint]),
+        )
+        changed = (
+            JointMatch.UNTOLD
+            if own is JointMatch.HERE
+            else self._changed(self._expected.all_exchanged(other))
+        )
+        return own if changed is JointMatch.UNTOLD else changed
+
+    def misfit(self, other: int) -> float:
+        """How far its own load is from what it would measure there, N·m."""
+        own = self._swept.effort[:, self._joint]
+        return float(misfits(own, self._expected.exchanged(other)).min())
+
+    def turned(self) -> JointMatch:
+        """Did the others' loads change the other way? Then its sign is wrong, or theirs are."""
+        return self._changed(self._expected.all_turned())
+
+    def _changed(self, otherwise: Floats) -> JointMatch:
+        return by_others(self._swept.effort, self._all, otherwise, self._rooms, self._others)
+
+
+def _rooms(body: PosedModel, joint: int, friction: float, own: float) -> Floats:
+    """What the load of each may be off, (n,) N·m: those that only hold may stick all their friction."""
+    rooms: Floats = friction + np.array([_unit(body, place) for place in range(len(body.robot.joints))])
+    rooms[joint] = own
+    return rooms
+
+
+def _unit(body: PosedModel, place: int) -> float:
+    """N·m of the joint in one count of effort; 0 where it is not known."""
+    spec = body.robot.joints[place]
+    return float(np.nan_to_num(spec.ratio * spec.type.effort_lsb_nm))

@@ -1,0 +1,55 @@
+"""What a calibration file keeps of a proof, and whether it is the one that is in force. Pure."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from twind.config.calibration_file import Calibration, JointCalibration
+from twind.config.config_section import Plain
+from twind_calibration.proving.proof_report import ProofVerdict
+
+
+def measured(calibration: Calibration | None) -> dict[str, Any]:
+    """What was measured of each actuator, as JSON tells it: everything but its proof."""
+    joints = () if calibration is None else calibration.joints
+    return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
+
+
+def in_force(told: Any) -> dict[str, Any]:
+    """Likewise of what the daemon goes by: `calibration` of GetRobot."""
+    return {} if told is None else {each["name"]: {**each, "proof": None} for each in told["joints"]}
+
+
+def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The actuators that were measured otherwise, or in one of the two alone."""
+    return [name for name in {**one, **other} if one.get(name) != other.get(name)]
+
+
+def recorded(
+    calibration: Calibration, verdicts: Mapping[str, ProofVerdict], at: str
+) -> tuple[Calibration, list[str], list[str]]:
+    """With the proofs of `verdicts`, by entry: the calibration, whose proof is new, whose was taken away.
+
+    What contradicts takes an earlier proof away. An eye replaces none that gravity gave.
+    """
+    joints = [_with(entry, verdicts.get(entry.name), at) for entry in calibration.joints]
+    pairs = list(zip(calibration.joints, joints, strict=True))
+    new = [after.name for before, after in pairs if after.proof not in (before.proof, None)]
+    gone = [after.name for before, after in pairs if before.proof is not None and after.proof is None]
+    return replace(calibration, joints=tuple(joints)), new, gone
+
+
+def _with(entry: JointCalibration, verdict: ProofVerdict | None, at: str) -> JointCalibration:
+    if verdict is None or verdict.proof is None:
+        return entry
+    if not verdict.good:
+        return replace(entry, proof=None)
+    found: Plain = verdict.record(at)
+    if found is None or (verdict.by_eye and _by_gravity(entry.proof)):
+        return entry
+    return replace(entry, proof=found)
+
+
+def _by_gravity(proof: Plain) -> bool:
+    return isinstance(proof, dict) and proof.get("sign") == "gravity"

@@ -1,0 +1,158 @@
+"""Sending one joint away and home: through the daemon's gate, with the lease, and never left elsewhere."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from twind.client import CallError, Client, Refused
+from twind.client.errors import finding_text
+from twind.ctl.verb import lease
+from twind_drivers.clock import Clock
+
+OUT, STAY = 1.0, 0.6  # s: on each way, and until it leaves again
+PATIENCE, AGAIN = 10.0, 0.3  # s: how long, and how often, the way home is asked for
+NEAR = 1e-3  # rad: closer than that it is told to be home
+# What the other direction may be free of.
+ONE_SIDED = frozenset({"POS_LIMIT", "BRAKE_DISTANCE", "SELF_COLLISION", "KEEP_OUT", "FLOOR"})
+
+
+@dataclass(frozen=True, slots=True)
+class MoveResult:
+    """How it went. `refused`: why nothing moved; `ended`: what ended the move before its time."""
+
+    way: float  # rad, away from home
+    refused: tuple[str, ...] = ()
+    ended: tuple[str, ...] = ()
+    left: float = 0.0  # rad, how far from home it is told to be in the end
+
+    @property
+    def moved(self) -> bool:
+        """The daemon took the path."""
+        return not self.refused
+
+
+def path(joint: str, home: float, way: float) -> dict[str, Any]:
+    """Away, a stay, and home, each end at rest."""
+    return tour(joint, ((home + way, OUT), (home, OUT)))
+
+
+def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """One place (rad) after the other, so many seconds on the way, at rest and with a stay at each."""
+    points, time = [], 0.0
+    for place, seconds in legs:
+        for after in (seconds, STAY):
+            time += after
+            points.append({"positions": [place], "velocities": [0.0], "time_from_start": time})
+    return {"joint_names": [joint], "points": points[:-1]}
+
+
+def direction(client: Client, joint: str, home: float, size: float) -> MoveResult:
+    """Which way the gate lets it go, by `size` (rad): up, else down, else why not. Nothing moves."""
+    ways = (size, -size)
+    at, refused = allowed(client, [path(joint, home, way) for way in ways])
+    return MoveResult(size if at is None else ways[at], refused)
+
+
+def allowed(client: Client, ways: Sequence[dict[str, Any]]) -> tuple[int | None, tuple[str, ...]]:
+    """The first path that the gate lets go, else None and why not the first of all. Nothing moves."""
+    first: tuple[str, ...] = ()
+    for at, way in enumerate(ways):
+        refusals = _judged(client, way)
+        if not refusals:
+            return at, ()
+        first = first or tuple(finding_text(each) for each in refusals)
+        if not {each["code"] for each in refusals} <= ONE_SIDED:
+            break
+    return None, first
+
+
+def go(
+    client: Client,
+    clock: Clock,
+    joint: str,
+    home: float,
+    way: float,
+    *,
+    take: bool,
+    along: dict[str, Any] | None = None,
+    tell: Callable[[str, float], None] = lambda _phase, _share: None,
+) -> MoveResult:
+    """There and home, or along another path that ends there and goes no farther than `way`.
+
+    What the daemon ended on the way is brought home as soon as the gate lets it. Whoever says stop or takes
+    the robot over has it: then it is left where it is. `tell` is told each phase, and which share is done.
+    """
+    with lease(client, take=take):
+        try:
+            last: dict[str, Any] = {}
+            for last in client.stream("SubmitTrajectory", trajectory=along or path(joint, home, way)):
+                tell(last["phase"], last["progress"])
+        except Refused as refusal:
+            return MoveResult(way, refused=tuple(finding_text(each) for each in refusal.findings))
+        if last["phase"] == "succeeded":
+            return MoveResult(way)
+        findings = last.get("findings") or ()
+        ended = tuple(finding_text(each) for each in findings) or (str(last["phase"]),)
+        taken = any(str(each["code"]).startswith("LEASE_") for each in findings)
+        if last["phase"] != "aborted" or taken:  # somebody said stop, or moves it otherwise: theirs now
+            return MoveResult(way, ended=ended, left=_away(client, joint, home))
+        return MoveResult(way, ended=ended, left=back(client, clock, joint, home, way))
+
+
+def goal_of(client: Client, joint: str) -> float | None:
+    """Where a joint is told to be, else where it is (rad); None: nobody knows."""
+    told = client.call("GetStatus", joints=True)
+    [now] = [each for each in told["joints"] if each["name"] == joint]
+    here = "position" if told["status"]["mode"] == "live" else "simulated"  # who is moved
+    place: float | None = now[here] if now["goal"] is None else now["goal"]
+    return place
+
+
+def back(client: Client, clock: Clock, joint: str, home: float, way: float) -> float:
+    """Bring a joint home from a move of `way` (rad), as soon as the gate lets it; how far it is left, rad.
+
+    The lease of that move is renewed, never asked for anew: once it was another's, or this program stood
+    still for a second, the robot may be somebody else's. Nor is it brought from farther away than it went.
+    """
+    point = {"positions": [home], "velocities": [0.0], "time_from_start": OUT}
+    homewards, away = {"joint_names": [joint], "points": [point]}, 0.0
+    until = clock.now() + PATIENCE
+    while clock.now() < until:
+        ours = _renewed(client)  # first: what is read after it is nobody else's doing
+        away = _away(client, joint, home)
+        if abs(away) <= NEAR:
+            return 0.0
+        status = client.call("GetStatus")["status"]
+        if status["faults"] or (status["mode"] == "live" and not status["armed"]):
+            return away  # a latched fault, or no torque: an operator is needed
+        if not (ours and abs(away) <= abs(way) + NEAR):
+            return away
+        with suppress(CallError):  # refused: what ended the move is still there
+            for _ in client.stream("SubmitTrajectory", trajectory=homewards):
+                pass
+        clock.sleep_until(clock.now() + AGAIN)
+    return away
+
+
+def _renewed(client: Client) -> bool:
+    """Is the lease still this connection's? Then for another term."""
+    try:
+        client.call("RenewLease")
+    except Refused:
+        return False
+    return True
+
+
+def _away(client: Client, joint: str, home: float) -> float:
+    """How far from home it is told to be, rad."""
+    now = goal_of(client, joint)
+    return 0.0 if now is None else now - home
+
+
+def _judged(client: Client, trajectory: dict[str, Any]) -> list[Mapping[str, Any]]:
+    verdict = client.call("Check", trajectory=trajectory)["verdict"]
+    refusals: list[Mapping[str, Any]] = [
+        each for each in verdict["refusals"] if each["code"] != "LEASE_MISSING"
+    ]
+    return refusals

@@ -1,0 +1,120 @@
+"""What the model says of a small move: what it looks like, and what load it takes. No physics, poses alone.
+
+Frame of the words: x forward, y left, z up, as the model's base stands.
+"""
+
+import numpy as np
+
+from twind.config.robot_spec import RobotFile
+from twind.robot.arrays import Bools, Floats
+from twind.robot.state import JointState
+from twind.twin.base_pose import UPRIGHT, gravity
+from twind.twin.binding import bind
+from twind.twin.mirror import TwinMirror
+
+NEAR = 0.05  # m: what is moved less far from the axis than that is seen to turn, not to travel
+WAYS = (("forward", "backward"), ("to its left", "to its right"), ("up", "down"))
+SEEN = ("from the front", "from its left", "from above")
+
+
+class PosedModel:
+    """The twin's model of a robot, put into one pose after the other."""
+
+    def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
+        """`base`: how it is held (`base_pose.BASES`). Raises BindingError, KeyError (no such base pose)."""
+        binding = bind(robot, None)
+        self.robot, self.free, self.mjcf = robot, binding.floating, binding.mjcf
+        self._mirror, self._dof = TwinMirror(binding), binding.dof
+        model = self._mirror.model
+        self._joints = [int(model.dof_jntid[dof]) for dof in binding.dof]
+        self.lie(base)
+
+    def lie(self, base: str) -> None:
+        """From now on the base is held so."""
+        option = self._mirror.model.opt
+        option.gravity[:] = gravity(base, option.gravity)
+        self.base = base
+
+    def torque(self, position: Floats) -> Floats:
+        """N·m (n,) that holds this pose, no contact."""
+        self._pose(position)
+        return self._mirror.effort
+
+    def flipped(self, position: Floats, joint: int) -> Floats:
+        """What all would measure (N·m, (n,)) here if the joint's sign were wrong: place and torque flip."""
+        turned = position.copy()
+        turned[joint] = -position[joint]
+        found = self.torque(turned)
+        found[joint] *= -1.0
+        return found
+
+    def exchanged(self, position: Floats, joint: int, other: int) -> Floats:
+        """What all would measure (N·m, (n,)) if the servos of two joints sat in each other's place."""
+        sign = self.robot.joints[joint].sign * self.robot.joints[other].sign
+        swapped = position.copy()
+        swapped[joint], swapped[other] = sign * position[other], sign * position[joint]
+        found = self.torque(swapped)
+        found[joint], found[other] = sign * found[other], sign * found[joint]
+        return found
+
+    def turned_round(self, position: Floats, joint: int) -> float:
+        """What the joint itself would measure (N·m) if its sign were wrong."""
+        return float(self.flipped(position, joint)[joint])
+
+    def elsewhere(self, position: Floats, joint: int, other: int) -> float:
+        """What it would measure (N·m) if it and the servo of joint `other` sat in each other's place."""
+        return float(self.exchanged(position, joint, other)[joint])
+
+    def twins(self, joint: int) -> list[int]:
+        """Joints whose servo could be mistaken for this one's: same bus, same model, same gear."""
+        own = self.robot.joints[joint]
+        return [
+            place
+            for place, each in enumerate(self.robot.joints)
+            if place != joint
+            and not (each.transmission or own.transmission)
+            and (each.bus, each.type.device, each.ratio) == (own.bus, own.type.device, own.ratio)
+        ]
+
+    def stands_on(self, joint: int) -> bool:
+        """Does the ground carry load past this joint, so that nobody knows what it must measure?"""
+        return self.free and self.base == UPRIGHT and self.robot.joints[joint].name in self.robot.legs
+
+    def looks_like(self, position: Floats, joint: int, way: float) -> str:
+        """What a person sees when the joint turns by `way` (rad): `l_foot moves backward`."""
+        moved = position.copy()
+        moved[joint] += way
+        before, after = self._places(position), self._places(moved)
+        travel = np.where(self._carried(joint), np.linalg.norm(after - before, axis=1), -1.0)
+        farthest = int(travel.argmax())
+        model = self._mirror.model
+        body = model.body(int(model.geom_bodyid[farthest])).name or "what it carries"
+        if travel[farthest] >= NEAR * abs(way):
+            return f"{body} moves {_way(after[farthest] - before[farthest])}"
+        axis = np.array(self._mirror.data.xaxis[self._joints[joint]]) * np.sign(way)
+        along = int(np.abs(axis).argmax())
+        turn = "anti-clockwise" if axis[along] > 0.0 else "clockwise"
+        return f"{body} turns {turn} seen {SEEN[along]}"
+
+    def _carried(self, joint: int) -> Bools:
+        """Which geoms (k,) the joint moves."""
+        model = self._mirror.model
+        own = {int(model.jnt_bodyid[self._joints[joint]])}
+        for body in range(model.nbody):  # parents come first
+            if int(model.body_parentid[body]) in own:
+                own.add(body)
+        return np.array([int(body) in own for body in model.geom_bodyid], np.bool_)
+
+    def _places(self, position: Floats) -> Floats:
+        self._pose(position)
+        return np.array(self._mirror.data.geom_xpos)
+
+    def _pose(self, position: Floats) -> None:
+        count = len(position)
+        nothing, heard = np.zeros(count), np.ones(count, np.bool_)
+        self._mirror.update(JointState(0.0, position, nothing, nothing, nothing, heard))
+
+
+def _way(travel: Floats) -> str:
+    along = int(np.abs(travel).argmax())
+    return WAYS[along][0 if travel[along] > 0.0 else 1]

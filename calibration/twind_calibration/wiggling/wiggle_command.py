@@ -1,0 +1,203 @@
+"""`twindctl wiggle`: one joint after the other, through the daemon; what it shows, and what a person saw."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
+from math import isfinite, nan, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twind.client import Client
+from twind.config.robot_file import read_robot
+from twind.config.yaml_tree import ConfigError
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
+from twind.twin.binding import BindingError
+from twind_calibration.command_hint import again
+from twind_calibration.wiggle import LEAST, MOST
+from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
+from twind_calibration.wiggling.move_evidence import (
+    EncoderObservation,
+    EncoderResponse,
+    TorqueObservation,
+    alike,
+    answer,
+    weigh,
+)
+from twind_calibration.wiggling.move_preconditions import (
+    AROUND,
+    pose,
+    require_amounts,
+    require_armed,
+    seen,
+    tell,
+)
+from twind_calibration.wiggling.posed_model import PosedModel
+from twind_calibration.wiggling.state_trace import HoldMeans, recorded
+from twind_calibration.wiggling.wiggle_report import BLIND, NOT_COMPARED, WiggleVerdict
+from twind_drivers.clock import Clock, MonotonicClock
+
+
+def wiggle(options: argparse.Namespace) -> int:
+    """Exit code 0: nothing speaks against any of them. Raises Rejected, UsageError, ClientError."""
+    require_amounts(options, LEAST, MOST)
+    if options.all == bool(options.joints):
+        raise UsageError("name JOINTs, or --all of them")
+    try:
+        return _wiggle(options)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _wiggle(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        session = WiggleSession(options, client, MonotonicClock())
+        session.require_ready()
+        try:
+            good = [session.one(name) for name in session.chosen]
+        except KeyboardInterrupt:  # the connection ends, and with it the lease
+            tell(options, "the robot holds where it is: `twindctl status --joints` says where")
+            raise
+        session.close()
+    return DONE if all(good) else REFUSED
+
+
+class WiggleSession:
+    """What is known of robot and daemon while joints are wiggled."""
+
+    def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
+        self._options, self._client, self._clock = options, client, clock
+        self._robot: Mapping[str, Any] = client.call("GetRobot")["robot"]
+        self.names: list[str] = [joint["name"] for joint in self._robot["joints"]]
+        self.mode: str = client.call("GetStatus")["status"]["mode"]
+        self.chosen = self._chosen(options.joints)
+        self._body, self._why = _body(self._robot)
+
+    def require_ready(self) -> None:
+        """Armed, in live. Raises Rejected, ClientError."""
+        if self._options.json:
+            pass
+        elif self.mode != "live":
+            tell(self._options, f"mode {self.mode}: {NOT_COMPARED}")
+        elif self._why:
+            tell(self._options, f"loads are not compared: {self._why}")
+        if self.mode == "live":
+            require_armed(self._options, self._client)
+
+    def one(self, name: str) -> bool:
+        """Move one joint, say what it showed; whether nothing speaks against it."""
+        verdict = self._one(name)
+        if self._options.json:
+            print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
+        else:
+            print(again(self._options).prose("\n".join(verdict.lines())), flush=True)
+        return verdict.good
+
+    def close(self) -> None:
+        """What is left to say."""
+        if self._options.json or self.mode != "live":
+            return
+        print(BLIND, flush=True)
+        if self._options.arm:
+            tell(self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off")
+
+    def _one(self, name: str) -> WiggleVerdict:
+        place = self.names.index(name)
+        joint = self._robot["joints"][place]
+        who = {"joint": name, "bus": joint["bus"], "id": joint["id"], "names": self.names}
+        home = goal_of(self._client, name)
+        if home is None:
+            return WiggleVerdict(
+                gone=MoveResult(nan, refused=("nobody knows where it is: it was never heard",)), **who
+            )
+        gone = direction(self._client, name, home, radians(self._options.degrees))
+        if not gone.moved:
+            return WiggleVerdict(gone=gone, **who)
+        looks = self._looks(place, gone.way)
+        if self.mode != "live":
+            gone = self._go(name, home, gone.way)
+            return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.SIMULATED, gone), looks=looks, **who)
+        with observer(self._options) as watching, recorded(watching, self.names) as trace:
+            self._rest()
+            gone = self._go(name, home, gone.way)
+            self._rest()
+        if not gone.moved or gone.ended:
+            return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.ENDED, gone), looks=looks, **who)
+        stays = trace.stays(place, home, home + gone.way)
+        answered = answer(stays, place, gone.way)
+        weighed = self._weighed(stays, place)
+        return WiggleVerdict(
+            gone=gone,
+            seen=answered,
+            weighed=weighed,
+            looks=looks,
+            confirmed=seen(self._options, name, looks),
+            **who,
+        )
+
+    def _go(self, name: str, home: float, way: float) -> MoveResult:
+        return go(self._client, self._clock, name, home, way, take=self._options.take)
+
+    def _rest(self) -> None:
+        self._clock.sleep_until(self._clock.now() + AROUND)
+
+    def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
+        """The mean of the stays on both ends: friction has another sign on the way there and home."""
+        body, friction = self._body, float(self._options.friction)
+        if body is None or stays is None or body.stands_on(place):
+            return None
+        both = (stays.out, stays.home)
+        poses = [stay.position for stay in both]
+        if not all(np.isfinite(pose).all() for pose in poses):
+            return None
+
+        def mean(values: Sequence[float]) -> float:
+            return float(np.mean(values))
+
+        measured = mean([float(stay.effort[place]) for stay in both])
+        model = mean([float(body.torque(pose)[place]) for pose in poses])
+        flipped = mean([body.turned_round(pose, place) for pose in poses])
+        found = weigh(measured, model, flipped, friction)
+        others = body.twins(place) if isfinite(measured) else []
+        there = [mean([body.elsewhere(pose, place, other) for pose in poses]) for other in others]
+        like = tuple(others[each] for each in alike(measured, model, there, friction))
+        return TorqueObservation(found.load, measured, model, flipped, like)
+
+    def _looks(self, place: int, way: float) -> str:
+        """What is to be seen, said before it moves."""
+        position = pose(self._client, self.names)
+        if self._body is None or not np.isfinite(position).all():
+            return ""
+        looks = self._body.looks_like(position, place, way)
+        if not self._options.json and self.mode == "live":
+            tell(self._options, f"{self.names[place]}: watch: {looks}, and back")
+        return looks
+
+    def _chosen(self, joints: Sequence[str]) -> list[str]:
+        for name in joints:
+            if name not in self.names:
+                near = get_close_matches(name, self.names, 1)
+                hint = f"nearest: {near[0]}" if near else f"it has {', '.join(self.names)}"
+                raise Rejected(f"{self._robot['name']} has no joint {name!r}; {hint}")
+        return list(dict.fromkeys(joints)) if joints else self.names
+
+
+def _body(told: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
+    """The model of the daemon's robot, by the file that the daemon read; else why there is none."""
+    with suppress(KeyError, TypeError):
+        try:
+            robot = read_robot(Path(told["path"]))
+            if robot.text_sha256 != told["text_sha256"]:
+                return None, f"{robot.path} was changed since the daemon read it"
+            return PosedModel(robot), ""
+        except (ConfigError, BindingError) as error:
+            return None, str(error)
+    return None, "the daemon does not say which robot file it read"
+
+
+def _unseen(motion: EncoderResponse, gone: MoveResult) -> EncoderObservation | None:
+    """Of a move that nothing was measured of; None: there was none."""
+    return EncoderObservation(motion, gone.way, nan, nan, nan) if gone.moved else None

@@ -1,0 +1,143 @@
+"""What the bus needs of a family of actuators: its frames, both ways. Pure: no I/O, no clock.
+
+A family object speaks for the k actuators of one bus that are of this family, in the order of `ids`. Arrays
+are (k,) and SI: rad, rad/s, N·m at the output, N·m/rad, N·m·s/rad, °C, V. An encoder **raises** `WireClamp`
+for what its fields cannot hold; it never clamps. A decoder takes untrusted frames: what is not exactly of one
+of these actuators is left alone, and nothing raises.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import NamedTuple, Protocol
+
+from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.can.frame import Frames
+
+# The contract's bits of a hardware error, as those of a serial servo's register 70 where they mean the same.
+VOLTAGE, UNCALIBRATED, HEAT, ENCODER, ELECTRICAL, OVERLOAD, SILENCE, UNKNOWN = (1 << bit for bit in range(8))
+
+
+class ValuelessCommand(Enum):
+    """Orders without a value."""
+
+    ENABLE = auto()  # torque on
+    DISABLE = auto()  # torque off
+    CLEAR = auto()  # forget the fault
+    ZERO = auto()  # the present position is zero from now on
+    REBOOT = auto()  # restart; ValueError where the family has none
+
+
+class RegisterType(Enum):
+    """How a register's four bytes are to be read, little-endian."""
+
+    U8 = "<B"
+    U16 = "<H"
+    I16 = "<h"
+    U32 = "<I"
+    F32 = "<f"
+
+
+class FamilyRegister(NamedTuple):
+    """One register of a family."""
+
+    name: str  # snake case
+    address: int
+    kind: RegisterType
+    writable: bool = False
+    kept: bool = False  # survives power-off once it was stored
+    unit: float = 1.0  # SI per raw unit, for what has one (watchdog: s per tick)
+
+
+@dataclass(slots=True)
+class FieldRanges:
+    """What the fields of each actuator span, symmetric about 0. (k,). Read from the device where it tells."""
+
+    position: Floats  # rad
+    velocity: Floats  # rad/s
+    torque: Floats  # N·m
+    kp: Floats  # N·m/rad, from 0
+    kd: Floats  # N·m·s/rad, from 0
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorFeedback:
+    """What a batch of frames says of the actuators that are in it. Arrays (j,), in order of arrival."""
+
+    rows: Ints  # which of the k; one may stand there several times, the last is the newest
+    position: Floats  # rad; NaN: this frame does not say
+    velocity: Floats
+    effort: Floats
+    enabled: Ints  # 1 torque on, 0 off, -1 this frame does not say
+    fault: Ints  # bits above; 0: none; -1: this frame does not say
+    temperature: Floats  # °C, the hottest that is told; NaN unknown
+    voltage: Floats  # V; NaN unknown
+
+
+class RegisterReply(NamedTuple):
+    """A register's value, or the acknowledgement of its writing."""
+
+    row: int
+    address: int
+    data: bytes  # 4, little-endian; of an acknowledgement what was written, or empty
+    written: bool = False  # it acknowledges a write: no word of what the register holds
+
+
+class ActuatorFamily(Protocol):
+    """One family on one bus."""
+
+    name: str
+    ids: tuple[int, ...]
+    ranges: FieldRanges
+    parameters: Mapping[str, FamilyRegister]
+    # What identification reads of each, beside being there; the names are those of `parameters`.
+    identity: Sequence[str]
+    watchdog: FamilyRegister | None  # None: it has none that can be read back over this bus
+    # Frames that one actuator answers `question` with. 0: it tells nothing but in answer to a command
+    # (CubeMars in MIT mode) or by itself.
+    answers: int
+    claims: frozenset[int]  # 11-bit ids that it hears or speaks on: nobody else of that bus may have them
+    replies: Bools  # (k,) True: it answers every command with feedback
+
+    def question(self) -> Frames:
+        """Asks all for where they are; moves nothing and changes no torque. May be empty."""
+
+    def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
+        """One command each. Raises WireClamp naming id, field, value and range; then nothing is made."""
+
+    def gains(self, kp: Floats, kd: Floats) -> Frames:
+        """What must be told before torque, where `command` does not carry stiffness and damping (k,): them,
+        and the mode that its commands need. Empty where `command` carries all. Raises WireClamp."""
+
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
+        """One order. Raises ValueError where the family has no such order."""
+
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
+        """Asks for one register. Raises ValueError where the family cannot (see each family)."""
+
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
+        """Writes one register, `data` of 4 bytes; RAM alone. Raises ValueError where it cannot."""
+
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
+        """Of all feedback among `frames`, and which frames that were (len(frames),)."""
+
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+        """All register answers among `frames`, and which frames those were."""
+
+    def learn(self, row: int, values: Mapping[str, float]) -> None:
+        """What identification read of one: ranges that the device tells replace those that were given.
+
+        Raises ValueError for a range that is no positive number; then nothing is changed.
+        """
+
+    def operating_mode(self, values: Mapping[str, float]) -> int:
+        """Of what identification read: 1 where it takes this family's commands, else what it says.
+
+        Never 1 for another mode, whatever its number (see each family); 0: it was not read.
+        """
+
+    def commands_to(self, frames: Frames) -> Ints:
+        """Row that each frame commands, enables or writes; -1: none of these. For the last check."""
+
+    def commanded(self, frames: Frames) -> Floats:
+        """Position (len(frames),) rad that each frame commands; NaN: none of ours, or no motion command."""

@@ -1,0 +1,278 @@
+"""All actuators of one bus, of however many families, behind one set of arrays. Pure.
+
+Rows are places on the bus, in the order of the ids; a family has its own rows among them. What a family
+decodes is untrusted and sorted here: feedback, register answers, orders of another master, and strangers.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.can.actuator import CanActuator, place_of
+from twind_drivers.can.actuator_family import (
+    ActuatorFamily,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    ValuelessCommand,
+)
+from twind_drivers.can.frame import EXTENDED, FRAME, NOTHING, Frames
+
+T = TypeVar("T", bound=np.generic)
+_RAW = np.dtype((np.void, FRAME.itemsize))
+
+
+@dataclass(slots=True)
+class GroupFeedback:
+    """What a batch of frames says: of each actuator the newest. Arrays (m,), SI; NaN or -1: not told."""
+
+    count: Ints  # frames of feedback
+    position: Floats
+    velocity: Floats
+    effort: Floats
+    temperature: Floats
+    voltage: Floats
+    enabled: Ints
+    fault: Ints
+    answers: list[RegisterReply] = field(default_factory=list)  # registers, rows of the bus
+    masters: int = 0  # frames that order something of ours: another master's
+    strangers: int = 0  # frames of nobody on this bus
+
+    @classmethod
+    def nothing(cls, m: int) -> "GroupFeedback":
+        """Of m actuators, all silent."""
+        return cls(
+            np.zeros(m, np.int64),
+            np.full(m, np.nan),
+            np.full(m, np.nan),
+            np.full(m, np.nan),
+            np.full(m, np.nan),
+            np.full(m, np.nan),
+            np.full(m, -1, np.int64),
+            np.full(m, -1, np.int64),
+        )
+
+
+class ActuatorGroup:
+    """The families of one bus. Ids are distinct over all of them."""
+
+    def __init__(
+        self,
+        name: str,
+        actuators: Sequence[CanActuator],
+        families: Sequence[tuple[ActuatorFamily, Sequence[int]]],
+    ) -> None:
+        """`families`: each with the rows of its actuators, in the order of its ids.
+
+        Raises ValueError for no actuators, for ids given twice, and for rows that are not each there once.
+        """
+        self.name, self.actuators = name, tuple(actuators)
+        self.ids = tuple(each.id for each in actuators)
+        if not self.ids or len(set(self.ids)) != len(self.ids):
+            raise ValueError(f"{name}: distinct ids are needed, got {list(self.ids)}")
+        if sorted(row for _, rows in families for row in rows) != list(range(len(self.ids))):
+            raise ValueError(f"{name}: each actuator belongs to one family, once")
+        self.families = tuple((family, np.array(rows, np.int64)) for family, rows in families)
+        self._of: dict[int, tuple[ActuatorFamily, int]] = {
+            row: (family, place) for family, rows in families for place, row in enumerate(rows)
+        }
+        # All of one family, in its order: its arrays are the bus's.
+        self._alone = self.families[0][0] if len(self.families) == 1 else None
+        self.wide = any(self.special(row, ValuelessCommand.DISABLE)["id"][0] & EXTENDED for row in self._of)
+        self.ranges = self._ranges()
+        self._silence = GroupFeedback.nothing(len(self.ids))
+        self._rows, self._once = list(range(len(self.ids))), np.ones(len(self.ids), np.int64)
+        self._once.setflags(write=False)
+        self.replies = self._spread(lambda family: family.replies, np.bool_)
+        self.answers = self._spread(lambda family: family.answers, np.int64)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def _spread(self, of: Callable[[ActuatorFamily], Any], kind: type[T]) -> NDArray[T]:
+        whole = np.zeros(len(self.ids), kind)
+        for family, rows in self.families:
+            whole[rows] = of(family)
+        return whole
+
+    def of(self, row: int) -> tuple[ActuatorFamily, int]:
+        """The family of a row, and its place there."""
+        return self._of[row]
+
+    def row(self, id: int) -> int:
+        """The row of an id. Raises KeyError that lists the ids of this bus."""
+        return place_of(self.name, self.ids, id)
+
+    def learn(self, row: int, values: Mapping[str, float]) -> None:
+        """What identification read of one: `ranges` (m,) are those told, where it tells them."""
+        family, place = self._of[row]
+        family.learn(place, values)
+        self.ranges = self._ranges()
+
+    def _ranges(self) -> FieldRanges:
+        return FieldRanges(
+            position=self._spread(lambda family: family.ranges.position, np.float64),
+            velocity=self._spread(lambda family: family.ranges.velocity, np.float64),
+            torque=self._spread(lambda family: family.ranges.torque, np.float64),
+            kp=self._spread(lambda family: family.ranges.kp, np.float64),
+            kd=self._spread(lambda family: family.ranges.kd, np.float64),
+        )
+
+    # --------------------------------------------------------------------------- out
+
+    def question(self, rows: Bools | None = None) -> tuple[Frames, Ints]:
+        """Asks the families of `rows` (m,), None: all, for where they are; and how many frames each of the m
+        answers with."""
+        asked = [
+            (family, own)
+            for family, own in self.families
+            if family.answers and (rows is None or rows[own].any())
+        ]
+        expect = np.zeros(len(self.ids), np.int64)
+        for family, own in asked:
+            expect[own] = family.answers
+        return joined([family.question() for family, _ in asked]), expect
+
+    def command(self, values: Floats, rows: Bools | None = None) -> Frames:
+        """Commands of `values` (5, m): position, velocity, kp, kd, torque; of `rows` alone, if given.
+
+        Raises WireClamp for what a field cannot hold.
+        """
+        if self._alone is not None:
+            made = self._alone.command(*values)
+        else:
+            made = joined([family.command(*values[:, own]) for family, own in self.families])
+        return made if rows is None else self._only(made, rows)
+
+    def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
+        """What must be told beside the commands (m,): see `Family.gains`. Raises WireClamp."""
+        made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
+        return made if rows is None else self._only(made, rows)
+
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
+        """One order. Raises ValueError where its family has none."""
+        family, place = self._of[row]
+        return family.special(place, what)
+
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
+        """Asks for one register. Raises ValueError where its family cannot."""
+        family, place = self._of[row]
+        return family.read(place, parameter)
+
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
+        """Writes one register. Raises ValueError where its family cannot."""
+        family, place = self._of[row]
+        return family.write(place, parameter, data)
+
+    def _only(self, made: Frames, rows: Bools) -> Frames:
+        to = self.commands_to(made)
+        chosen: Frames = made[(to >= 0) & rows[to]]
+        return chosen
+
+    # --------------------------------------------------------------------------- the last check
+
+    def commands_to(self, frames: Frames) -> Ints:
+        """Row (k,) that each frame commands, enables or writes; -1: none."""
+        if self._alone is not None:
+            return self._alone.commands_to(frames)
+        to = np.full(len(frames), -1, np.int64)
+        for family, own in self.families:
+            place = family.commands_to(frames)
+            mine = place >= 0
+            to[mine] = own[place[mine]]
+        return to
+
+    def commanded(self, frames: Frames) -> Floats:
+        """Position (k,) in rad that each frame commands; NaN: it commands none."""
+        if self._alone is not None:
+            return self._alone.commanded(frames)
+        place = np.full(len(frames), np.nan)
+        for family, _ in self.families:
+            own = family.commanded(frames)
+            place[~np.isnan(own)] = own[~np.isnan(own)]
+        return place
+
+    # --------------------------------------------------------------------------- in
+
+    def hear(self, frames: Frames) -> GroupFeedback:
+        """What they say, the newest of each; nothing raises."""
+        if not len(frames):
+            return self._silence
+        if self._alone is not None and len(frames) == len(self.ids):
+            usual = self._usual(self._alone, frames)
+            if usual is not None:
+                return usual
+        heard = GroupFeedback.nothing(len(self.ids))
+        known = np.zeros(len(frames), np.bool_)
+        for family, own in self.families:
+            told, mine = family.feedback(frames)
+            answers, answered = family.answered(frames)
+            known |= mine | answered
+            _keep(heard, told, own)
+            heard.answers += [each._replace(row=int(own[each.row])) for each in answers]
+        if not known.all():
+            rest = frames[~known]
+            heard.masters = int(np.count_nonzero(self.commands_to(rest) >= 0))
+            heard.strangers = len(rest) - heard.masters
+        return heard
+
+    def _usual(self, family: ActuatorFamily, frames: Frames) -> GroupFeedback | None:
+        """The healthy case: one frame of feedback of each, in whatever order; None: it is another."""
+        told, _ = family.feedback(frames)
+        rows = told.rows.tolist()
+        if rows != self._rows:  # not in the order in which they were asked
+            if len(rows) != len(self.ids) or len(set(rows)) != len(rows):
+                return None
+            told = _ordered(told)
+        return GroupFeedback(
+            self._once,
+            told.position,
+            told.velocity,
+            told.effort,
+            told.temperature,
+            told.voltage,
+            told.enabled,
+            told.fault,
+        )
+
+
+def _ordered(told: ActuatorFeedback) -> ActuatorFeedback:
+    """The same in order of the rows."""
+    order = told.rows.argsort()
+    return ActuatorFeedback(
+        told.rows[order],
+        told.position[order],
+        told.velocity[order],
+        told.effort[order],
+        told.enabled[order],
+        told.fault[order],
+        told.temperature[order],
+        told.voltage[order],
+    )
+
+
+def joined(parts: Sequence[Frames]) -> Frames:
+    """All of them, in this order."""
+    full = [part for part in parts if len(part)]
+    if len(full) > 1:  # as plain bytes: numpy takes its time over the fields of a record
+        whole: Frames = np.concatenate([part.view(_RAW) for part in full]).view(FRAME)
+        return whole
+    return full[0] if full else NOTHING
+
+
+def _keep(heard: GroupFeedback, told: ActuatorFeedback, own: Ints) -> None:
+    rows = own[told.rows]
+    np.add.at(heard.count, rows, 1)
+    for name in ("position", "velocity", "effort", "temperature", "voltage"):
+        values = getattr(told, name)
+        says = ~np.isnan(values)
+        getattr(heard, name)[rows[says]] = values[says]  # of several the last stays
+    for name in ("enabled", "fault"):
+        values = getattr(told, name)
+        says = values >= 0
+        getattr(heard, name)[rows[says]] = values[says]

@@ -1,7 +1,0 @@
-"""The CAN bus as the loop sees it: a reader, a writer, and how an actuator is described."""
-
-from twind_drivers.can.actuator import Actuator
-from twind_drivers.can.reader import CanReader
-from twind_drivers.can.writer import CanWriter
-
-__all__ = ["Actuator", "CanReader", "CanWriter"]

@@ -1,0 +1,229 @@
+"""What comes before torque over CAN, each step read back; and damping. Scripts.
+
+Modes are looked at, never written: an actuator may restart in another one. The watchdog is written to RAM
+and is gone with the power, so it is written before every torque.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    DeviceRefused,
+    Floats,
+    Ints,
+    NoReply,
+    ReadRequest,
+    Script,
+    WriteRequest,
+)
+from twind_drivers.can.actuator_family import FamilyRegister
+from twind_drivers.can.command_frames import CanCommandEncoder
+from twind_drivers.can.register_access import STATE, decode, encode
+
+WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself ...
+BEATS = 2  # ... so this many commands must come in that time
+MODES = ("mode", "run_mode")  # registers that tell what an actuator takes
+LIMIT = "torque_limit"
+TRIES = 3
+UNWATCHED = (
+    "ids {}: no watchdog that can be read back over this bus: without one set in the vendor's tool they "
+    "hold their last command for ever when this daemon dies"
+)
+
+
+def prepare(
+    own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, among: Bools | None = None
+) -> Script[None]:
+    """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
+
+    `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none. `among` (m,): who is prepared,
+    None: all; the others are barred.
+
+    NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones. Who is
+    silent stays as it was: soft if it was soft, without commands if it was barred.
+    """
+    there = np.ones(len(ticks), np.bool_) if among is None else among.copy()
+    own.cyclic.barred = own.cyclic.barred | ~there
+    own.order(ticks, there)  # judged before anything is sent
+    own.aim = ticks.copy()
+    soft, barred, silent = own.soft.copy(), own.cyclic.barred.copy(), None
+    while there.any():
+        try:
+            yield from _prepared(own, ticks, required, limits, there)
+            break
+        except NoReply as error:
+            silent = silent or error
+            there = there & ~own.rows(dict.fromkeys(error.ids))
+            own.soft |= soft & ~there
+            own.cyclic.barred = own.cyclic.barred | (barred & ~there)
+    if silent is not None:
+        raise silent.with_traceback(None)
+
+
+def _prepared(
+    own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, there: Bools
+) -> Script[None]:
+    """All of that, of those `there` (m,) alone."""
+    yield from _require_modes(own, there)
+    own.soft &= ~there
+    own.cyclic.barred = own.cyclic.barred & ~there
+    yield from _clear_faults(own, ticks, there)
+    yield from _limit(own, np.where(there, limits, np.nan))
+    own.hold(ticks)  # from here on it is fed
+    watched = yield from _watch(own, required, there)
+    own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
+    if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
+        yield BurstWriteRequest((own.gains(there),))
+    own.hold(ticks)
+
+
+def damp(own: CanCommandEncoder, ticks: Ints) -> Script[tuple[int, ...]]:
+    """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
+    everybody = np.ones(len(ticks), np.bool_)
+    own.soft, own.line.goals = everybody.copy(), None
+    soft = own.order(ticks, everybody)
+    missing = set(own.reader.ids)
+    for _ in range(TRIES):
+        reply = yield BurstWriteRequest((own.gains(everybody), soft))
+        missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
+        if not missing:
+            break
+    return tuple(sorted(missing))
+
+
+# --------------------------------------------------------------------------------------------- steps
+
+
+def _require_modes(own: CanCommandEncoder, there: Bools) -> Script[None]:
+    for family, rows in own.fleet.families:
+        for name in MODES:
+            if name not in family.identity:
+                continue
+            parameter = family.parameters[name]
+            asked = [own.fleet.ids[row] for row in rows if there[row]]
+            found = yield from collect(own, asked, parameter)
+            for id in asked:
+                mode = family.operating_mode({name: decode(parameter, found[id])})
+                if mode != 1:
+                    reason = (
+                        f"is {mode}, needs 1: it takes no commands of this bus; set it in the vendor's tool"
+                    )
+                    raise DeviceRefused(own.reader.name, id, name, reason)
+
+
+def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[None]:
+    state = own.reader.registers
+    faulty = there & (state.fault > 0)
+    yield BurstWriteRequest((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
+    told, waited = np.zeros(len(there), np.bool_), 0.0
+    for _ in range(TRIES):
+        if not (state.fault[faulty] > 0).any():
+            return
+        reply = yield ReadRequest(tuple(own.by_id(faulty)), STATE, 3)
+        told, waited = told | own.rows(reply.data), waited + reply.waited
+    left = faulty & (state.fault > 0)
+    if (left & ~told).any():
+        raise NoReply(own.reader.name, own.by_id(left & ~told), waited, "read of its faults")
+    row = int(np.argmax(left))
+    reason = (
+        f"fault bits {int(state.fault[row]):#x} stay though cleared: find the cause, switch it off and on"
+    )
+    raise DeviceRefused(own.reader.name, own.reader.ids[row], "fault", reason)
+
+
+def _watch(own: CanCommandEncoder, required: Bools, there: Bools) -> Script[Bools]:
+    """Watchdogs of those `there` (m,) armed and read back; who (m,) has one now. Raises NoReply, and
+    DeviceRefused where one is required."""
+    watched = np.zeros(len(required), np.bool_)
+    for family, rows in own.fleet.families:
+        if family.watchdog is not None:
+            _require_rate(own, family.ids[0])
+            ticks = encode(family.watchdog, round(WATCHDOG / family.watchdog.unit))
+            own_there = [row for row in rows.tolist() if there[row]]
+            yield from written(own, {own.reader.ids[row]: ticks for row in own_there}, family.watchdog)
+            watched[own_there] = True
+    without = np.flatnonzero(there & required & ~watched)
+    if len(without):
+        row = int(without[0])
+        family, _ = own.fleet.of(row)
+        reason = (
+            f"{family.name} has none that could be read back: allow it in the robot file, or do not drive it"
+        )
+        raise DeviceRefused(own.reader.name, own.reader.ids[row], "watchdog", reason)
+    if (there & ~watched).any():
+        _warn(own, UNWATCHED.format(own.by_id(there & ~watched)))
+    return watched
+
+
+def _require_rate(own: CanCommandEncoder, id: int) -> None:
+    rate = own.reader.rate_hz
+    if rate * WATCHDOG < BEATS:
+        reason = (
+            f"runs out after {WATCHDOG} s, and at {rate:g} Hz a command comes every {1.0 / rate:.3f} s: "
+            f"{BEATS / WATCHDOG:g} Hz are needed"
+        )
+        raise DeviceRefused(own.reader.name, id, "watchdog", reason)
+
+
+def _warn(own: CanCommandEncoder, text: str) -> None:
+    channel = own.reader.channel
+    if text not in channel.warning:
+        channel.warning = "; ".join(part for part in (channel.warning, text) if part)
+
+
+def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
+    for family, rows in own.fleet.families:
+        parameter = family.parameters.get(LIMIT)
+        if parameter is None or not parameter.writable:
+            continue
+        data = {
+            own.reader.ids[row]: encode(parameter, float(limits[row]))
+            for row in rows.tolist()
+            if np.isfinite(limits[row])
+        }
+        if data:
+            yield from written(own, data, parameter)
+
+
+# --------------------------------------------------------------------------------------------- registers
+
+
+def collect(
+    own: CanCommandEncoder, ids: Sequence[int], parameter: FamilyRegister
+) -> Script[dict[int, bytes]]:
+    """One register of several of a family, some at once. Raises NoReply naming the silent."""
+    found: dict[int, bytes] = {}
+    waited, count = 0.0, own.reader.at_once
+    for _ in range(TRIES):
+        missing = [id for id in ids if id not in found]
+        for first in range(0, len(missing), count):
+            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
+            found.update(reply.data)
+            waited += reply.waited
+    silent = [id for id in ids if id not in found]
+    if silent:
+        raise NoReply(own.reader.name, silent, waited, f"read of {parameter.name}")
+    return found
+
+
+def written(own: CanCommandEncoder, data: Mapping[int, bytes], parameter: FamilyRegister) -> Script[None]:
+    """One register of several of a family, read back; what was lost is written again.
+
+    Raises DeviceRefused for the first that reads otherwise, NoReply.
+    """
+    ids, count = list(data), own.reader.at_once
+    left = dict(data)
+    for _ in range(TRIES):
+        wanted = list(left)
+        for first in range(0, len(wanted), count):
+            yield WriteRequest({id: left[id] for id in wanted[first : first + count]}, parameter.address)
+        found = yield from collect(own, wanted, parameter)
+        left = {id: each for id, each in left.items() if found[id] != each}
+        if not left:
+            return
+    id = next(each for each in ids if each in left)
+    reason = f"wrote {decode(parameter, left[id]):g}, reads {decode(parameter, found[id]):g}"
+    raise DeviceRefused(own.reader.name, id, parameter.name, reason)

@@ -1,0 +1,103 @@
+"""What a cycle costs on a CAN wire: bits, seconds, reachable rate, refusal with the arithmetic. Pure.
+
+Frames are those of CAN 2.0 (ISO 11898-1): 47 bits and the payload with an id of 11 bits, 67 with one of 29,
+the pause of three bits between frames included. Each is counted with all the stuff bits that it can have.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+STANDARD, EXTENDED = 47, 67  # bits around the payload
+STUFFED = {STANDARD: 34, EXTENDED: 54}  # of these bits those that are stuffed, before the payload's own
+WITH_29_BITS = ("robstride",)  # families whose ids are extended
+# Frames of 8 bytes that one actuator sends a second whoever asks: estimates each 10 ms, a heartbeat each 100.
+BY_ITSELF: Mapping[str, float] = {"odrive": 110.0}
+SLICE, SHARE = 0.002, 0.2  # s, and of a period: the bus time that one transaction beside the cycle may take
+HIGHEST = 1e5  # Hz, where the search for a rate ends
+
+
+def frame_bits(size: int = 8, *, extended: bool = False, stuffed: bool = True) -> int:
+    """Bits of one data frame of `size` bytes on the wire; `stuffed`: in the worst case, else without any."""
+    around = EXTENDED if extended else STANDARD
+    plain = around + 8 * size
+    return plain + (STUFFED[around] + 8 * size - 1) // 4 * stuffed
+
+
+@dataclass(frozen=True, slots=True)
+class CanCycleBudget:
+    """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
+
+    frames: float  # of a whole cycle
+    bits: float
+    seconds: float
+    reachable_hz: float
+    lines: tuple[str, ...]
+
+    def refusal(self, rate_hz: float) -> str | None:
+        """Why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
+        if self.reachable_hz >= rate_hz:
+            return None
+        return (
+            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us a cycle, "
+            f"the bus needs {self.seconds * 1e6:.0f} us (up to {self.reachable_hz:.0f} Hz): "
+            + "; ".join(self.lines)
+        )
+
+
+def registers_at_once(bitrate: int, rate_hz: float) -> int:
+    """Registers that one turn of upkeep asks for: what fits into its share with the answers, one at least."""
+    return max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * frame_bits(extended=True))))
+
+
+def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleBudget:
+    """The cycle of so many actuators of each family: commands, replies, upkeep, and what is sent unasked.
+
+    Raises ValueError for no actuators, no bitrate or no rate.
+    """
+    if sum(counts.values()) < 1 or bitrate < 1 or not rate_hz > 0.0:
+        given = f"{dict(counts)}, {bitrate} and {rate_hz}"
+        raise ValueError(f"a budget needs actuators, a bitrate and a rate, got {given}")
+    lines, frames, total = [], 0.0, 0.0
+    for family, count in counts.items():
+        bits = frame_bits(extended=family in WITH_29_BITS)
+        cycle, unasked = 2 * count, count * BY_ITSELF.get(family, 0.0) / rate_hz
+        lines.append(
+            f"commands to {count} {family} and their replies: {cycle} frames of at most {bits} bits "
+            f"= {_us(cycle * bits, bitrate)}"
+        )
+        if unasked:
+            lines.append(f"sent unasked: {unasked:.3g} frames = {_us(unasked * bits, bitrate)}")
+        frames, total = frames + cycle + unasked, total + (cycle + unasked) * bits
+    asked = min(registers_at_once(bitrate, rate_hz), sum(counts.values()))
+    upkeep = _upkeep(counts, bitrate, rate_hz)
+    lines.append(f"upkeep: {asked} registers, asked and answered, at most {_us(upkeep, bitrate)}")
+    frames, total = frames + 2 * asked, total + upkeep
+    lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
+    return CanCycleBudget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
+
+
+def _upkeep(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> float:
+    """Bits that are kept free for it: its share of the period, or one register where that is longer."""
+    one = 2 * frame_bits(extended=any(family in WITH_29_BITS for family in counts))
+    return max(one, min(SLICE, SHARE / rate_hz, sum(counts.values()) * one / bitrate) * bitrate)
+
+
+def _reachable(counts: Mapping[str, int], bitrate: int) -> float:
+    """The highest rate (Hz) at which a cycle fits into its period; 0 where none does."""
+
+    def fits(rate_hz: float) -> bool:
+        bits = _upkeep(counts, bitrate, rate_hz)
+        for family, count in counts.items():
+            unasked = BY_ITSELF.get(family, 0.0) / rate_hz
+            bits += count * (2 + unasked) * frame_bits(extended=family in WITH_29_BITS)
+        return bits * rate_hz <= bitrate
+
+    low, high = 0.0, HIGHEST
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
+
+
+def _us(bits: float, bitrate: int) -> str:
+    return f"{bits / bitrate * 1e6:.0f} us"

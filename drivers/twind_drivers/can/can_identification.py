@@ -1,0 +1,76 @@
+"""Who is on a CAN bus: everybody asked where he is, then what his registers say of him. A script."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from twind_drivers.bus import IdentifiedDevice, ReadRequest, Script
+from twind_drivers.can.actuator_family import FamilyRegister
+from twind_drivers.can.actuator_group import ActuatorGroup
+from twind_drivers.can.can_models import model
+from twind_drivers.can.can_units import counts
+from twind_drivers.can.register_access import STATE, decode
+
+TRIES = 2  # that are not answered, after which somebody is silent, or does not have a register
+CHIP = ("mcu_high", "mcu_low")  # halves of its processor's number, where it tells it: no two have the same
+TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_range": "tmax_milli"}
+
+
+def identify(fleet: ActuatorGroup, count: int) -> Script[tuple[IdentifiedDevice, ...]]:
+    """Devices that answer, in order of ids; registers are asked of `count` at once.
+
+    Ranges that they tell replace those described. A register that stays unanswered twice is not among the
+    settings: boards and firmwares differ in what they have.
+    """
+    present = yield from _present(fleet)
+    values: dict[int, dict[str, float]] = {id: {} for id in present}
+    for family, rows in fleet.families:
+        own = [fleet.ids[row] for row in rows if fleet.ids[row] in present]
+        for name in family.identity:
+            found = yield from _collect(own, family.parameters[name], count)
+            for id, value in found.items():
+                values[id][name] = value
+    return tuple(_device(fleet, id, values[id]) for id in present)
+
+
+def _present(fleet: ActuatorGroup) -> Script[list[int]]:
+    found: set[int] = set()
+    for _ in range(TRIES):
+        missing = tuple(id for id in fleet.ids if id not in found)
+        if missing:
+            found |= (yield ReadRequest(missing, STATE, 3)).data.keys()
+    return [id for id in fleet.ids if id in found]
+
+
+def _collect(ids: Sequence[int], parameter: FamilyRegister, count: int) -> Script[dict[int, float]]:
+    found: dict[int, float] = {}
+    for _ in range(TRIES):
+        missing = [id for id in ids if id not in found]
+        for first in range(0, len(missing), count):
+            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
+            found |= {id: decode(parameter, data) for id, data in reply.data.items()}
+    return found
+
+
+def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> IdentifiedDevice:
+    """What is compared with the calibration, under the names that serial servos have for the same."""
+    row = fleet.row(id)
+    family, place = fleet.of(row)
+    known = {name: value for name, value in values.items() if isfinite(value)}
+    fleet.learn(row, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
+    span = float(family.ranges.position[place])
+    edge = int(counts(span)) if isfinite(span) else 0
+    settings = {
+        "homing_offset": 0,
+        "drive_mode": 0,
+        "operating_mode": family.operating_mode(known),
+        "min_position_limit": -edge,
+        "max_position_limit": edge,
+    }
+    settings |= {TOLD[name]: round(value * 1e3) for name, value in known.items() if name in TOLD}
+    whole = {name: int(value) for name, value in known.items() if value == int(value) and name not in TOLD}
+    described = model(fleet.actuators[row].model)
+    firmware = int(known.get("firmware", 0)) & 0xFF
+    chip = [known[half] for half in CHIP if half in known]
+    unique = "".join(f"{int(half):08x}" for half in chip) if len(chip) == len(CHIP) else None
+    # Which model it is no actuator tells: number and name are those that it is described as.
+    return IdentifiedDevice(id, described.number, described.name, firmware, {**whole, **settings}, unique)

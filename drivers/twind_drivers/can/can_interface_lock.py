@@ -1,0 +1,63 @@
+"""One owner of a CAN interface of the kernel, which itself lets anybody open it beside anybody.
+
+The sign is a name in the abstract namespace of Unix sockets (unix(7)): bound by one socket at a time, seen in
+its network namespace alone, as the interface is, and gone with the process that has it. It keeps out those
+who look at it, which are this driver's own; `candump` and `cansend` do not.
+"""
+
+import errno
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+from twind_drivers.bus import PortError, PortInUse
+from twind_drivers.dynamixel.port_holder import command
+
+NAME = "\0twind-can-"  # and the interface
+INODE, PATH = 6, 7  # columns of /proc/net/unix (proc(5)); there the leading zero reads as @
+
+
+class CanInterfaceLock:
+    """That this process has the interface; until `close`."""
+
+    def __init__(self, interface: str) -> None:
+        """Raises PortTaken naming who has it; PortError where no sign can be set."""
+        self._sign = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._sign.bind(NAME + interface)
+        except OSError as error:
+            self._sign.close()
+            if error.errno == errno.EADDRINUSE:
+                raise PortInUse(interface, f"in use by {_named(interface)}; stop it first") from error
+            reason = f"its owner cannot be told: {os.strerror(error.errno or 0)}"
+            raise PortError(interface, reason) from error
+
+    def close(self) -> None:
+        """Let go of it. May be called twice."""
+        self._sign.close()
+
+
+def owners(interface: str, proc: Path = Path("/proc")) -> Iterator[int]:
+    """Pids that have the sign of an interface open, as far as this user may see them."""
+    try:
+        lines = [line.split() for line in (proc / "net/unix").read_text().splitlines()]
+    except OSError:
+        return
+    wanted = "@" + NAME[1:] + interface
+    sockets = {f"socket:[{words[INODE]}]" for words in lines if len(words) > PATH and words[PATH] == wanted}
+    for entry in proc.iterdir() if sockets else ():
+        if not entry.name.isdigit():
+            continue
+        try:
+            held = any(os.readlink(fd) in sockets for fd in (entry / "fd").iterdir())
+        except OSError:  # gone, or another user's
+            continue
+        if held:
+            yield int(entry.name)
+
+
+def _named(interface: str) -> str:
+    for pid in owners(interface):
+        return f"pid {pid} ({command(pid)})"
+    return "another process (not visible to this user)"

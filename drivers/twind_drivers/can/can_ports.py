@@ -1,0 +1,80 @@
+"""Names of CAN ports, `can:INTERFACE:CHANNEL`, and what they open: `can:socketcan:can0`,
+`can:slcan:/dev/ttyACM0`, for a real UART with its rate `can:slcan:/dev/ttyUSB0@2000000`.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from twind_drivers.bus import PortError
+from twind_drivers.can.can_interface import present as link_present
+from twind_drivers.can.channel import CanChannel
+from twind_drivers.can.slcan_channel import SlcanChannel
+from twind_drivers.dynamixel.serial_port import SerialTransport
+
+PREFIX = "can:"
+BAUD = 115_200  # of a serial adapter; one with its own USB does not care
+FORM = "a CAN port is can:INTERFACE:CHANNEL, such as can:socketcan:can0 or can:slcan:/dev/ttyACM0"
+
+
+class CanPort(NamedTuple):
+    """What a port's name says."""
+
+    interface: str  # socketcan, slcan, or another of python-can's
+    channel: str  # can0, /dev/ttyACM0; may contain colons
+    baud: int = BAUD  # bit/s of the serial side; slcan only
+
+
+def is_can(port: str) -> bool:
+    """Is this the name of a CAN port, right or wrong?"""
+    return port.startswith(PREFIX)
+
+
+class BadPortName(ValueError):
+    """The name of a CAN port that is not written as one. `reason`: how it is written."""
+
+    def __init__(self, port: str, reason: str) -> None:
+        super().__init__(f"{port}: {reason}")
+        self.reason = reason
+
+
+def parse(port: str) -> CanPort:
+    """The parts of a port's name. Raises BadPortName."""
+    _, _, rest = port.partition(":")
+    interface, colon, channel = rest.partition(":")
+    if not is_can(port) or not interface or not colon or not channel:
+        raise BadPortName(port, FORM)
+    if interface != "slcan":
+        return CanPort(interface, channel)
+    path, at, rate = channel.rpartition("@")
+    if not at:
+        return CanPort(interface, channel)
+    if not (path and rate.isascii() and rate.isdigit() and int(rate)):
+        raise BadPortName(port, f"after @ stands the adapter's baud rate, such as {channel}@{BAUD}")
+    return CanPort(interface, path, int(rate))
+
+
+def present(port: str) -> bool:
+    """Is its device there now? Where nobody can say, True. Raises ValueError."""
+    interface, channel, _ = parse(port)
+    if interface == "slcan":
+        return Path(channel).exists()
+    return interface != "socketcan" or link_present(channel)
+
+
+def open_channel(port: str, bitrate: int) -> CanChannel:
+    """Open a port by its name, at `bitrate` (bit/s). Raises PortError that says what to do."""
+    try:
+        interface, channel, baud = parse(port)
+    except BadPortName as error:
+        raise PortError(port, error.reason) from None
+    if interface != "slcan":
+        # python-can costs a tenth of a second: only who has such an adapter pays it.
+        from twind_drivers.can.python_can_channel import PythonCanChannel  # noqa: PLC0415
+
+        return PythonCanChannel(interface, channel, bitrate)
+    transport = SerialTransport(channel, baud)
+    try:
+        return SlcanChannel(transport, bitrate)
+    except PortError:
+        transport.close()
+        raise

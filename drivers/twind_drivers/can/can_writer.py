@@ -1,0 +1,212 @@
+"""The writing half of a CAN bus: goals, torque, registers. Exists in live only.
+
+Every frame that orders something is judged by its own bytes before it leaves (R22): actuators of this bus,
+positions inside what each may be sent.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    DeviceRefused,
+    Floats,
+    Ints,
+    NoReply,
+    Order,
+    ReadRequest,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
+    Script,
+    WriteRequest,
+)
+from twind_drivers.can import can_bringup, can_torque
+from twind_drivers.can.actuator_family import ValuelessCommand
+from twind_drivers.can.can_reader import CanReader
+from twind_drivers.can.command_frames import CanCommandEncoder
+from twind_drivers.can.register_access import STATE, encode, ordering, parameter_of, part
+from twind_drivers.single_device import SingleDeviceControl
+
+TRIES = 3
+RESTART = 200  # looks at an actuator that restarts
+# Registers that `write` leaves alone, and whose they are.
+ELSEWHERE = {
+    "timeout": "its watchdog is armed by preparing for torque",
+    "mode": "it would not take the commands of this bus",
+    "run_mode": "it would not take the commands of this bus",
+    "master_id": "it would answer under another id than this bus knows",
+    "esc_id": "it would listen on another id than this bus knows",
+    "can_rate": "it would answer at another bitrate than this bus has",
+    "torque_limit": "it is set by preparing for torque, from the robot file",
+}
+
+
+class CanWriter:
+    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in counts (`units.py`).
+
+    What an actuator holds cannot be read back: `aim` and `aimed` speak of what was sent and acknowledged.
+    """
+
+    def __init__(
+        self,
+        reader: CanReader,
+        *,
+        lower: Ints,
+        upper: Ints,
+        kp: Floats,
+        kd: Floats,
+        torque_limits: Floats | None = None,
+        watchdog: Sequence[bool] | None = None,
+    ) -> None:
+        """`lower`, `upper` (m,): goals that may ever be sent. `kp`, `kd` (m,): N·m/rad and N·m·s/rad.
+
+        `torque_limits` (m,), N·m, NaN none: written where a family has such a register; elsewhere nothing on
+        the actuator holds it. `watchdog` (m,), None: all. True: it must be armed and read back before torque;
+        False: where it cannot be, the port's warning says so.
+
+        Raises ValueError: values of the wrong shape, bounds crossed, a gain outside its field.
+        """
+        m = len(reader.ids)
+        self._reader, self._name = reader, reader.name
+        self._own = CanCommandEncoder(reader, lower, upper, kp, kd)
+        limits = np.full(m, np.nan) if torque_limits is None else np.asarray(torque_limits, np.float64)
+        required = np.ones(m, np.bool_) if watchdog is None else np.asarray(watchdog, np.bool_)
+        if limits.shape != (m,) or required.shape != (m,):
+            raise ValueError(
+                f"{self._name}: {limits.shape} limits, {required.shape} policies for {m} actuators"
+            )
+        self._limits, self._required = limits, required
+        reader.channel.drive(self)
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Goals (m,) that may be sent from now on; pending ones are dropped. Raises ValueError."""
+        self._own.bound(lower, upper)
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        self._own.goals(ticks)
+
+    def cut(self) -> None:
+        """Torque off for all, twice, in the next send of any kind; goals given before it are not sent."""
+        self._own.cut()
+
+    def clear(self) -> None:
+        """Drop pending goals and holds. A pending cut stays: torque off is never refused."""
+        self._own.line.goals = None
+
+    # --------------------------------------------------------------------------- the rare path
+
+    def begin(self, order: Order, now: float) -> None:
+        """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp, TypeError;
+        DeviceRefused for what a family does not have."""
+        if not isinstance(order, WriteRequest | BurstWriteRequest | RebootRequest):
+            raise TypeError(f"{self._name}: a writer does not ask: {order}")
+        try:
+            exchange = ordering(self._own.fleet, order)
+        except (ValueError, KeyError) as error:
+            raise DeviceRefused(self._name, -1, "order", str(error)) from None
+        self._own.check.judge(exchange.frames)
+        self._reader.start(order, exchange, now)
+
+    # --------------------------------------------------------------------------- scripts
+
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
+        """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits
+        and watchdogs written and read back; gains sent where commands do not carry them (ODrive, which tells
+        none). Raises DeviceRefused, WireClamp; NoReply when everybody else is prepared. Refused too: a loop
+        too slow for the watchdogs. Who is not `among` (m,), None: all, is barred until prepared.
+
+        From here on a hold at `ticks` is repeated until goals come, half a second at most.
+        """
+        return can_bringup.prepare(self._own, ticks, self._required, self._limits, among)
+
+    def aim(self, ticks: Ints) -> Script[None]:
+        """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireClamp."""
+        own = self._own
+        own.hold(ticks)
+        own.aim = ticks.copy()
+        silent = np.ones(len(ticks), np.bool_)
+        waited = 0.0
+        for _ in range(TRIES):
+            reply = yield BurstWriteRequest((own.order(ticks, silent),))
+            waited += reply.waited
+            silent &= ~own.rows(reply.data)
+            mute = silent & ~own.fleet.replies
+            if mute.any():  # acknowledges nothing: that it is there is all that can be known
+                reply = yield ReadRequest(tuple(own.by_id(mute)), STATE, 3)
+                silent &= ~own.rows(reply.data)
+            if not silent.any():
+                return
+        raise NoReply(self._name, own.by_id(silent), waited, "goal")
+
+    def aimed(self) -> Script[Ints]:
+        """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
+        yield from ()
+        line = self._own.line
+        if not line.told.all():
+            raise NoReply(self._name, self._own.by_id(~line.told), 0.0, "goal: none was sent")
+        return line.left.copy()
+
+    def torque(self, on: bool) -> Script[None]:
+        """Torque of all, read back; off is ordered twice. Raises DeviceRefused, NoReply.
+
+        On: without stiffness first, until each says where it is; one that changed its turn meanwhile ends it.
+        """
+        return can_torque.energise(self._own) if on else can_torque.release(self._own)
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """No stiffness and twice the damping, of every command from now on until `prepare`; ids of those
+        that did not acknowledge it, or never acknowledge."""
+        return can_bringup.damp(self._own, self._own.here())
+
+    def alone(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
+        """Not on CAN: always raises ValueError."""
+        raise ValueError(f"{self._name}: id {id}: a CAN actuator is not driven against a stop here")
+
+    def together(self) -> None:
+        """They always are."""
+
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
+        """One register by name, in RAM, read back; a float in thousandths of its unit.
+
+        Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
+        """
+        own = self._own
+        row = own.fleet.row(id)
+        parameter = parameter_of(own.fleet, row, name)
+        if parameter.name in ELSEWHERE:
+            raise ValueError(f"{parameter.name} is not written here: {ELSEWHERE[parameter.name]}")
+        data = encode(parameter, part(parameter, value))
+        own.fleet.write(row, parameter, data)
+        yield from can_bringup.written(own, {id: data}, parameter)
+        return (yield from self._reader.read(id, parameter.name))
+
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
+        """Restart one actuator, wait until it answers. Nothing of its RAM is kept: `prepare` writes it anew.
+
+        Raises DeviceRefused while its torque is on (unless `shut_down`), and where its family has no restart.
+        """
+        own = self._own
+        row = own.fleet.row(id)
+        try:
+            own.fleet.special(row, ValuelessCommand.REBOOT)
+        except ValueError as error:
+            raise DeviceRefused(self._name, id, "restart", f"{error}: switch its power off and on") from None
+        if self._reader.registers.torque[row] == 1 and not shut_down:
+            raise DeviceRefused(
+                self._name, id, "restart", "its torque is on: it carries a load; disarm first"
+            )
+        yield RebootRequest(id)
+        self._reader.slow.forget(row)
+        waited = 0.0
+        for _ in range(RESTART):
+            reply = yield ReadRequest((id,), STATE, 3)
+            waited += reply.waited
+            if id in reply.data:
+                return RestartResult()
+        raise NoReply(self._name, [id], waited, "restart")

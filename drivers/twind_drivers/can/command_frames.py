@@ -1,0 +1,212 @@
+"""What the actuators are told to do: goals, holds and softness as frames that have passed the last check.
+
+Stiffness and damping travel with each command, so whoever gives a goal also gives them; softness, once
+ordered, therefore lasts until strength is given back.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Floats, Ints, WireClamp, WriteRequest
+from twind_drivers.can.actuator_family import ValuelessCommand
+from twind_drivers.can.actuator_group import joined
+from twind_drivers.can.can_reader import CanReader
+from twind_drivers.can.can_transactor import PendingCanGoals
+from twind_drivers.can.can_units import COUNT, counts
+from twind_drivers.can.can_wire_check import CanWireCheck
+from twind_drivers.can.frame import Frames
+from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
+
+FIRMER = 2.0  # times its damping, and no stiffness: a soft actuator; never more than its field holds
+KEPT, CYCLES = 0.5, 10  # s and cycles, the longer: how long a hold is repeated while no goals come
+
+
+class CanCommandEncoder:
+    """Of m actuators: `lower`, `upper` (m,) in counts; `kp`, `kd` (m,) in N·m/rad and N·m·s/rad."""
+
+    def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
+        """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
+        self.reader, self.fleet, self.line, self.cyclic = reader, reader.fleet, reader.line, reader.cyclic
+        m = len(self.fleet)
+        self.kp, self.kd = (np.asarray(each, np.float64) for each in (kp, kd))
+        for each in (self.kp, self.kd):
+            if each.shape != (m,):
+                raise ValueError(f"{reader.name}: {each.shape} values for {m} actuators")
+        self._require_gains()
+        self.lower, self.upper, self.check = self._bounds(lower, upper)
+        self.soft: Bools = np.zeros(m, np.bool_)  # who has no stiffness, until prepared anew
+        self.aim: Ints | None = None  # (m,) where to hold, as last told
+        self._given: Ints | None = None  # the goals given last ...
+        self._given_in = -1  # ... in which cycle, and those of the cycle before
+        self._before: Ints | None = None
+        everybody = [[self.fleet.special(row, ValuelessCommand.DISABLE) for row in range(m)]] * 2
+        self._off = joined([frame for each in everybody for frame in each])
+        self.check.judge(self._off)
+        self._knock()
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Counts (m,) that may be commanded from now on; what waits to be sent, or is repeated, is dropped.
+
+        Raises ValueError as the beginning does: nothing changes.
+        """
+        self.lower, self.upper, self.check = self._bounds(lower, upper)
+        self.line.goals = self.aim = self._given = self._before = None
+        self._knock()
+
+    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, CanWireCheck]:
+        least, most = (np.array(each, np.int64) for each in (lower, upper))
+        for each in (least, most):
+            if each.shape != (len(self.fleet),):
+                raise ValueError(f"{self.reader.name}: {each.shape} values for {len(self.fleet)} actuators")
+        if not (least <= most).all():
+            row = int(np.argmin(least <= most))
+            where = f"{self.reader.name}: id {self.reader.ids[row]}"
+            raise ValueError(f"{where}: bounds {least[row]}..{most[row]}")
+        return least, most, CanWireCheck(self.fleet, least, most)
+
+    def _require_gains(self) -> None:
+        ranges = self.fleet.ranges
+        for name, values, most in (("kp", self.kp, ranges.kp), ("kd", self.kd, ranges.kd)):
+            fine = (values >= 0.0) & (values <= most)
+            if not fine.all():
+                row = int(np.argmin(fine))
+                id, value, bound = self.reader.ids[row], float(values[row]), float(most[row])
+                raise ValueError(f"{self.reader.name}: id {id}: {name} {value} is outside 0..{bound}")
+
+    def _knock(self) -> None:
+        """Who tells where he is in answer to a command alone gets one without stiffness and torque.
+
+        It moves nobody. Damped, because one that was left holding a load lets it sink instead of fall.
+        """
+        rows = (self.fleet.answers == 0) & self.fleet.replies
+        if rows.any():
+            values = np.zeros((5, len(rows)))
+            values[0], values[3] = np.clip(0, self.lower, self.upper) * COUNT, self.damping
+            frames = self.fleet.command(values, rows)
+            self.check.judge(frames)
+            self.cyclic.knock = (frames, rows)
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) in counts for the next request. Raises WireClamp, ValueError; then nothing is pending.
+
+        Speed beside them: the step from the goal of the cycle before. A step that the field cannot say is a
+        jump, and has no speed. Who is barred (`Cyclic`) is not commanded.
+        """
+        self.line.goals = None
+        self._require(ticks)
+        if self._given_in != self.cyclic.cycle:
+            follows = self._given is not None and self._given_in == self.cyclic.cycle - 1
+            self._before = self._given if follows else None
+        before = ticks if self._before is None else self._before
+        speed: Floats = np.asarray((ticks - before) * COUNT * self.reader.rate_hz, np.float64)
+        speed[np.abs(speed) > self.fleet.ranges.velocity] = 0.0
+        rows = ~self.cyclic.barred
+        frames = self.encode(ticks, speed, rows if self.cyclic.barred.any() else None)
+        self._given, self._given_in = ticks.copy(), self.cyclic.cycle
+        self.line.goals = PendingCanGoals(frames, rows, ticks.copy())
+
+    def _require(self, ticks: Ints) -> None:
+        if ticks.shape != self.lower.shape:
+            raise ValueError(f"{self.reader.name}: {ticks.shape} goals for {len(self.lower)} actuators")
+        outside = ~((ticks >= self.lower) & (ticks <= self.upper))
+        if outside.any():
+            row = int(np.argmax(outside))
+            bounds = float(self.lower[row]), float(self.upper[row])
+            raise WireClamp(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
+
+    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
+        """Frames to `rows` (m,), None: all, that have passed the last check. Raises WireClamp."""
+        frames = self.fleet.command(self._values(ticks, speed, soft=soft), rows)
+        self.check.judge(frames)
+        return frames
+
+    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
+        """Position, velocity, kp, kd, torque (5, m) of a command."""
+        values = np.zeros((5, len(self.lower)))
+        values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
+        if speed is not None:
+            values[1] = speed
+        if soft:
+            values[1], values[2], values[3] = 0.0, 0.0, self.damping
+        elif self.soft.any():
+            values[1:3, self.soft], values[3, self.soft] = 0.0, self.damping[self.soft]
+        return values
+
+    @property
+    def damping(self) -> Floats:
+        """Damping (m,) of a soft actuator."""
+        damping: Floats = np.minimum(FIRMER * self.kd, self.fleet.ranges.kd)
+        return damping
+
+    # --------------------------------------------------------------------------- scripts' parts
+
+    def hold(self, ticks: Ints, *, soft: bool = False) -> None:
+        """Until goals come, each request commands `ticks` (m,), for half a second. Raises WireClamp."""
+        self._require(ticks)
+        rows = ~self.cyclic.barred
+        until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
+        still = np.zeros(len(ticks))
+        frames = self.encode(ticks, still, rows, soft=soft)
+        self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
+
+    def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> WriteRequest:
+        """The same command as an order to `rows` (m,). Raises WireClamp."""
+        self._require(ticks)
+        values = self._values(ticks, soft=soft)
+        return WriteRequest(
+            {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND
+        )
+
+    def special(self, what: ValuelessCommand, rows: Bools) -> WriteRequest:
+        """An order without a value to `rows` (m,)."""
+        return WriteRequest({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
+
+    def clear_faults(self, rows: Bools) -> tuple[WriteRequest, ...]:
+        """Faults of `rows` (m,) forgotten, where there is such an order; the others stay, and are told."""
+        able = rows.copy()
+        for row in _places(rows):
+            try:
+                self.fleet.special(row, ValuelessCommand.CLEAR)
+            except ValueError:
+                able[row] = False
+        return (self.special(ValuelessCommand.CLEAR, able),) if able.any() else ()
+
+    def gains(self, rows: Bools) -> WriteRequest:
+        """Gains to all of `rows` (m,) whose commands do not carry them."""
+        values = self._values(np.clip(0, self.lower, self.upper))[2:4]
+        return WriteRequest(
+            {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS
+        )
+
+    def here(self) -> Ints:
+        """Where (m,) each said that it is, as a goal: the nearest place that one may have."""
+        place = np.where(np.isfinite(self.cyclic.place), self.cyclic.place, 0.0)
+        return np.clip(counts(place), self.lower, self.upper)
+
+    def cut(self, rows: Bools | None = None) -> None:
+        """Torque off for all, or for `rows` (m,), twice, in the next send; nobody's is ours from here on."""
+        self.line.goals = None
+        if rows is None:
+            self.line.urgent = self._off
+        else:  # a cut of everybody that waits stays
+            own = self._off[rows[self.fleet.commands_to(self._off)]]
+            self.line.urgent = joined([self.line.urgent, own])
+        self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
+
+    def by_id(self, rows: Bools) -> list[int]:
+        """Ids of `rows` (m,)."""
+        return [self.reader.ids[row] for row in _places(rows)]
+
+    def rows(self, ids: Mapping[int, object]) -> Bools:
+        """Rows (m,) of those ids."""
+        found = np.zeros(len(self.lower), np.bool_)
+        found[[self.fleet.row(id) for id in ids]] = True
+        return found
+
+
+def _places(rows: Bools) -> list[int]:
+    places: list[int] = np.flatnonzero(rows).tolist()
+    return places

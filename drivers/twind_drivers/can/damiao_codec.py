@@ -1,0 +1,244 @@
+"""Damiao DM actuators in MIT mode: commands, feedback, registers. Pure.
+
+An actuator hears on its own id (register 8) and speaks on another, its master id (register 7). Requests of
+registers go to 7FF. Source: the vendor's register table and public drivers of it (lerobot, openarm_can,
+axol); the status nibble is from public code alone and unverified. What a fault and a lost communication do to
+the torque is not established: a fault of the actuator's own counts as torque off, a lost communication as
+unknown.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.can.actuator_family import (
+    ELECTRICAL,
+    HEAT,
+    OVERLOAD,
+    SILENCE,
+    UNKNOWN,
+    VOLTAGE,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    RegisterType,
+    ValuelessCommand,
+)
+from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, Octets, frames
+from twind_drivers.can.id_lookup import NONE, Table, by_name, checked_ids, four, row_of, to_one
+from twind_drivers.can.mit_frame import BITS, FieldScale, commands, special, unpack
+
+ASK = 0x7FF  # requests of registers
+READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
+LAST_REGISTER = 81
+SPECIAL = {
+    ValuelessCommand.ENABLE: 0xFC,
+    ValuelessCommand.DISABLE: 0xFD,
+    ValuelessCommand.ZERO: 0xFE,
+    ValuelessCommand.CLEAR: 0xFB,
+}
+OTHER_MODES = (0x100, 0x200, 0x300)  # position-velocity, velocity, position-force: id on top
+MIT_MODE = 1  # of register 10
+
+# Status nibble -> torque on, fault bits. What no source names counts as a fault of which nothing is known.
+_STATUS = {
+    0x0: (0, 0),
+    0x1: (1, 0),
+    0x8: (0, VOLTAGE),  # over
+    0x9: (0, VOLTAGE),  # under
+    0xA: (0, ELECTRICAL),  # over-current
+    0xB: (0, HEAT),  # power stage
+    0xC: (0, HEAT),  # winding
+    0xD: (-1, SILENCE),  # communication lost: its watchdog
+    0xE: (0, OVERLOAD),
+}
+# By the whole of D0, whose low nibble is of the id.
+_ENABLED = np.array([_STATUS.get(octet >> 4, (-1, UNKNOWN))[0] for octet in range(256)], np.int64)
+_FAULT = np.array([_STATUS.get(octet >> 4, (-1, UNKNOWN))[1] for octet in range(256)], np.int64)
+_NIBBLE = np.arange(256) & 0xF
+# Register traffic by D1 (high byte of the id), D2 (order) and D3 (register).
+_HIGH = np.arange(256) <= 0xF
+_ORDER = np.isin(np.arange(256), (READ, WRITE, STORE, REFRESH))
+_REGISTER = np.arange(256) <= LAST_REGISTER
+
+TIMEOUT = FamilyRegister("timeout", 9, RegisterType.U32, writable=True, kept=True, unit=50e-6)
+# Ids, serial number, CAN rate and ranges are changed by the vendor's tool: this driver only reads them.
+PARAMETERS = by_name(
+    FamilyRegister("under_voltage", 0, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_temperature", 2, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_current", 3, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("acceleration", 4, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("deceleration", 5, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("max_speed", 6, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("master_id", 7, RegisterType.U32, kept=True),
+    FamilyRegister("esc_id", 8, RegisterType.U32, kept=True),
+    TIMEOUT,
+    FamilyRegister("mode", 10, RegisterType.U32, writable=True, kept=True),
+    FamilyRegister("hardware_version", 13, RegisterType.U32, kept=True),
+    FamilyRegister("firmware", 14, RegisterType.U32, kept=True),
+    FamilyRegister("serial_number", 15, RegisterType.U32, kept=True),
+    FamilyRegister("position_range", 21, RegisterType.F32, kept=True),
+    FamilyRegister("velocity_range", 22, RegisterType.F32, kept=True),
+    FamilyRegister("torque_range", 23, RegisterType.F32, kept=True),
+    FamilyRegister("current_bandwidth", 24, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("speed_kp", 25, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("speed_ki", 26, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("position_kp", 27, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("position_ki", 28, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_voltage", 29, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("can_rate", 35, RegisterType.U32, kept=True),
+)
+IDENTITY = (
+    *("position_range", "velocity_range", "torque_range", "mode", "timeout", "master_id", "esc_id"),
+    *("hardware_version", "firmware", "serial_number"),
+    *("under_voltage", "over_voltage", "over_temperature"),
+)
+
+
+class DamiaoCodec:
+    """k Damiao actuators of one bus, as `Family` says."""
+
+    name = "damiao"
+    parameters: Mapping[str, FamilyRegister] = PARAMETERS
+    identity: Sequence[str] = IDENTITY
+    watchdog: FamilyRegister | None = TIMEOUT
+    answers = 1
+
+    def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, masters: Sequence[int]) -> None:
+        """`masters` (k,): the id that each speaks on. Raises ValueError for ids that cannot be told apart."""
+        self.port = port
+        self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
+        self.replies: Bools = np.ones(len(self.ids), np.bool_)
+        self._ids = np.array(self.ids or (0,), np.int64)
+        self._voice = self._voices(masters)
+        self._hears = np.full(STANDARD_MASK + 2, NONE, np.int64)
+        for row, id in enumerate(self.ids):
+            for base in (0, *OTHER_MODES):
+                self._hears[base + id] = row
+        heard = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
+        self.claims = frozenset({*heard, *masters, *([ASK] if self.ids else [])})
+        asked = np.zeros((len(self.ids), 8), np.uint8)
+        asked[:, 0], asked[:, 2] = self.ids, REFRESH
+        self._question = frames([ASK] * len(self.ids), asked)
+        self._blank = frames(self.ids)
+        self._blank["size"] = BYTES
+        self._take(ranges)
+
+    def _voices(self, masters: Sequence[int]) -> tuple[Table, Table]:
+        """Place by id that a frame came with; row by place + low nibble of D0, all that tells a sender."""
+        if len(masters) != len(self.ids):
+            raise ValueError(f"{self.port}: {len(masters)} master ids for {len(self.ids)} Damiao actuators")
+        places = np.zeros(STANDARD_MASK + 2, np.int64)  # the first place is nobody's
+        rows = np.full(16 * (len(self.ids) + 1), NONE, np.int64)
+        for row, (id, master) in enumerate(zip(self.ids, masters, strict=True)):
+            if not 0 <= master < ASK or master in self.ids:
+                raise ValueError(f"{self.port}: id {id}: master id {master:#x} is no id of its own below 7FF")
+            places[master] = places[master] or 16 * (row + 1)
+            place = places[master] + (id & 0xF)
+            if rows[place] != NONE:
+                raise ValueError(
+                    f"{self.port}: ids {self.ids[rows[place]]} and {id} both answer on {master:#x} and look "
+                    "alike there: give each its own master id (register 7)"
+                )
+            rows[place] = row
+        return places, rows
+
+    def _take(self, ranges: FieldRanges) -> None:
+        self._scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
+        self.ranges = ranges
+
+    def question(self) -> Frames:
+        """Asks each for one feedback frame (CC)."""
+        return self._question
+
+    def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
+        """One MIT frame each. Raises WireClamp naming id, field, value and range."""
+        made = self._blank.copy()
+        fields = self._scale.fields(position, velocity, kp, kd, torque)
+        made["data"] = commands(self._scale, fields)
+        return made
+
+    def gains(self, kp: Floats, kd: Floats) -> Frames:
+        """Nothing: every command carries them."""
+        return NOTHING
+
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
+        """FC, FD, FE or FB behind seven FF. Raises ValueError for REBOOT: it has none."""
+        if what not in SPECIAL:
+            raise ValueError(f"{self.port}: id {self.ids[row]}: a Damiao actuator has no {what.name.lower()}")
+        return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
+
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
+        """Asks for one register (33)."""
+        return to_one(ASK, self._header(row, READ, parameter) + bytes(4))
+
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
+        """Writes one register in RAM (55). Raises ValueError for one that is only read."""
+        return to_one(ASK, self._header(row, WRITE, parameter) + four(self.port, parameter, data))
+
+    def _header(self, row: int, order: int, parameter: FamilyRegister) -> bytes:
+        return bytes([self.ids[row] & 0xFF, self.ids[row] >> 8, order, parameter.address])
+
+    def _of(self, received: Frames) -> tuple[Ints, Bools, Octets]:
+        """Row that each frame may be of, whether it is of it, and the payloads (j, 8)."""
+        data: Octets = received["data"]
+        places, voices = self._voice
+        rows = voices.take(row_of(places, received["id"]) + _NIBBLE.take(data[:, 0]))
+        return rows, (rows >= 0) & (received["size"] == BYTES), data
+
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
+        """Of frames on a master id that are no register traffic (id high byte, order, register)."""
+        rows, ours, data = self._of(frames)
+        told = ours & ~(_HIGH.take(data[:, 1]) & _ORDER.take(data[:, 2]) & _REGISTER.take(data[:, 3]))
+        if not told.all():
+            rows, data = rows[told], data[told]
+        position, velocity, effort = self._scale.values(unpack(data), rows)
+        enabled, fault = _ENABLED.take(data[:, 0]), _FAULT.take(data[:, 0])
+        heat = np.maximum(data[:, 6], data[:, 7]).astype(np.float64)
+        unknown = np.full(len(rows), np.nan)
+        return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told
+
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+        """Of frames on a master id: sender in full, 33 (read) or 55 (written), register."""
+        rows, found, data = self._of(frames)
+        found &= ((data[:, 2] == READ) | (data[:, 2] == WRITE)) & _REGISTER.take(data[:, 3])
+        found &= (data[:, 0] == self._ids.take(rows)) & (data[:, 1] == 0)  # ids end at FF
+        answers = []
+        for place in np.flatnonzero(found):
+            content = data[place].tobytes()
+            answers.append(RegisterReply(int(rows[place]), content[3], content[4:], content[2] == WRITE))
+        return answers, found
+
+    def learn(self, row: int, values: Mapping[str, float]) -> None:
+        """Registers 21 to 23 become the ranges of this actuator. Raises ValueError for no positive number."""
+        old = self.ranges
+        new = FieldRanges(old.position.copy(), old.velocity.copy(), old.torque.copy(), old.kp, old.kd)
+        for name, range in (
+            ("position_range", new.position),
+            ("velocity_range", new.velocity),
+            ("torque_range", new.torque),
+        ):
+            if name in values:
+                range[row] = values[name]
+        self._take(new)
+
+    def operating_mode(self, values: Mapping[str, float]) -> int:
+        """Register 10: 1 MIT, 2 position-velocity, 3 velocity, 4 position-force; 0: it was not read."""
+        return int(values.get("mode", 0))
+
+    def commands_to(self, frames: Frames) -> Ints:
+        """Frames on an id or on one of its other modes, and on 7FF all but read and refresh."""
+        rows = row_of(self._hears, frames["id"])
+        for place in np.flatnonzero(frames["id"] == ASK):
+            low, high, order = (int(octet) for octet in frames["data"][place, :3])
+            if order not in (READ, REFRESH) and low | high << 8 in self.ids:
+                rows[place] = self.ids.index(low | high << 8)
+        return rows
+
+    def commanded(self, frames: Frames) -> Floats:
+        """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
+        rows = row_of(self._hears, frames["id"])
+        motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~special(frames)
+        return self._scale.commanded(frames, rows, motion)

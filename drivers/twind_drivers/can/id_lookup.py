@@ -1,0 +1,65 @@
+"""Which actuator of k a frame is of: lookups by table, the same for every family. Pure."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.bus import Floats, Ints
+from twind_drivers.can.actuator_family import ActuatorFeedback, FamilyRegister
+from twind_drivers.can.frame import Frames, frames
+
+Table = NDArray[np.int64]
+NONE = -1  # no actuator of ours
+
+
+def checked_ids(port: str, family: str, ids: Sequence[int], least: int, most: int) -> tuple[int, ...]:
+    """`ids` as given. Raises ValueError unless each is within `least..most` and stands there once."""
+    for id in ids:
+        if not least <= id <= most:
+            raise ValueError(f"{port}: {family} id {id} outside {least}..{most}")
+        if list(ids).count(id) > 1:
+            raise ValueError(f"{port}: {family} id {id} stands there twice")
+    return tuple(int(id) for id in ids)
+
+
+def row_of(table: Table, keys: NDArray[Any]) -> Ints:
+    """Row by key; what lies beyond the table is nobody's. The table's last entry must be `NONE`."""
+    rows: Ints = table.take(keys, mode="clip")
+    return rows
+
+
+def to_one(id: int, data: bytes) -> Frames:
+    """One frame with `data`, up to 8 bytes."""
+    made = frames([id])
+    made["data"][0, : len(data)] = np.frombuffer(data, np.uint8)
+    made["size"] = len(data)
+    return made
+
+
+def column(values: Sequence[float]) -> Floats:
+    """Values as an array of our own (k,)."""
+    return np.array(values, np.float64)
+
+
+def four(port: str, parameter: FamilyRegister, data: bytes) -> bytes:
+    """`data` for a register that may be written. ValueError: it may not, or not 4 bytes."""
+    if not parameter.writable:
+        raise ValueError(f"{port}: {parameter.name} ({parameter.address:#x}) is not written by this driver")
+    if len(data) != 4:
+        raise ValueError(f"{port}: {parameter.name}: {len(data)} bytes, 4 are needed")
+    return data
+
+
+def untold(rows: Ints) -> ActuatorFeedback:
+    """Feedback of `rows` (j,) that says nothing yet."""
+    count = len(rows)
+    nan = np.full(count, np.nan)
+    unsaid = np.full(count, -1, np.int64)
+    return ActuatorFeedback(rows, nan, nan.copy(), nan.copy(), unsaid, unsaid.copy(), nan.copy(), nan.copy())
+
+
+def by_name(*parameters: FamilyRegister) -> Mapping[str, FamilyRegister]:
+    """Parameters by their names."""
+    return {parameter.name: parameter for parameter in parameters}

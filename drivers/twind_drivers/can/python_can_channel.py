@@ -1,0 +1,300 @@
+"""A channel over any adapter that python-can drives: no thread, no Notifier, time is an argument.
+
+Importing this costs a tenth of a second, so `ports.py` does it only for a robot that has such an adapter.
+
+Over socketcan the queue tells only by being full (ENOBUFS), and what it took before stays in the kernel: of a
+batch that was refused, the first frames may have left. After a loss no probe is sent: identification, which
+comes first, only reads, so its frames are the probe.
+"""
+
+import errno
+import logging
+import os
+import struct
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+
+import can
+import numpy as np
+
+from twind_drivers.bus import PortError
+from twind_drivers.can.can_interface import interfaces, long_queue, restart
+from twind_drivers.can.can_interface_lock import CanInterfaceLock
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
+from twind_drivers.can.frame import (
+    ERROR,
+    EXTENDED,
+    EXTENDED_MASK,
+    FRAME,
+    NOTHING,
+    REMOTE,
+    STANDARD_MASK,
+    Frames,
+)
+from twind_drivers.can.transmit_stall import DEAD, DEAF, ChannelStatusTracker, QueueFull, dead
+
+RECORD = struct.Struct("<IB3x8s")  # one of FRAME
+MOST = 4096  # frames of one `receive`: a babbling line never runs dry
+FULL = frozenset({errno.ENOBUFS, errno.EAGAIN})
+FULL_WORDS = ("transmit buffer full", "could not send message to one or more recipients")  # without a number
+GONE = frozenset({errno.ENODEV, errno.ENXIO, errno.ENETDOWN, errno.ENETUNREACH, errno.EBADF})
+# Of an error frame (linux/can/error.h): in its id, in data[1] of CRTL, in data[2] of PROT.
+CRTL, PROT, BUSOFF, RESTARTED = 0x4, 0x8, 0x40, 0x100
+WARNINGS, PASSIVES, ACTIVE = 0x0C, 0x30, 0x40
+PROT_ACTIVE = 0x40
+# A back end raises CanError, or whatever its vendor's library does (struct.error, RuntimeError,
+# AttributeError after an unplug): each means that this bus no longer works, none may end the daemon.
+FAILURES = Exception
+
+
+class PythonCanChannel:
+    """One `can.Bus`. `bitrate` in bit/s; a socketcan interface has its own, set by `ip link`.
+
+    A socketcan interface has one owner (`owner.py`). Whether another adapter can be opened twice is the
+    matter of its library.
+    """
+
+    def __init__(self, interface: str, channel: str, bitrate: int) -> None:
+        """Opens the bus. Raises PortError that says what is wrong and what to do; PortTaken."""
+        self.interface, self.channel, self.bitrate = interface, channel, bitrate
+        self.name = channel
+        self.condition = CanChannelStatus()
+        self._standing = ChannelStatusTracker(self.condition)
+        self._early: can.Message | None = None  # taken to learn whether there is one
+        self._heard = self._now = self._restarted = -inf  # s; of the last call, and of the link
+        self._doubtful = False  # frames of ours may still wait: nobody was heard before the last was sent
+        self._owner: Callable[[], object | None] = lambda: None  # who drives, while he lives
+        self._said = ""  # our own part of `warning`
+        quiet = logging.getLogger("can")  # what it would say there is in our errors
+        if not quiet.handlers:
+            quiet.addHandler(logging.NullHandler())
+        self._sign = CanInterfaceLock(channel) if interface == "socketcan" else None
+        try:
+            self._bus: can.BusABC | None = self._opened()
+        except PortError:
+            self._disown()
+            raise
+        self.warning = ""
+        if interface == "socketcan":
+            self._warn(long_queue(channel))
+
+    def fileno(self) -> int:
+        """Descriptor to poll; -1 where the bus has none, or once closed."""
+        try:
+            return -1 if self._bus is None else self._bus.fileno()
+        except FAILURES:
+            return -1
+
+    def arrival(self) -> float:
+        """-inf: something is there, or the reading will say what is wrong; inf: nothing yet, as far as known.
+
+        A bus without descriptor cannot tell when, so whoever waits for it asks again and again.
+        """
+        if self._bus is None:
+            return -inf
+        if self._early is None:
+            try:
+                self._early = self._bus.recv(timeout=0)
+            except FAILURES:
+                return -inf
+        return inf if self._early is None else -inf
+
+    def send(self, frames: Frames, now: float) -> None:
+        """All, in this order. Raises PortFull, PortError(lost=True), ValueError for what is no frame."""
+        messages = [_message(frame) for frame in frames.tolist()]
+        bus, self._now = self._require(), now
+        self._doubtful |= bool(messages) and now - self._heard >= DEAF
+        for taken, message in enumerate(messages):
+            try:
+                bus.send(message, timeout=0)
+            except FAILURES as error:
+                if not _full(error):
+                    raise self._lost("send", error) from error
+                self._refuse(taken, len(messages), now)
+        if messages:
+            self._standing.stall.taken()
+            self._standing.settle()
+
+    def receive(self, now: float) -> Frames:
+        """All that has arrived; error frames become the condition. Raises PortError(lost=True)."""
+        bus, self._now = self._require(), now
+        records: list[bytes] = []
+        message, self._early = self._early, None
+        try:
+            for _ in range(MOST):
+                if message is None and (message := bus.recv(timeout=0)) is None:
+                    break
+                self._take(message, records)
+                message = None
+        except FAILURES as error:
+            raise self._lost("receive", error) from error
+        if records:
+            self._heard, self._doubtful = now, False
+            self._standing.stall.heard(now)
+        self._standing.settle()
+        return np.frombuffer(b"".join(records), FRAME) if records else NOTHING
+
+    def drive(self, owner: object) -> None:
+        """See `Channel.drive`."""
+        self._owner = weakref.ref(owner)
+
+    def purge(self) -> None:
+        """Closes the bus and opens it again; a kernel interface where frames may wait goes down and up.
+
+        That while somebody drives, at most once a second: it takes long. Where it is not permitted,
+        `warning` says so. Raises PortError(lost=True).
+        """
+        self._shut(empties=self._now - self._restarted >= DEAD)
+        self._standing.stall.emptied()
+        try:
+            self._bus = self._opened()
+        except PortError as error:
+            raise PortError(self.name, error.reason, lost=True) from error
+
+    def close(self) -> None:
+        """Purge and let go. May be called twice; never raises."""
+        if self._bus is not None:
+            self._shut(empties=True)
+        self._disown()
+
+    # ------------------------------------------------------------------------------- inside
+
+    def _opened(self) -> can.BusABC:
+        try:
+            return can.Bus(self.channel, interface=self.interface, bitrate=self.bitrate, ignore_config=True)
+        except NotImplementedError as error:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            reason = (
+                f"python-can cannot drive {self.interface!r}: {error}; it knows {known}, slcan has our own"
+            )
+            raise PortError(self.name, reason) from error
+        except FAILURES as error:
+            raise PortError(self.name, _why(self.interface, self.channel, error)) from error
+
+    def _disown(self) -> None:
+        if self._sign is not None:
+            self._sign.close()
+
+    def _shut(self, *, empties: bool) -> None:
+        bus, self._bus, self._early = self._bus, None, None
+        if bus is not None:
+            with suppress(FAILURES):  # an unplugged adapter raises here too
+                bus.shutdown()
+        waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.waiting)
+        if waits and empties and self._owner() is not None:
+            self._warn(restart(self.channel) or long_queue(self.channel))
+            self._restarted, self._doubtful = self._now, False
+
+    def _warn(self, text: str) -> None:
+        """Our own part of the warning; what others said of the bus stays."""
+        others = self.warning.removeprefix(self._said).removeprefix("; ")
+        self._said, self.warning = text, "; ".join(part for part in (text, others) if part)
+
+    def _require(self) -> can.BusABC:
+        if self._bus is None:
+            raise PortError(self.name, "the channel is closed", lost=True)
+        return self._bus
+
+    def _refuse(self, taken: int, count: int, now: float) -> None:
+        """The queue was full. Raises PortFull; after a second PortError, with the queue emptied."""
+        self.condition.refused += count - taken
+        stall = self._standing.stall
+        if taken:
+            stall.taken()
+        waited = stall.refused(now)
+        self._standing.settle()
+        if waited < DEAD:
+            raise QueueFull(self.name, taken, count)
+        with suppress(PortError):
+            self.purge()
+        raise dead(self.name, waited)
+
+    def _take(self, message: can.Message, records: list[bytes]) -> None:
+        """A frame goes to `records`; what is none is counted."""
+        if message.is_error_frame:
+            self.condition.errors += 1
+            line = _line(message.arbitration_id, bytes(message.data))
+            if line is not None:
+                self._standing.told(line)
+            return
+        remote = message.is_remote_frame
+        size, data = message.dlc, b"" if remote else bytes(message.data)
+        limit = EXTENDED_MASK if message.is_extended_id else STANDARD_MASK
+        whole = size <= 8 and (remote or len(data) == size) and 0 <= message.arbitration_id <= limit
+        if message.is_fd or not whole:
+            self.condition.errors += 1
+            return
+        flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if remote else 0)
+        records.append(RECORD.pack(message.arbitration_id | flags, size, data))
+
+    def _lost(self, what: str, error: Exception) -> PortError:
+        number = _number(error)
+        hint = " (interface down, or adapter unplugged?)" if number in GONE else ""
+        return PortError(self.name, f"{what} failed: {error}{hint}", lost=True)
+
+
+def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:
+    """One of FRAME, as `tolist` gives it. Raises ValueError for what is no frame."""
+    flagged, size, _, data = row
+    extended, remote = bool(flagged & EXTENDED), bool(flagged & REMOTE)
+    id = flagged & EXTENDED_MASK
+    if flagged & ERROR or size > 8 or id > (EXTENDED_MASK if extended else STANDARD_MASK):
+        raise ValueError(
+            f"id {flagged:08X} with {size} bytes cannot be sent: at most 8 bytes, an id of 11 bits or of 29 "
+            "with its flag, and no error frame"
+        )
+    return can.Message(
+        arbitration_id=id,
+        is_extended_id=extended,
+        is_remote_frame=remote,
+        dlc=size,
+        data=None if remote else data[:size],
+    )
+
+
+def _line(id: int, data: bytes) -> CanErrorState | None:
+    """What an error frame says of the controller; None: nothing."""
+    data = data.ljust(8, b"\0")
+    if id & BUSOFF:
+        return CanErrorState.OFF
+    if id & CRTL and data[1] & PASSIVES:
+        return CanErrorState.PASSIVE
+    if (
+        id & RESTARTED
+        or (id & CRTL and data[1] & (WARNINGS | ACTIVE))
+        or (id & PROT and data[2] & PROT_ACTIVE)
+    ):
+        return CanErrorState.ACTIVE
+    return None
+
+
+def _number(error: BaseException) -> int | None:
+    if isinstance(error, can.CanError):
+        return error.error_code
+    return error.errno if isinstance(error, OSError) else None
+
+
+def _full(error: Exception) -> bool:
+    number = _number(error)
+    return number in FULL or (number is None and any(words in str(error).lower() for words in FULL_WORDS))
+
+
+def _why(interface: str, channel: str, error: Exception) -> str:
+    """What is wrong with a bus that does not open, and the remedy."""
+    number = _number(error)
+    if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
+        return (
+            "this kernel has no CAN; `sudo modprobe can_raw`, or reach the adapter as "
+            "can:slcan:/dev/tty..., if it is a serial one"
+        )
+    if interface == "socketcan" and number in GONE:
+        there = f"; there are: {', '.join(interfaces())}" if interfaces() else "; there is no CAN interface"
+        return (
+            f"no such CAN interface{there}; plug the adapter in, then "
+            f"`sudo ip link set {channel} up type can bitrate 1000000`"
+        )
+    if number is not None:
+        return f"cannot be opened as {interface}: {os.strerror(number)}"
+    return f"cannot be opened as {interface}: {error}"

@@ -1,0 +1,182 @@
+"""How the rare path names what a family can do, and the bytes of a register's value. Pure.
+
+An address below `SPECIALS` is a register of the actuator's family. Above it are the orders that are no
+registers: five specials without a value, one whole command, gains, and the state that feedback tells.
+"""
+
+import math
+import struct
+from collections.abc import Mapping
+from difflib import get_close_matches
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    Floats,
+    Order,
+    PingRequest,
+    Query,
+    ReadRequest,
+    RebootRequest,
+    UnknownRegister,
+    WriteRequest,
+)
+from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can.actuator_group import ActuatorGroup, joined
+from twind_drivers.can.can_transactor import CanTransaction
+from twind_drivers.can.frame import NOTHING, Frames
+
+SPECIALS = 0x1_0000  # addresses of the orders without a value begin here ...
+ADDRESS = {
+    special: SPECIALS + number for number, special in enumerate(ValuelessCommand)
+}  # ... and there are five
+SPECIAL = {address: special for special, address in ADDRESS.items()}
+COMMAND = SPECIALS + 0x10  # written: position, velocity, kp, kd, torque, as five little-endian doubles
+GAINS = SPECIALS + 0x11  # written: kp and kd, as two; nothing where commands carry them
+STATE = SPECIALS + 0x12  # read: three bytes, torque (0, 1, 255 not told), fault bits, 1 if these were told
+MILLI = 1e3  # of a float's unit: what a register's whole number means
+
+
+def decode(parameter: FamilyRegister, data: bytes) -> float:
+    """A register's value, as its four bytes say. NaN and infinity stay what they are."""
+    [value] = struct.unpack_from(parameter.kind.value, data.ljust(4, b"\0"))
+    return float(value)
+
+
+def encode(parameter: FamilyRegister, value: float) -> bytes:
+    """Four bytes. Raises ValueError for what the register cannot hold, naming it."""
+    if not math.isfinite(value) or (parameter.kind is not RegisterType.F32 and value != int(value)):
+        raise ValueError(f"{parameter.name}: {value} is no value of it: a finite {parameter.kind.name} is")
+    try:
+        raw = struct.pack(parameter.kind.value, value if parameter.kind is RegisterType.F32 else int(value))
+    except (struct.error, OverflowError):
+        raise ValueError(f"{parameter.name}: {value} does not fit into {parameter.kind.name}") from None
+    return raw.ljust(4, b"\0")
+
+
+def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
+    """A register by its name, in any spelling, or by its address. Raises UnknownRegister."""
+    family, _ = fleet.of(row)
+    key = name.strip().lower().replace(" ", "_").replace("-", "_")
+    found = family.parameters.get(key)
+    if found is None and key[:1].isdigit():
+        found = by_address(family.parameters, int(key, 0))
+    if found is None:
+        near = get_close_matches(key, family.parameters, 3, 0.4) or list(family.parameters)[:3]
+        raise UnknownRegister(family.name, name, near)
+    return found
+
+
+def by_address(parameters: Mapping[str, FamilyRegister], address: int) -> FamilyRegister | None:
+    """The register at an address."""
+    return next((each for each in parameters.values() if each.address == address), None)
+
+
+def state(enabled: int, fault: int) -> bytes:
+    """What a read of `STATE` brings."""
+    return bytes((enabled & 0xFF, max(fault, 0), fault >= 0))
+
+
+def whole(parameter: FamilyRegister, value: float) -> int:
+    """The number that stands for a register's value: a float in thousandths. ValueError for NaN, infinity."""
+    if not math.isfinite(value):
+        raise ValueError(f"{parameter.name} reads {value}")
+    return round(value * MILLI) if parameter.kind is RegisterType.F32 else int(value)
+
+
+def part(parameter: FamilyRegister, value: int) -> float:
+    """The value of a register that such a number stands for."""
+    return value / MILLI if parameter.kind is RegisterType.F32 else value
+
+
+# --------------------------------------------------------------------------------------------- to frames
+
+
+def asks_state(query: Query) -> bool:
+    """Nothing but how somebody is: answered by feedback."""
+    return isinstance(query, PingRequest) or query.address == STATE
+
+
+def rows_of(fleet: ActuatorGroup, query: Query) -> Bools:
+    """Whom (m,) a query asks; ids that are not of this bus are nobody's."""
+    ids = (query.id,) if isinstance(query, PingRequest) else query.ids
+    rows = np.zeros(len(fleet), np.bool_)
+    rows[[fleet.ids.index(id) for id in ids if id in fleet.ids]] = True
+    return rows
+
+
+def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
+    """The frames that ask for a register, and what should come back; nothing of those who do not have it."""
+    asked: list[Frames] = []
+    wanted: set[tuple[int, int]] = set()
+    for row in np.flatnonzero(rows_of(fleet, query)).tolist():
+        family, _ = fleet.of(row)
+        found = by_address(family.parameters, query.address)
+        if found is None:
+            continue
+        try:
+            asked.append(fleet.read(row, found))
+        except ValueError:  # a script that asks for it has been told
+            continue
+        wanted.add((row, query.address))
+    return CanTransaction(joined(asked), np.zeros(len(fleet), np.int64), registers=frozenset(wanted))
+
+
+def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
+    """The frames of an order. Raises ValueError for what a family cannot, KeyError for an id of nobody."""
+    writes = (
+        (order,)
+        if isinstance(order, WriteRequest)
+        else order.writes
+        if isinstance(order, BurstWriteRequest)
+        else ()
+    )
+    made = [_written(fleet, each) for each in writes]
+    if isinstance(order, RebootRequest):
+        made = [fleet.special(fleet.row(order.id), ValuelessCommand.REBOOT)]
+    frames = joined(made)
+    to = fleet.commands_to(frames)
+    count = np.bincount(to[to >= 0], minlength=len(fleet))
+    plain = all(each.address < SPECIALS for each in writes) and not isinstance(order, RebootRequest)
+    acks = (count > 0) & fleet.replies
+    nothing = np.zeros(len(fleet), np.int64)
+    if plain:
+        return CanTransaction(frames, nothing, acks=acks)
+    return CanTransaction(
+        frames, np.where(fleet.replies, count, 0) if not isinstance(order, RebootRequest) else nothing
+    )
+
+
+def _written(fleet: ActuatorGroup, write: WriteRequest) -> Frames:
+    rows = {fleet.row(id): data for id, data in write.data.items()}
+    chosen = np.zeros(len(fleet), np.bool_)
+    chosen[list(rows)] = True
+    if write.address == COMMAND:
+        return fleet.command(_values(fleet, rows, 5), chosen) if rows else NOTHING
+    if write.address == GAINS:
+        kp, kd = _values(fleet, rows, 2)
+        return fleet.gains(kp, kd, chosen) if rows else NOTHING
+    if write.address in SPECIAL:
+        return joined([fleet.special(row, SPECIAL[write.address]) for row in rows])
+    made = []
+    for row, data in rows.items():
+        family, _ = fleet.of(row)
+        found = by_address(family.parameters, write.address)
+        if found is None:
+            raise ValueError(f"{fleet.name}: id {fleet.ids[row]} has no register {write.address:#x}")
+        made.append(fleet.write(row, found, data))
+    return joined(made)
+
+
+def _values(fleet: ActuatorGroup, rows: Mapping[int, bytes], count: int) -> Floats:
+    values = np.zeros((count, len(fleet)))
+    for row, data in rows.items():
+        values[:, row] = struct.unpack(f"<{count}d", data)
+    return values
+
+
+def whole_command(values: Floats) -> bytes:
+    """One actuator's position, velocity, kp, kd and torque, as `COMMAND` takes them."""
+    return struct.pack(f"<{len(values)}d", *(float(value) for value in values))

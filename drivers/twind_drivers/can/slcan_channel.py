@@ -1,0 +1,230 @@
+"""A channel over a serial adapter that speaks slcan: one write a cycle, one split a read.
+
+slcan has no checksum, no time stamps and no report of a controller that left the wire. What is known of the
+line: the adapter refuses frames (BEL) while nobody is heard, and its status flags where it answers `F`.
+"""
+
+from math import inf
+
+import numpy as np
+
+from twind_drivers.bus import ByteTransport, OutputQueueFull, PortError
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
+from twind_drivers.can.frame import NOTHING, Frames
+from twind_drivers.can.slcan_codec import SlcanDecoder, encode
+from twind_drivers.can.transmit_stall import DEAD, ChannelStatusTracker, TransmitStall, dead
+
+# LAWICEL's table; the manual calls S7 800 kbit/s, python-can 750: it is left out.
+RATES = {
+    10_000: b"S0",
+    20_000: b"S1",
+    50_000: b"S2",
+    100_000: b"S3",
+    125_000: b"S4",
+    250_000: b"S5",
+    500_000: b"S6",
+    1_000_000: b"S8",
+}
+ASK = b"F\r"
+ASK_EVERY = 0.1  # s
+GIVE_UP = 1.0  # s without an answer to the first question: this adapter knows none
+ANSWERS = 0.1  # s after an opening that BELs are answers to it: `C` is refused where it was closed already
+RETRY, TRIES = 0.5, 10  # an adapter that restarts when its port is opened loses what it was told
+# As LAWICEL numbers them (the SJA1000's; read in public sources, unverified on an adapter; others give
+# the bits other meanings). Bit 2 is the warning level, which is no state of its own.
+PASSIVE, BUS_ERROR = 0x20, 0x80
+ROOM, READS = 4096, 16  # bytes of one read, and reads of one `receive`: a babbling line never runs dry
+
+
+def opening(bitrate: int) -> bytes:
+    """What opens an adapter's channel with empty queues. Raises ValueError for a rate that slcan has not."""
+    if bitrate not in RATES:
+        rates = ", ".join(str(rate) for rate in RATES)
+        raise ValueError(f"bitrate {bitrate} is not one that slcan knows: {rates}")
+    # The first ends let go of half a line that an earlier owner left.
+    return b"\r\rC\r" + RATES[bitrate] + b"\rO\r"
+
+
+class SlcanChannel:
+    """One adapter on a byte transport. `bitrate` in bit/s, of the CAN side."""
+
+    def __init__(self, transport: ByteTransport, bitrate: int) -> None:
+        """Opens the adapter's channel at once, and waits for nothing. Raises PortError."""
+        self.name, self.warning = transport.name, transport.warning
+        self.condition = CanChannelStatus()
+        try:
+            self._opening = opening(bitrate)
+        except ValueError as error:
+            raise PortError(self.name, str(error)) from None
+        self._transport = transport
+        self._lines = SlcanDecoder()
+        self._standing = ChannelStatusTracker(self.condition)  # of the wire: what the adapter refuses
+        self._port = TransmitStall()  # of the serial side: bytes that do not leave
+        self._buffer = bytearray(ROOM)
+        self._room = memoryview(self._buffer)
+        self._flushed = True  # an empty output says nothing of what was thrown out of it
+        self._answering = self._since = inf  # s; of the present opening, once time is known
+        self._answered, self._tries = False, 0
+        self._asks, self._knows = True, False  # for flags at all; it has answered
+        self._asked = -inf  # s
+        self._last = 0  # bytes of the last write
+        self._open = True
+        transport.drain()
+        transport.write(self._opening)
+
+    def fileno(self) -> int:
+        """Of the transport; -1 where it has none."""
+        return self._transport.fileno()
+
+    def arrival(self) -> float:
+        """Of the transport, s."""
+        return self._transport.arrival()
+
+    def send(self, frames: Frames, now: float) -> None:
+        """All frames in one write. Raises PortFull, PortError(lost=True), ValueError for what is no frame.
+
+        PortFull: more than the last write still waits in the port, or it took a part of this one: all of that
+        is thrown away.
+        """
+        if not len(frames):
+            return
+        lines = encode(frames)
+        try:
+            if self._transport.holds:
+                self._require_room()
+            self._last = len(lines)
+            self._transport.write(lines)
+            self._flushed = False
+        except OutputQueueFull:
+            self._full(now, len(frames))
+            raise
+        except PortError as error:
+            if error.lost:
+                raise
+            self._full(now, len(frames))
+            raise OutputQueueFull(self.name, len(lines), len(lines)) from error
+
+    def receive(self, now: float) -> Frames:
+        """All frames that have arrived. Raises PortError(lost=True)."""
+        if self._since == inf:
+            self._since, self._answering = now, now + ANSWERS
+        found = self._drain(now)
+        if self._asks or not self._answered:
+            self._converse(now)
+        return found
+
+    def drive(self, owner: object) -> None:
+        """Nothing: an adapter of our own is emptied in any case."""
+
+    def purge(self) -> None:
+        """Empties the port's output, and the adapter's queue by closing and opening its channel.
+
+        What a wedged port does not take is no failure here: `send` tells. Raises PortError(lost=True).
+        """
+        self._transport.flush()
+        self._reopen()
+        self._flushed = True
+        self._standing.stall.emptied()
+
+    def close(self) -> None:
+        """Purge, close the adapter's channel, let go of the port. May be called twice; never raises."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._transport.flush()
+            self._transport.write(b"\r\rC\r")
+        except PortError:
+            pass  # gone, or wedged: then there is nobody to tell
+        self._transport.close()
+
+    # ------------------------------------------------------------------------------- inside
+
+    def _require_room(self) -> None:
+        waiting = self._transport.backlog()
+        if waiting > self._last:
+            raise OutputQueueFull(self.name, waiting, self._last)
+        if not waiting and not self._flushed:
+            self._port.taken()
+
+    def _full(self, now: float, count: int) -> None:
+        """The port was full. Raises PortError when it has been for a second."""
+        self.condition.refused += count
+        waited = self._port.refused(now)
+        self.purge()
+        if waited >= DEAD:
+            raise dead(self.name, waited)
+
+    def _reopen(self) -> None:
+        self._lines.forget()
+        self._since = self._answering = inf
+        try:
+            self._transport.write(self._opening)
+        except PortError as error:
+            if error.lost:
+                raise
+
+    def _drain(self, now: float) -> Frames:
+        parts: list[Frames] = []
+        lines = self._lines
+        before, acknowledged = lines.refused, lines.acknowledged
+        errors = lines.errors
+        for _ in range(READS):
+            count = self._transport.read_into(self._room)
+            if count:
+                self._answered = True
+                parts.append(lines.take(self._room[:count]))
+            if count < ROOM:
+                break
+        if not parts:
+            return NOTHING
+        found = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if not self._transport.holds:
+            self._port.taken()  # who speaks does not hang; nothing better is known
+        self.condition.errors += lines.errors - errors
+        if lines.acknowledged > acknowledged:
+            self._standing.stall.taken()
+        if len(found):
+            self._standing.stall.heard(now)
+        if lines.refused > before and now >= self._answering:
+            self._refuse(lines.refused - before, now)
+        if lines.flags >= 0:
+            self._flags(lines.flags)
+        self._standing.settle()
+        return found
+
+    def _refuse(self, count: int, now: float) -> None:
+        """BELs. Raises PortError when the adapter has taken no frame for a second, and nobody spoke."""
+        self.condition.refused += count
+        stall = self._standing.stall
+        waited = stall.refused(now)
+        if stall.blocked and waited >= DEAD:
+            self.purge()
+            self._standing.settle()
+            raise dead(self.name, waited)
+
+    def _flags(self, flags: int) -> None:
+        self._lines.flags, self._knows = -1, True
+        self.condition.errors += bool(flags & BUS_ERROR)
+        self._standing.told(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
+
+    def _converse(self, now: float) -> None:
+        """Opens again an adapter that has never said a byte; asks for its flags where it tells them."""
+        if not self._answered and self._tries < TRIES and now - self._since >= RETRY:
+            self._tries += 1
+            self._asks, self._asked = True, -inf
+            self._reopen()
+        elif self._asks and now - self._asked >= ASK_EVERY:
+            self._ask(now)
+
+    def _ask(self, now: float) -> None:
+        if not self._knows and self._asked > -inf:
+            self._asks = now - self._asked < GIVE_UP
+            return
+        self._asked = now
+        try:
+            if not (self._transport.holds and self._transport.backlog()):
+                self._transport.write(ASK)
+        except PortError as error:
+            if error.lost:
+                raise

@@ -1,0 +1,82 @@
+"""The answers to a broadcast ping: everybody on the wire, in whatever order and however garbled. Pure.
+
+Devices answer in the order of their ids, each in a time slot of its own: id 5 alone stayed unheard within
+10 ms at 2 Mbaud and answered within 50 ms (Dynamixel2Arduino #106), and the vendor's own tool allows 3 ms an
+id beside the wire time (DynamixelSDK, `broadcastPing`). So a roll call of a robot takes tens of milliseconds,
+one of all ids most of a second: it is for tools that own the port alone, never for a tick.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
+
+SLOT = 0.003  # s that each id may take beside its wire time
+SIZE = 3  # bytes: model number 2, firmware 1
+ROOM = 4096  # bytes taken at once
+
+
+class BroadcastPingReply:
+    """What came back from a broadcast ping. Arrays are by id, (253,). Only the end of the window ends it.
+
+    `last`: the highest id whose slot is waited for.
+    """
+
+    def __init__(self, last: int = LAST_ID) -> None:
+        """Raises ValueError for an id that none can have."""
+        if not 0 <= last <= LAST_ID:
+            raise ValueError(f"id {last} is not one of 0..{LAST_ID}: nobody could answer as it")
+        self.ids = tuple(range(LAST_ID + 1))
+        self.size = SIZE
+        self.slots = last + 1
+        self.expected = self.slots * (STATUS_OVERHEAD + SIZE)
+        self._buffer = memoryview(bytearray(ROOM))
+        self._framer = Framer(status=True)
+        self.heard = self.answered = np.zeros(len(self.ids), np.bool_)
+        self.error = np.zeros(len(self.ids), np.uint8)
+        self.data = np.zeros((len(self.ids), SIZE), np.uint8)
+        self.strays, self.whole, self.first = 0, False, b""
+        self.unasked: Sequence[Packet] = ()  # nothing is: who answers is what is asked
+        self.twice: set[int] = set()
+
+    @property
+    def window(self) -> float:
+        """Seconds beside the wire time that the slots of all asked ids may take."""
+        return self.slots * SLOT
+
+    def start(self) -> None:
+        """Forget the last one."""
+        self.heard.fill(False)
+        self.error.fill(0)
+        self.data.fill(0)
+        self.strays = 0
+        self.twice.clear()
+        self._framer.clear()
+        self._framer.discarded = 0
+
+    def room(self) -> memoryview:
+        """Where the next bytes go: always the same place, so that no babbling line grows it."""
+        return self._buffer
+
+    def take(self, count: int) -> bool:
+        """Never done: whoever else may answer is waited for."""
+        for packet in self._framer.feed(self._buffer[:count]):
+            self._accept(packet)
+        return False
+
+    def end(self) -> None:
+        """What is no status by now is stray."""
+        self._framer.clear()
+        self.strays += self._framer.discarded
+        self._framer.discarded = 0
+
+    def _accept(self, packet: Packet) -> None:
+        if len(packet.data) != SIZE or self.heard[packet.id]:
+            self.strays += len(packet.params) + STATUS_OVERHEAD - 1
+            if len(packet.data) == SIZE:
+                self.twice.add(packet.id)  # two devices with one id, one after the other
+            return
+        self.heard[packet.id] = True
+        self.error[packet.id] = packet.error
+        self.data[packet.id] = np.frombuffer(packet.data, np.uint8)

@@ -1,0 +1,283 @@
+"""Who is on a wire that nobody has described: every id at every baud rate, duplicates and strangers named.
+
+For tools that own the port alone: it takes seconds. Nothing is written to any device. At each rate: is the
+line quiet, does the adapter echo, does an older protocol answer, then a roll call; single pings where the
+roll call was garbled (or `thorough`); of everybody found torque and hardware error, and whether it is alone.
+
+Two devices with one id (fault 12) show in three ways: what overlaps is no sound status; with different return
+delays two statuses come; of one model and firmware their pings overlap bit by bit and look sound, but not
+what differs between two servos: position, time since power-up, voltage, temperature. Two that agree in all
+of that cannot be told from one.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from twind_drivers.bus import PortError
+from twind_drivers.dynamixel.broadcast_ping import SIZE, SLOT
+from twind_drivers.dynamixel.control_tables import ControlTable, table
+from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, Prober, ProbeWindow
+from twind_drivers.dynamixel.serial_cycle_budget import wire
+
+# Rates of register 8, the most usual first (e-manual, "Baud Rate").
+BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
+IDS = range(LAST_ID + 1)
+LISTEN = 0.05  # s: a bus with another master is not silent that long
+PROBES = 5  # times an id is asked until one answer is clear: of two devices none is, of a noisy line some are
+NOISY = 3  # garbled answers of devices that are alone: no accident any more
+GARBAGE = 8  # ids asked alone that are all garbled: that is no matter of ids
+DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
+REMEDY = "disconnect one, give the other a free id, then connect the first again"
+
+
+class Kind(Enum):
+    """What is wrong with an id, or with a line as a whole."""
+
+    CLASH = "clash"  # two devices with one id
+    ECHO = "echo"
+    TALK = "talk"
+    FOREIGN = "foreign"
+    NOISE = "noise"
+    OLD = "old"  # protocol 1.0
+    RATE = "rate"  # the adapter refuses this baud rate
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """What is wrong, for programs (`kind`, `ids`) and for people (the texts)."""
+
+    kind: Kind
+    what: str
+    remedy: str = ""  # or its likely causes; "": none is known
+    ids: tuple[int, ...] = ()  # of kind OLD: the devices that answered
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.remedy}" if self.remedy else self.what
+
+
+UNSOUND = Trouble(Kind.CLASH, "bytes come, but no sound answer", f"two devices with this id? {REMEDY}")
+TWO = Trouble(Kind.CLASH, "two devices answer as this id", REMEDY)
+UNEQUAL = Trouble(
+    Kind.CLASH,
+    "pings are sound, readings are not",
+    f"two devices of one model with this id? {REMEDY}",
+)
+ECHO = Trouble(
+    Kind.ECHO,
+    "the adapter returns what is sent (echo)",
+    "switch its echo off, or use another adapter",
+)
+TALK = Trouble(
+    Kind.TALK,
+    "bytes come though nobody was asked",
+    "another program or device talks on this line, or noise",
+)
+FOREIGN = Trouble(
+    Kind.FOREIGN,
+    "bytes come, but no sound packet",
+    "devices at another baud rate, noise, or colliding ids",
+)
+NOISE = Trouble(
+    Kind.NOISE,
+    "answers are garbled now and then",
+    "noise, a bad connector, or a long cable without its ground",
+)
+
+
+def old_protocol(ids: Sequence[int]) -> Trouble:
+    """The devices `ids` answer an older protocol."""
+    what = f"devices answer protocol 1.0 (ids {', '.join(map(str, ids))})"
+    return Trouble(Kind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids))
+
+
+@dataclass(frozen=True, slots=True)
+class ScannedDevice:
+    """One id that answered. What could not be told is None."""
+
+    baud: int
+    id: int
+    model: int | None
+    model_name: str | None  # None: unknown, or not in the vendor's tables
+    firmware: int | None
+    torque: bool | None
+    hardware_error: int | None  # bits of register 70
+    trouble: Trouble | None = None  # None: nothing wrong was found
+
+
+@dataclass(frozen=True, slots=True)
+class BaudRateScan:
+    """What one baud rate gave."""
+
+    baud: int
+    found: tuple[ScannedDevice, ...]
+    troubles: tuple[Trouble, ...]  # of the line as a whole
+
+
+Tell = Callable[[int, str], None]  # baud, what is being done
+AtRate = Callable[[int], Prober]  # sets the port to a rate; raises PortError where it cannot
+
+
+def estimate(baud: int, ids: Sequence[int] = IDS, *, thorough: bool = False, timer: float = 0.0) -> float:
+    """Seconds that one rate takes when little is found and nothing is garbled; `timer` as the prober's."""
+    status = wire(STATUS_OVERHEAD + SIZE, baud)
+    call = (max(ids) + 1) * (status + SLOT)
+    each = wire(OVERHEAD, baud) + 2 * status + 2 * LONGEST_DELAY + SLACK + timer
+    return LISTEN + call + (len(ids) * each if thorough else 0.0)
+
+
+def scan(
+    at: AtRate,
+    bauds: Sequence[int] = BAUDS,
+    ids: Sequence[int] = IDS,
+    *,
+    thorough: bool = False,
+    tell: Tell = lambda baud, what: None,
+) -> Iterator[BaudRateScan]:
+    """Rate after rate. A rate that the adapter refuses is a trouble of that rate; a lost port raises."""
+    for baud in bauds:
+        tell(baud, "asking everybody")
+        try:
+            prober = at(baud)
+        except PortError as error:
+            if error.lost:
+                raise
+            yield BaudRateScan(baud, (), (Trouble(Kind.RATE, error.reason),))
+            continue
+        yield scan_rate(prober, ids, thorough=thorough, tell=tell)
+
+
+def scan_rate(
+    prober: Prober,
+    ids: Sequence[int] = IDS,
+    *,
+    thorough: bool = False,
+    tell: Tell = lambda baud, what: None,
+) -> BaudRateScan:
+    """One baud rate. Raises PortError(lost=True)."""
+    troubles = list(_line(prober))
+    call = prober.roll_call(max(ids))
+    known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}
+    garbled = call.twice.intersection(ids)
+    unclear = call.strays > 0 and TALK not in troubles  # a line that babbles garbles whatever is asked
+    garbage = False
+    if thorough or unclear:
+        alone = [id for id in ids if id not in known]
+        garbage = _singly(prober, alone, known, garbled, tell)
+    if garbage or (unclear and not known and not garbled):
+        troubles.append(FOREIGN)
+    found, noise = [], 0
+    for id in sorted(garbled.union(known)):
+        tell(prober.baud, f"reading id {id}")
+        one, unclear_answers = _look(prober, id, known.get(id), id in garbled)
+        found.append(one)
+        noise += 0 if one.trouble else unclear_answers
+    if noise >= NOISY:
+        troubles.append(NOISE)
+    return BaudRateScan(prober.baud, tuple(found), tuple(troubles))
+
+
+def _singly(
+    prober: Prober, ids: Sequence[int], known: dict[int, bytes], garbled: set[int], tell: Tell
+) -> bool:
+    """Ping one after the other; True when all of it is garbage, so that it is no matter of ids."""
+    for done, id in enumerate(ids):
+        if done % 16 == 0:
+            tell(prober.baud, f"asking id {id} alone")
+        answer, unsound = _ping(prober, id)
+        if answer is not None:
+            known[id] = answer
+        if unsound:
+            garbled.add(id)
+        if done + 1 == GARBAGE and garbled.issuperset(ids[:GARBAGE]):
+            garbled.difference_update(ids[:GARBAGE])
+            return True
+    return False
+
+
+def _line(prober: Prober) -> Iterator[Trouble]:
+    """What is wrong with the line as a whole."""
+    if prober.listen(LISTEN):
+        yield TALK
+        return
+    heard = prober.old_ping()
+    if prober.echo:
+        yield ECHO
+    old = sorted(_old_statuses(bytes(heard.raw)))
+    if old:
+        yield old_protocol(old)
+
+
+def _old_statuses(raw: bytes) -> set[int]:
+    """Ids of the protocol 1.0 statuses in `raw`: FF FF id length error ... sum (e-manual, protocol 1.0)."""
+    found: set[int] = set()
+    at = raw.find(b"\xff\xff")
+    while 0 <= at <= len(raw) - 6:
+        id, length = raw[at + 2], raw[at + 3]
+        end = at + 4 + length
+        whole = length >= 2 and end <= len(raw) and id <= LAST_ID
+        if whole and ~sum(raw[at + 2 : end - 1]) & 0xFF == raw[end - 1]:
+            found.add(id)
+        at = raw.find(b"\xff\xff", at + 1)
+    return found
+
+
+def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
+    """Model and firmware as a ping tells them; True when no answer was ever clear."""
+    answer = None
+    for _ in range(PROBES):
+        heard = prober.ping(id)
+        sound = _sound(heard, id, SIZE)
+        answer = answer or (sound[0] if sound else None)
+        if not heard.strays and len(sound) < 2:  # silence, or one clear answer
+            return answer, False
+    return answer, True
+
+
+def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
+    """Torque and hardware error of one id, and whether it is one device; how many answers were garbled."""
+    if answer is None:
+        return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
+    number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
+    try:
+        known: ControlTable | None = table(number, firmware)
+    except KeyError:
+        known = None
+    trouble, unclear = (TWO, 0) if garbled else _clash(prober, id, known)
+    torque = _value(prober, id, known, "torque_enable")
+    error = _value(prober, id, known, "hardware_error_status")
+    name, on = known.model if known else None, None if torque is None else torque == 1
+    return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
+
+
+def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
+    """Why this seems to be more than one device, None if it does not; how many answers were garbled."""
+    if known is None:
+        return None, 0
+    fields = [known[name] for name in DIFFERING if name in known]
+    first = min(field.address for field in fields)
+    size = max(field.end for field in fields) - first
+    for unclear in range(PROBES):
+        heard = prober.read(id, first, size)
+        if len(_sound(heard, id, size)) > 1:
+            return TWO, unclear
+        if not heard.strays:  # silence (status return level 0), or one clear answer
+            return None, unclear
+    return UNEQUAL, PROBES
+
+
+def _value(prober: Prober, id: int, known: ControlTable | None, name: str) -> int | None:
+    """One register; None where it has none, or is not told (status return level 0)."""
+    if known is None or name not in known:
+        return None
+    field = known[name]
+    for _ in range(PROBES):
+        sound = _sound(prober.read(id, field.address, field.size), id, field.size)
+        if sound:
+            return field.decode(sound[0])
+    return None
+
+
+def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
+    return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]

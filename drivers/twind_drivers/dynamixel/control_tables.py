@@ -1,0 +1,187 @@
+"""The vendor's control tables, read from the installed `dynamixel-sdk` package's own files, plus our rules.
+
+The SDK's code is never imported: its `.model` files are text. They know address and size of every register of
+every model; sign, access and ranges are `registers.py`'s.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType
+
+from twind_drivers.bus import UnknownRegister
+from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities, facts
+from twind_drivers.dynamixel.register_rules import RegisterRule, rule
+
+# In the e-manual (XL330 page; X430/X540 from firmware 45), missing in the vendor's X files. Boot-time torque
+# hides behind the first, so we read it always; older firmware reads 0 there inside a block.
+SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class TableRegister:
+    """One register of one model."""
+
+    name: str  # as the vendor's table spells it: "Goal Position"
+    key: str  # snake case: "goal_position"
+    address: int
+    size: int  # bytes
+    eeprom: bool  # survives power-off, writable only while torque is off
+    rule: RegisterRule
+
+    @property
+    def end(self) -> int:
+        """First address behind it."""
+        return self.address + self.size
+
+    def decode(self, data: bytes) -> int:
+        """The value of its `size` bytes, little-endian, signed where the register is."""
+        return int.from_bytes(data[: self.size], "little", signed=self.rule.signed)
+
+    def encode(self, value: int) -> bytes:
+        """Its bytes. Raises OverflowError when they cannot hold `value`."""
+        return value.to_bytes(self.size, "little", signed=self.rule.signed)
+
+    @property
+    def bounds(self) -> tuple[int, int]:
+        """Smallest and largest value that may be written."""
+        bits = 8 * self.size
+        low = -(1 << (bits - 1)) if self.rule.signed else 0
+        high = low + (1 << bits) - 1
+        lower, upper = self.rule.lower, self.rule.upper
+        return (low if lower is None else lower, high if upper is None else upper)
+
+    def takes(self, value: int) -> bool:
+        """Is `value` one that this register can hold? Whether it may be written at all is another matter."""
+        lower, upper = self.bounds
+        return lower <= value <= upper and (self.rule.values is None or value in self.rule.values)
+
+    def check(self, value: int) -> None:
+        """Raises ValueError when `value` may not be written: register, value and bound named."""
+        if not self.rule.writable:
+            raise ValueError(f"{self.name} (address {self.address}) is read-only")
+        lower, upper = self.bounds
+        if not lower <= value <= upper:
+            raise ValueError(f"{self.name} (address {self.address}): {value} is outside {lower}..{upper}")
+        if not self.takes(value):
+            known = sorted(self.rule.values or ())
+            raise ValueError(
+                f"{self.name} (address {self.address}): {value} is not one of {known} of this model"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class ControlTable:
+    """The control table of one model."""
+
+    number: int
+    model: str  # "XM430-W350"
+    stem: str  # the vendor's file: "xm430_w350"
+    fields: Mapping[str, TableRegister]  # by key
+    # Addresses that an order may write. No indirect data: it is whatever it is mapped to, a goal too.
+    writable: frozenset[int]
+
+    def __getitem__(self, name: str) -> TableRegister:
+        """A register by its name, in either spelling, or its address: "11". Raises UnknownRegister."""
+        key = snake(name)
+        if key in self.fields:
+            return self.fields[key]
+        for field in self.fields.values() if key.isdecimal() else ():
+            if field.address == int(key):
+                return field
+        raise UnknownRegister(self.model, name, _nearest(key, self.fields))
+
+    @property
+    def facts(self) -> ModelCapabilities:
+        """What the model is: modes, units, firmware. Raises KeyError where no page was read."""
+        return facts(self.stem)
+
+    def __contains__(self, name: str) -> bool:
+        """Is there a register of that name?"""
+        return snake(name) in self.fields
+
+
+def snake(name: str) -> str:
+    """Names in one spelling: "Secondary(Shadow) ID" -> "secondary_shadow_id"."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+@cache
+def models() -> Mapping[str, int]:
+    """Model name -> model number, of all that the vendor's index knows: {"XM430-W350": 1020, ...}."""
+    return MappingProxyType({_model(stem): number for number, stem in _index().items()})
+
+
+def number_of(name: str) -> int:
+    """Model number of "XM430-W350"; case and a trailing connector letter do not matter.
+
+    Raises KeyError that lists the near names.
+    """
+    stems = {stem: number for number, stem in _index().items()}
+    key = snake(name)
+    for candidate in (key, re.sub(r"_[tr]$", "", key)):
+        if candidate in stems:
+            return stems[candidate]
+    near = _nearest(key, {stem: _model(stem) for stem in stems})
+    known = f"; near: {', '.join(near)}" if near else f": known are {', '.join(models())}"
+    raise KeyError(f"no Dynamixel model {name!r}{known}")
+
+
+@cache
+def table(number: int, firmware: int = 0) -> ControlTable:
+    """The table of a model number. X330 from firmware 52 have another indirect layout.
+
+    Raises KeyError for a number that the vendor's index does not have.
+    """
+    stem = _index().get(number)
+    if stem is None:
+        raise KeyError(f"model number {number} is not in the vendor's tables")
+    newer = f"{stem}_fw52"
+    if firmware >= 52 and (_folder() / f"{newer}.model").exists():
+        stem = newer
+    rows = _rows(stem)
+    if stem.startswith(("x", "2x")) and stem != "xl320":
+        known = {snake(name) for name, _, _ in rows}
+        rows += [row for row in SUPPLEMENT if snake(row[0]) not in known]
+    ram = min(address for name, address, _ in rows if snake(name) == "torque_enable")
+    fields = {
+        (key := snake(name)): TableRegister(name, key, address, size, address < ram, rule(stem, key))
+        for name, address, size in rows
+    }
+    writable = {at for each in fields.values() if each.rule.writable for at in range(each.address, each.end)}
+    mapped = {each.address for key, each in fields.items() if key.startswith("indirect_data")}
+    allowed = frozenset(writable - mapped)
+    return ControlTable(number, _model(_index()[number]), stem, MappingProxyType(fields), allowed)
+
+
+@cache
+def _folder() -> Path:
+    return Path(str(metadata.distribution("dynamixel-sdk").locate_file("dynamixel_easy_sdk/control_table")))
+
+
+@cache
+def _index() -> Mapping[int, str]:
+    lines = (_folder() / "dynamixel.model").read_text("utf-8").splitlines()[1:]
+    pairs = (line.split() for line in lines if line.strip())
+    return MappingProxyType({int(number): file.removesuffix(".model") for number, file in pairs})
+
+
+def _rows(stem: str) -> list[tuple[str, int, int]]:
+    """(name, address, size) of a file's section [control table]."""
+    text = (_folder() / f"{stem}.model").read_text("utf-8")
+    section = text.partition("[control table]")[2].strip().splitlines()[1:]
+    rows = (line.split("\t") for line in section if line.strip())
+    return [(name.strip(), int(address), int(size)) for address, size, name in rows]
+
+
+def _model(stem: str) -> str:
+    return stem.upper().replace("_", "-")
+
+
+def _nearest(key: str, names: Mapping[str, object]) -> list[str]:
+    near = get_close_matches(key, names, n=3, cutoff=0.6)
+    return [str(names[each]) if isinstance(names[each], str) else each for each in near]

@@ -1,0 +1,92 @@
+"""Where the registers of a device lie: the blocks that are read and written together. Pure.
+
+The X and MX-2.0 tables share one layout, the P series another; both kinds may sit on one bus.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterBlock:
+    """A span of addresses."""
+
+    address: int
+    size: int  # bytes
+
+    def offset(self, field: TableRegister) -> int | None:
+        """Where `field` begins in this block; None if it is not wholly inside."""
+        inside = self.address <= field.address and field.end <= self.address + self.size
+        return field.address - self.address if inside else None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceLayout:
+    """The blocks of one kind of device."""
+
+    cyclic: RegisterBlock  # effort (current or load) 2, velocity 4, position 4
+    goal: RegisterBlock
+    torque: RegisterBlock
+    watchdog: RegisterBlock
+    status: RegisterBlock  # torque enable .. bus watchdog
+    state: RegisterBlock  # torque enable .. hardware error: the beginning of `status`
+    health: RegisterBlock  # realtime tick 2 .. voltage 2, temperature 1
+    gains: RegisterBlock  # position D, I, P: 2 each
+    profile: RegisterBlock  # profile acceleration 4, profile velocity 4
+    motion: RegisterBlock  # profile and goal position
+    # The cyclic block within longer ones: (bytes before it, bytes of the whole). No two sizes are equal.
+    wider: tuple[tuple[int, int], ...]
+
+
+SIZES = {"cyclic": 10, "goal": 4, "status": 35, "state": 7, "health": 27, "gains": 6, "motion": 12}
+
+
+def layout_of(table: ControlTable) -> DeviceLayout:
+    """The layout of a model. Raises ValueError that says why it cannot be driven."""
+    effort = "present_current" if "present_current" in table else "present_load"
+    try:
+        layout = DeviceLayout(
+            cyclic=_span(table, effort, "present_velocity", "present_position"),
+            goal=_span(table, "goal_position"),
+            torque=_span(table, "torque_enable"),
+            watchdog=_span(table, "bus_watchdog"),
+            status=_span(table, "torque_enable", "hardware_error_status", "bus_watchdog"),
+            state=_span(table, "torque_enable", "hardware_error_status"),
+            health=_span(table, "realtime_tick", "present_input_voltage", "present_temperature"),
+            gains=_span(table, "position_d_gain", "position_i_gain", "position_p_gain"),
+            profile=_span(table, "profile_acceleration", "profile_velocity"),
+            motion=_span(table, "profile_acceleration", "profile_velocity", "goal_position"),
+            wider=_wider(table, effort),
+        )
+    except KeyError as error:
+        raise ValueError(f"{table.model} cannot be driven: {error.args[0]}") from error
+    if any(getattr(layout, name).size != size for name, size in SIZES.items()):
+        raise ValueError(
+            f"{table.model} cannot be driven: its registers do not lie in the X or P series' order"
+        )
+    return layout
+
+
+def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
+    """From and up to register borders around the cyclic block, all of it readable.
+
+    12 is left out: it is the size of `motion`, which scripts read back.
+    """
+    first, last = table[effort].address, table["present_position"].end
+    before = ("realtime_tick", "moving", "moving_status", "present_pwm", effort)
+    starts = [table[name].address for name in before if name in table]
+    ends = [table[name].end for name in ("velocity_trajectory", "position_trajectory") if name in table]
+    found = {
+        end - start: (first - start, end - start)
+        for start, end in product(starts, (last, *ends))
+        if first - 6 <= start and end <= last + 8
+    }
+    return tuple(found[size] for size in sorted(found) if size not in (last - first, SIZES["motion"]))
+
+
+def _span(table: ControlTable, *names: str) -> RegisterBlock:
+    """From the first of `names` to the end of the last."""
+    first, last = table[names[0]], table[names[-1]]
+    return RegisterBlock(first.address, max(0, last.end - first.address))

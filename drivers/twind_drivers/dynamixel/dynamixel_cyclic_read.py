@@ -1,0 +1,219 @@
+"""The cyclic reading: what the next request asks of whom, and the sample that its reply makes.
+
+Healthy: one fast (or plain) read of 10 bytes of everybody, always the same packet. After a hole: plain reads
+until a reading of all who are still asked was whole.
+
+A late answer. It carries no number of its request, so that of the last cycle looks like that of this one.
+In trouble each next request therefore asks for another length of the block (`Layout.wider`): a late answer
+has the wrong length and is dropped. Answers of one device come in order, so if it answers with a length
+that was not used since its last one, nothing older of it is under way, and all lengths are free again for it.
+
+Nine cycles without its answer use them up. Who answers with a length used meanwhile is a suspect: not heard
+until three of its answers in a row came in time with no stray byte around. A pile of late answers has strays,
+and a steady delay meets the lengths in another order, as that changes from turn to turn; it is the same again
+after six of them. What stays possible: a steady delay of 54 cycles, or an answer some tens of cycles late if
+its pile ends in three windows that look clean, each in the length just asked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import gcd
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.bus import Bools, BusSample
+from twind_drivers.device_presence import DevicePresence
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.device_layout import DeviceLayout
+from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.packet import CAPACITY, STATUS_OVERHEAD
+from twind_drivers.dynamixel.replies import FastSyncReadReply, Octets, StatusReply
+
+ROW = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
+T = TypeVar("T", bound=np.generic)
+REFUSALS = (
+    packet.StatusErrorCode.DATA_LENGTH,
+    packet.StatusErrorCode.ACCESS,
+)  # of a block that a device does not have
+REFUSED = 3  # in a row, after which the longer blocks are not asked any more
+
+SURE = 3  # answers in a row, without a stray byte around, after which a suspect is believed
+CALM = 2  # whole plain readings in a row before the fast one is tried again
+
+
+@dataclass(frozen=True, slots=True)
+class CyclicRequest:
+    """One way of asking."""
+
+    exchange: SerialTransaction
+    reply: StatusReply | FastSyncReadReply
+    before: int  # bytes that lie before the cyclic block in each answer
+    fast: bool
+
+
+class DynamixelCyclicRead:
+    """The reading of m devices, whatever their layouts. `fast`: every one of them knows fast reads."""
+
+    def __init__(self, ids: tuple[int, ...], layouts: Sequence[DeviceLayout], *, fast: bool) -> None:
+        self.ids, self.fast = ids, fast
+        self.attendance = DevicePresence(len(ids))
+        self.hasty = False  # a plain reading of everybody does not fit a cycle
+        self.trouble = False  # there was a hole, and not yet enough whole readings since
+        self._layouts = tuple(layouts)
+        most = CAPACITY // len(ids) - STATUS_OVERHEAD  # bytes of each that a reply has room for
+        self._wider = [
+            (before, size)
+            for before, size in layouts[0].wider
+            if size <= most and all((before, size) in other.wider for other in layouts)
+        ]
+        # In trouble, of each device: was its last answer to the last request?
+        self.proven: Bools = np.ones(len(ids), np.bool_)
+        self._calm = self._turn = 0
+        self._refused = 0  # longer blocks in a row that somebody refused
+        self._cycle = 0
+        self._proven_at = np.zeros(len(ids), np.int64)  # the cycle in which each was heard last
+        self._clean = np.zeros(len(ids), np.int64)  # readings in a row with its answer and nothing astray
+        self._used_at: dict[int, int] = {}  # length, by its place in the ring -> the cycle it was asked last
+        self._before = 0  # the cycle in which the length asked now was asked before
+        self._data: Octets | None = None
+        self.rebuild()
+
+    def block(self, place: int) -> tuple[int, int]:
+        """Address and size of what is read of one device."""
+        return self._layouts[place].cyclic.address, ROW.itemsize
+
+    def hasten(self, on: bool) -> None:
+        """From now on fast in trouble as well: plain answers take longer than a cycle."""
+        if on is not self.hasty:
+            self.hasty = on
+            self.rebuild()
+
+    def begin_anew(self) -> None:
+        """Nothing was asked for a while, and no answer is under way: everybody is asked as at first."""
+        self.attendance = DevicePresence(len(self.ids))
+        self.trouble, self._calm = False, 0
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """Somebody was parked or came back: from now on those are asked who are."""
+        self._places = np.flatnonzero(self.attendance.asked)
+        self._all = len(self._places) == len(self.ids)
+        self._quick, self._steady = (
+            self._question(0, ROW.itemsize, fast=True),
+            self._question(0, ROW.itemsize),
+        )
+        self._ring: dict[int, CyclicRequest] = {}  # by turn; most are never needed
+        self._now = self._steady
+
+    def next(self) -> SerialTransaction:
+        """The request of this cycle."""
+        self._cycle += 1
+        self._now = self._troubled() if self.trouble else self._quick if self.fast else self._steady
+        return self._now.exchange
+
+    def _troubled(self) -> CyclicRequest:
+        count = len(self._wider)
+        if not count:
+            return self._quick if self.hasty else self._steady
+        self._turn += 1
+        turn, place = divmod(self._turn, count)
+        steps = [step for step in range(1, count) if gcd(step, count) == 1] or [1]
+        which = place * steps[turn % len(steps)] % count
+        self._before, self._used_at[which] = self._used_at.get(which, 0), self._cycle
+        if which not in self._ring:
+            self._ring[which] = self._question(*self._wider[which], fast=self.hasty)
+        return self._ring[which]
+
+    def sample(self, line: HalfDuplexTransactor, now: float) -> BusSample:
+        """What the reply to the last `next` says, once the line has ended it. Zero where not heard."""
+        asked, attendance = self._now, self.attendance.asked
+        reply = asked.reply
+        if reply.data is not self._data:
+            self._data = reply.data
+            rows = reply.data[:, asked.before : asked.before + ROW.itemsize].view(ROW)[:, 0]
+            self._position, self._velocity, self._effort = rows["position"], rows["velocity"], rows["effort"]
+        position, velocity = self._position.astype(np.int64), self._velocity.astype(np.int64)
+        effort, error, heard = self._effort.astype(np.int64), reply.error, reply.heard.copy()
+        if not self._all:
+            position, velocity, effort = self._spread(position), self._spread(velocity), self._spread(effort)
+            error, heard = self._spread(error), self._spread(heard)
+        if self.trouble or not reply.whole:
+            answered = reply.answered if self._all else self._spread(reply.answered)
+            heard = heard & self._prove(answered, line.strays)
+            self._judge(asked, answered, now)
+        foreign, line.foreign = line.foreign, 0
+        late: tuple[int, ...] = ()
+        if line.late:
+            late, line.late = tuple(line.late), []
+        return BusSample(
+            sent=line.sent,
+            received=line.received,
+            position=position,
+            velocity=velocity,
+            effort=effort,
+            error=error,
+            heard=heard,
+            asked=attendance,
+            discarded=line.strays,
+            foreign=foreign,
+            late=late,
+        )
+
+    def back(self, place: int, now: float) -> None:
+        """A parked device answered: it is in the next reading, which is a plain one."""
+        self.attendance.back(place, now)
+        self.trouble, self._calm = True, CALM
+        self.rebuild()
+
+    def _prove(self, answered: Bools, strays: int) -> Bools:
+        """Whose answer (m,) is to this request? One in a length of which none can be under way is."""
+        if not self.trouble:  # the first hole: in the cycle before everybody who is asked was heard
+            self._proven_at[self._places], self._before = self._cycle - 1, 0
+        self._clean = np.where(answered & (strays == 0), self._clean + 1, 0)
+        suspect = (self._before > self._proven_at) & bool(self._wider)
+        self.proven = answered & (~suspect | (self._clean >= SURE))
+        self._proven_at[self.proven] = self._cycle
+        return self.proven
+
+    def _judge(self, asked: CyclicRequest, answered: Bools, now: float) -> None:
+        reply, could = asked.reply, self.attendance.asked
+        if reply.whole:
+            if not np.count_nonzero(could & ~self.proven):
+                self.attendance.whole()
+                self._calm -= 1
+                self.trouble = self._calm > 0
+            return
+        self.trouble, self._calm = True, CALM
+        if reply.size > ROW.itemsize:
+            # Only who says so again and again: one broken byte can make such an answer, too.
+            refusing = reply.answered & ~reply.heard & np.isin(reply.error & 0x7F, REFUSALS)
+            self._refused = self._refused + 1 if np.count_nonzero(refusing) else 0
+            if self._refused >= REFUSED:
+                self._wider = []  # somebody refuses the longer blocks: late answers are not told by length
+        if asked.fast:
+            first = np.flatnonzero(could & ~answered)[:1]
+            could = answered.copy()
+            could[first] = True
+        if self.attendance.missed(answered, could, now):
+            self.rebuild()
+
+    def _spread(self, part: NDArray[T]) -> NDArray[T]:
+        """Of those who were asked -> (m,), zero for the parked."""
+        full = np.zeros(len(self.ids), part.dtype)
+        full[self._places] = part
+        return full
+
+    def _question(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
+        """Read `size` bytes that begin `before` the cyclic block, of everybody who is asked."""
+        starts = {self.ids[place]: self.block(place)[0] - before for place in self._places.tolist()}
+        ids = tuple(starts)
+        reply = FastSyncReadReply(ids, size) if fast else StatusReply(ids, size)
+        if len(set(starts.values())) == 1:
+            build = packet.fast_sync_read if fast else packet.sync_read
+            request = build(ids, starts[ids[0]], size)
+        else:  # layouts differ: a bulk read has an address for each
+            bulk = packet.fast_bulk_read if fast else packet.bulk_read
+            request = bulk({id: (start, size) for id, start in starts.items()})
+        return CyclicRequest(SerialTransaction(request, reply, 1 if fast else len(ids)), reply, before, fast)

@@ -1,0 +1,329 @@
+"""The reading half of a Dynamixel bus: cyclic reading, upkeep of the slow registers, identification.
+
+Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import inf
+
+from twind_drivers.bus import (
+    BusSample,
+    ByteTransport,
+    DeviceRefused,
+    IdentifiedDevice,
+    NoReply,
+    PingRequest,
+    Query,
+    ReadRequest,
+    RebootRequest,
+    RegisterAddress,
+    Request,
+    RequestReply,
+    Script,
+    SlowRegisterValues,
+    WriteRequest,
+)
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.control_tables import ControlTable, table
+from twind_drivers.dynamixel.device_layout import DeviceLayout, layout_of
+from twind_drivers.dynamixel.dynamixel_cyclic_read import DynamixelCyclicRead
+from twind_drivers.dynamixel.dynamixel_identification import identify
+from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
+from twind_drivers.dynamixel.half_duplex_transactor import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
+from twind_drivers.dynamixel.serial_cycle_budget import CYCLIC, plain_reply, sync_request, upkeep, wire
+from twind_drivers.slow_read_rate import upkeep_stride
+
+LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
+SLACK = 0.002  # s that a reply may take beyond its wire time, at most half a period of the loop
+SLICE = 0.002  # s of bus time that one transaction of a script may take, at most half a period
+
+
+class DynamixelReader:
+    """A bus by its ids. Arrays are in the order of `ids`; raw ticks and register units.
+
+    `layouts`: where each id's registers lie; models of several layouts may share a bus. `slice` (s): bus time
+    that one transaction of a script may take.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        transport: ByteTransport,
+        ids: Sequence[int],
+        models: Sequence[int],
+        *,
+        baud: int,
+        return_delay_us: float,
+        fast: bool | None = None,
+        rate_hz: float = 100.0,
+        slack: float | None = None,
+        one_write: bool = True,
+        sensors: Mapping[int, float] | None = None,
+    ) -> None:
+        """`models`: model number of each id. `fast`: use the fast reads; None: what `identify` finds.
+
+        `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
+        what a reply may take beyond its wire time; None: 2 ms, or half a period where that is less (with less
+        than 1 ms, an adapter's timer, every reply would be late). `one_write`: goals and request leave in
+        one system call. `sensors`: return delay (s) by id of what hangs there besides, and only tells.
+
+        Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
+        reason; KeyError for an unknown model.
+        """
+        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
+            raise ValueError(
+                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
+            )
+        self.name, self.ids, self.transport = name, tuple(ids), transport
+        tables = [table(number) for number in models]
+        self.tables: dict[int, ControlTable] = dict(zip(self.ids, tables, strict=True))
+        self.layouts: dict[int, DeviceLayout] = {id: layout_of(each) for id, each in self.tables.items()}
+        self.line = HalfDuplexTransactor(
+            name,
+            transport,
+            baud=baud,
+            return_delay_s=return_delay_us * 1e-6,
+            slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
+            one_write=one_write,
+            sensors=tuple(sensors or ()),
+        )
+        self._sensors, self._singles = dict(sensors or {}), dict[Query, SerialTransaction]()  # of these, kept
+        layouts = tuple(self.layouts.values())
+        self._described, self._period = self.line.return_delay_s, 1.0 / rate_hz
+        self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
+        self.slice = min(SLICE, 0.5 / rate_hz)
+        self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
+        self.slow = DynamixelSlowRegisters(self.ids, tables, layouts)
+        self.registers: SlowRegisterValues = self.slow.registers
+        self._schedule()
+        self._query: Query | None = None  # the rare transaction under way, if it asks something
+
+    @property
+    def deadline(self) -> float:
+        """When the outstanding transaction ends at the latest, s."""
+        return self.line.deadline
+
+    @property
+    def earliest(self) -> float:
+        """Unknown: an adapter hands over a whole reply at once, so there is nothing to be saved."""
+        return -inf
+
+    @property
+    def fast(self) -> bool:
+        """Every device knows the fast reads, and they are used."""
+        return self.cyclic.fast
+
+    @property
+    def lags(self) -> bool:
+        """As the devices are set, the cyclic reading takes longer than a cycle has."""
+        return not self.fast and self._too_long
+
+    @property
+    def _too_long(self) -> bool:
+        """A plain reading of everybody, each with its return delay, does not fit a cycle."""
+        delays = len(self.ids) * self.line.return_delay_s
+        size = sync_request(len(self.ids)) + plain_reply(len(self.ids), CYCLIC)
+        return wire(size, self.line.baud) + delays > self._period
+
+    # --------------------------------------------------------------------------- the cyclic reading
+
+    def request(self, now: float) -> None:
+        """Begin the cyclic reading: pending goals and the request leave together. Raises PortError."""
+        self.line.send(self.cyclic.next(), now, goals=True)
+
+    def feed(self, now: float) -> bool:
+        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        return self.line.feed(now)
+
+    def finish(self, now: float) -> BusSample:
+        """End the cyclic reading with what was heard; zeros where a device stayed silent."""
+        if self.line.end() is None:
+            raise RuntimeError(f"{self.name}: finish without request")
+        sample = self.cyclic.sample(self.line, now)
+        if self._asked is not self.cyclic.attendance.asked:
+            self._schedule()
+        return sample
+
+    def _schedule(self) -> None:
+        """The slices of upkeep, of those who are asked."""
+        self._asked = asked = self.cyclic.attendance.asked
+        ids = [id for id, there in zip(self.ids, asked.tolist(), strict=True) if there]
+        layouts = [self.layouts[id] for id in ids]
+        groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
+        queries = self.slow.schedule(ids, upkeep(groups, self._upkeep_hz, fast=self.fast))
+        self._plain: dict[Query, SerialTransaction] = {query: self._exchange(query) for query in queries}
+        self._fast: dict[Query, SerialTransaction] = {
+            query: _fast(query) for query in queries if len(query.ids) > 1
+        }
+
+    # --------------------------------------------------------------------------- the rare path
+
+    def begin(self, query: Query, now: float) -> None:
+        """Begin one query. Raises PortError; TypeError for anything that writes."""
+        if not isinstance(query, PingRequest | ReadRequest):
+            raise TypeError(f"{self.name}: a reader does not write: {query}")
+        self.line.send(self._asking(query), now)
+        self._query = query
+        if isinstance(query, ReadRequest) and self._is_probe(query):
+            self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
+
+    def answer(self, now: float) -> RequestReply:
+        """End it. What was read of the slow registers is kept in `registers`, with its time.
+
+        But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
+        """
+        exchange, query, self._query = self.line.end(), self._query, None
+        reply: PendingReply | None = exchange.reply if exchange else None
+        waited = now - self.line.sent
+        if reply is None:
+            return RequestReply({}, {}, waited, self.line.strays)
+        heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
+        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
+        error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
+        if isinstance(query, ReadRequest):
+            self._fold(query, reply)
+        if self.cyclic.attendance.parked:
+            self._welcome(error, now)
+        return RequestReply(data, error, waited, self.line.strays)
+
+    def _fold(self, query: ReadRequest, reply: PendingReply) -> None:
+        if reply.whole and not self.cyclic.trouble:
+            self.slow.fold(query, reply.ids, reply.data, self.line.received)
+            return
+        sound = reply.heard.copy()
+        if self.cyclic.trouble:
+            late = {id for id, ok in zip(self.ids, self.cyclic.proven.tolist(), strict=True) if not ok}
+            sound &= [id not in late for id in reply.ids]
+        ids = tuple(id for id, ok in zip(reply.ids, sound.tolist(), strict=True) if ok)
+        self.slow.fold(query, ids, reply.data[sound], self.line.received)
+
+    def upkeep(self, now: float) -> Query:
+        """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`).
+
+        For each parked device, at last once a second, a read of what its cyclic reading would be: the probe.
+        """
+        place = self.cyclic.attendance.due(now)
+        return (
+            self.slow.next() if place is None else ReadRequest((self.ids[place],), *self.cyclic.block(place))
+        )
+
+    def span(self, query: Request) -> float:
+        """Bus time (s) that a transaction takes at most, its timeout excluded."""
+        if isinstance(query, PingRequest | ReadRequest):
+            return self.line.span(self._asking(query))
+        writes = (
+            ()
+            if isinstance(query, RebootRequest)
+            else (query,)
+            if isinstance(query, WriteRequest)
+            else query.writes
+        )
+        size = sum(14 + sum(1 + len(data) for data in each.data.values()) for each in writes)
+        return wire(size + 21, self.line.baud) + self.line.return_delay_s
+
+    def _asking(self, query: Query) -> SerialTransaction:
+        """Slices are read fast while all is well, and never made twice."""
+        found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
+        return found or self._plain.get(query) or self._singles.get(query) or self._exchange(query)
+
+    def _exchange(self, query: Query) -> SerialTransaction:
+        if isinstance(query, PingRequest):
+            return SerialTransaction(packet.ping(query.id), StatusReply((query.id,), 3), 1)
+        reply = StatusReply(query.ids, query.size)
+        if len(query.ids) == 1:
+            id = query.ids[0]
+            longer = max(0.0, self._sensors.get(id, 0.0) - self.line.return_delay_s)
+            made = SerialTransaction(packet.read(id, query.address, query.size), reply, 1, longer)
+            if id in self._sensors:  # asked again and again
+                self._singles[query] = made
+            return made
+        request = packet.sync_read(query.ids, query.address, query.size)
+        return SerialTransaction(request, reply, len(query.ids))
+
+    def _is_probe(self, query: ReadRequest) -> bool:
+        [id, *others] = query.ids or (-1,)
+        return not others and id in self.tables and not self._asked[self.ids.index(id)]
+
+    def _welcome(self, answered: Mapping[int, int], now: float) -> None:
+        """A parked device that answers anything is back, and its slow registers are the next to be read."""
+        for id in answered:
+            if id in self.tables and not self.cyclic.attendance.asked[place := self.ids.index(id)]:
+                self.cyclic.back(place, now)
+                self._schedule()
+                self.slow.ask_first(id)
+
+    # --------------------------------------------------------------------------- scripts
+
+    def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
+        """Ping every id and read its settings; devices that answer, in order of `ids`.
+
+        From here on names mean the registers of the models that are really there, the fast read is used
+        if every device's firmware has it, and answers are waited for as long as these devices' return delays
+        ask. `patient`: as `Reader.identify`; afterwards the cyclic reading begins as at first.
+        """
+        before = self.line.return_delay_s
+        self.line.return_delay_s = LONGEST if patient else before
+        try:
+            devices, tables, fast = yield from identify(self)
+        finally:
+            self.line.return_delay_s = before
+        self.tables.update(tables)
+        found = [
+            each.settings["return_delay_time"] for each in devices if "return_delay_time" in each.settings
+        ]
+        if found:
+            self.line.return_delay_s = max(self._described, 2e-6 * max(found))
+        if self._choose_fast:
+            self.cyclic.fast = fast and len(devices) == len(self.ids)
+        self.cyclic.hasten(self.fast and self._too_long)
+        if patient:
+            self.cyclic.begin_anew()
+        self._schedule()
+        return devices
+
+    def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
+        """The same block of several devices, in slices that fit beside a cycle; who is silent is asked twice.
+
+        Raises NoReply naming the silent, DeviceRefused for the first that answers with an error.
+        """
+        found: dict[int, bytes] = {}
+        waited = 0.0
+        each = wire(11 + size, self.line.baud) + self.line.return_delay_s
+        count = max(1, int(self.slice / each))
+        for _ in range(2):
+            missing = [id for id in ids if id not in found]
+            for first in range(0, len(missing), count):
+                reply = yield ReadRequest(tuple(missing[first : first + count]), address, size)
+                found.update(reply.data)
+                waited += reply.waited
+                for id, error in reply.error.items():
+                    if id not in reply.data:
+                        raise DeviceRefused(
+                            self.name, id, f"read of {address}, {size}", packet.explain(error)
+                        )
+        silent = [id for id in ids if id not in found]
+        if silent:
+            raise NoReply(self.name, silent, waited, f"read of {address}, {size} bytes")
+        return found
+
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
+        """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
+        field = self.table(id)[name]
+        data = yield from self.collect((id,), field.address, field.size)
+        return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
+
+    def keeps(self, id: int, name: str) -> bool:
+        """EEPROM, addresses below 64 of an X series servo. Raises KeyError (lists the near names)."""
+        return self.table(id)[name].eeprom
+
+    def table(self, id: int) -> ControlTable:
+        """Control table of a device. Raises KeyError that lists the ids of this bus."""
+        if id not in self.tables:
+            raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
+        return self.tables[id]
+
+
+def _fast(query: ReadRequest) -> SerialTransaction:
+    reply = FastSyncReadReply(query.ids, query.size)
+    return SerialTransaction(packet.fast_sync_read(query.ids, query.address, query.size), reply, 1)

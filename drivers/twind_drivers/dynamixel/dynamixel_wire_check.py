@@ -1,0 +1,59 @@
+"""The last look at an order's bytes (R22): known ids, writable addresses, goals inside their range. Pure."""
+
+from collections.abc import Mapping
+
+from twind_drivers.bus import WireClamp
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.control_tables import ControlTable
+from twind_drivers.dynamixel.device_layout import RegisterBlock
+
+Fences = Mapping[RegisterBlock, tuple[int, int]]  # goal register -> smallest and largest word, inclusive
+
+
+class DynamixelWireCheck:
+    """What may be written on one bus."""
+
+    def __init__(self, name: str, tables: Mapping[int, ControlTable], fences: Mapping[int, Fences]) -> None:
+        """`tables`: by id, may change later. `fences`: of each id, every goal register that it has."""
+        self._name, self._tables, self._fences = name, tables, fences
+
+    def judge(self, data: bytes) -> None:
+        """Raises WireClamp for anything but whole packets that write what may be written."""
+        framer = packet.Framer(status=False)
+        found = framer.feed(data)
+        if framer.discarded or len(framer) or not found:
+            raise WireClamp(self._name, packet.BROADCAST, len(data), 0, 0, "stray bytes in a packet")
+        for each in found:
+            for id, address, raw in _rows(each):
+                self._row(id, address, raw)
+
+    def _row(self, id: int, address: int, raw: bytes) -> None:
+        if id not in self._fences:
+            raise WireClamp(self._name, id, id, min(self._fences), max(self._fences), "address to id")
+        for goal, (lower, upper) in self._fences[id].items():
+            if address < goal.address + goal.size and goal.address < address + len(raw):
+                word = int.from_bytes(raw, "little", signed=True)
+                if (address, len(raw)) != (goal.address, goal.size) or not lower <= word <= upper:
+                    what = "goal" if upper >= lower else f"register {goal.address}, no goal of this mode:"
+                    raise WireClamp(self._name, id, word, lower, upper, what)
+        writable = self._tables[id].writable
+        if not writable.issuperset(range(address, address + len(raw))):
+            raise WireClamp(self._name, id, address, min(writable), max(writable), "read-only address")
+
+
+def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
+    """(id, address, data) of each write in a packet; a restart writes nothing but names its id.
+
+    An instruction that no order of ours makes is a write by nobody, which is refused.
+    """
+    params, code = found.params, found.instruction
+    if code == packet.Instruction.REBOOT:
+        return [(found.id, 0, b"")]
+    address = int.from_bytes(params[:2], "little")
+    if code == packet.Instruction.WRITE:
+        return [(found.id, address, params[2:])]
+    if code != packet.Instruction.SYNC_WRITE:
+        return [(packet.BROADCAST, address, params[2:])]
+    size = int.from_bytes(params[2:4], "little") + 1
+    rows = [params[at : at + size] for at in range(4, len(params), size)]
+    return [(row[0], address, row[1:]) for row in rows]

@@ -1,0 +1,383 @@
+"""The writing half of a Dynamixel bus: goals, torque, registers. Exists in live only.
+
+Every packet is judged by its own bytes before it leaves (R22): ids of this bus, writable addresses, goal
+words inside what each device may be sent. Devices may differ in model and operating mode (`modes.py`).
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    DeviceRefused,
+    Ints,
+    NoReply,
+    Order,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
+    Script,
+    WireClamp,
+    WriteRequest,
+)
+from twind_drivers.dynamixel import damping, packet
+from twind_drivers.dynamixel.device_layout import RegisterBlock
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
+from twind_drivers.dynamixel.goal_packets import Goals, bounds_of, goal_packets
+from twind_drivers.dynamixel.half_duplex_transactor import SerialTransaction
+from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, check_bounds, fences
+from twind_drivers.dynamixel.ram_restore import restart
+from twind_drivers.dynamixel.replies import StatusReply
+from twind_drivers.dynamixel.servo_command_state import (
+    Rows,
+    ServoCommandState,
+    groups,
+    rows,
+    servos_of,
+    writes,
+)
+from twind_drivers.dynamixel.single_servo import SingleServoControl
+from twind_drivers.dynamixel.write_diagnosis import explain, limit_words
+
+# Registers that `write` leaves alone, and whose they are.
+ELSEWHERE = {
+    "torque_enable": "torque is switched by arming and disarming",
+    "goal_position": "goals pass the gate",
+    "goal_velocity": "goals pass the gate",
+    "goal_current": "it is the goal of mode 0, and the cap of mode 5 that preparing for torque sets",
+    "id": "it would answer under another id than this bus knows",
+    "baud_rate": "it would answer at another baud rate than this bus has",
+    "protocol_type": "it would no longer speak this protocol",
+    "indirect_data": "it is the register that it is mapped to: write that one",
+}
+
+
+class DynamixelWriter:
+    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in each device's own unit."""
+
+    def __init__(
+        self,
+        reader: DynamixelReader,
+        *,
+        lower: Ints,
+        upper: Ints,
+        gains: Sequence[tuple[int | None, int | None, int | None]] | None = None,
+        watchdog: int = 5,
+        modes: Sequence[int] | None = None,
+        current_caps: Sequence[int | None] | None = None,
+        accelerations: Sequence[int | None] | None = None,
+    ) -> None:
+        """`lower`, `upper` (m,): goals that may ever be sent, each in the unit of its device's mode.
+
+        `gains` (m): P, I, D each; None: the models' defaults. `watchdog`: x 20 ms, 1..127. `modes` (m):
+        operating mode (0, 1, 3, 4, 5) that each device must have; None: all 3. `current_caps` (m): goal
+        current of those in mode 5, counts, None elsewhere. `accelerations` (m): profile acceleration of those
+        in mode 1, counts; None: as the device has it.
+
+        Raises ValueError: bounds of the wrong shape or outside a mode's, watchdog off, a gain without a known
+        default, a mode that is not driven, mode 5 without a cap.
+        """
+        if not 1 <= watchdog <= 127:
+            raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
+        self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
+        self._watchdog = bytes((watchdog,))
+        self._alone: SingleServoControl | None = None
+        self._servos = servos_of(
+            reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
+        )
+        self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
+        self._led: tuple[ServoCommandState, ...] = self._servos  # who gets goals ...
+        self._places: Ints | None = None  # ... and their places; None: all
+        self.bound(lower, upper)
+        self._pwm = {
+            one.id: one.most_pwm for one in self._servos
+        }  # their limits, once `prepare` has read them
+        torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
+        self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Goals (m,) that may be sent from now on; pending ones are dropped. Speeds and currents other than 0
+        only once `prepare` has read their limits. Raises ValueError as the beginning does: nothing changes.
+        """
+        least, most = bounds_of(self._name, len(self._ids), lower, upper)
+        for servo, low, high in zip(self._servos, least, most, strict=True):
+            check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(low), int(high))
+        self._lower, self._upper = least, most
+        self._line.goals = b""
+        self._fence({})
+
+    def _fence(self, limits: Mapping[int, int]) -> None:
+        """Goals and bytes are judged by the bounds given, speeds and currents also by their limit register.
+
+        Until that is read (`limits`, by id) nothing but 0 is sent as a speed or current.
+        """
+        limit = np.array([limits.get(id, 0) for id in self._ids])
+        lower = np.where(self._resting, np.maximum(self._lower, -limit), self._lower)
+        upper = np.where(self._resting, np.minimum(self._upper, limit), self._upper)
+        ids, goals = [servo.id for servo in self._led], [servo.goal for servo in self._led]
+        self._goals: Goals = goal_packets(self._name, ids, goals, self._of_led(lower), self._of_led(upper))
+        if self._places is not None:  # an empty range takes nothing
+            alone = np.isin(np.arange(len(self._ids)), self._places, invert=True)
+            lower, upper = np.where(alone, 0, lower), np.where(alone, -1, upper)
+        own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
+        each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
+        self._check = DynamixelWireCheck(self._name, self._reader.tables, each)
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        self._line.goals = b""
+        if self._alone is not None:  # all or nothing, and this is nobody's robot to move
+            raise WireClamp(self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal")
+        self._line.goals = self._goals.encode(self._of_led(ticks))
+
+    def cut(self) -> None:
+        """Torque off for all, twice, in the next write of any kind; goals given before it are not sent."""
+        self._line.urgent, self._line.goals = self._off * 2, b""
+
+    def clear(self) -> None:
+        """Drop pending goals. A pending cut stays: torque off is never refused."""
+        self._line.goals = b""
+
+    # --------------------------------------------------------------------------- the rare path
+
+    def begin(self, order: Order, now: float) -> None:
+        """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp; TypeError."""
+        exchange = self._exchange(order)
+        (self._check if self._alone is None else self._alone).judge(exchange.packet)
+        self._line.send(exchange, now)
+
+    def _exchange(self, order: Order) -> SerialTransaction:
+        if isinstance(order, RebootRequest):
+            return SerialTransaction(packet.reboot(order.id), StatusReply((order.id,), 0), 1)
+        if isinstance(order, WriteRequest) and len(order.data) == 1:
+            [(id, data)] = order.data.items()
+            return SerialTransaction(packet.write(id, order.address, data), StatusReply((id,), 0), 1)
+        if isinstance(order, WriteRequest | BurstWriteRequest):
+            each = (order,) if isinstance(order, WriteRequest) else order.writes
+            packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
+            return SerialTransaction(packets, None, 0)
+        raise TypeError(f"{self._name}: a writer does not ask: {order}")
+
+    # --------------------------------------------------------------------------- scripts
+
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
+        """Before torque; each step read back from all, or from `among` (m,): nobody else gets goals from then
+        on. Raises DeviceRefused, NoReply, WireClamp.
+
+        Operating modes are those given. Watchdogs cleared, goal := `ticks` (m,), or 0 for speeds and
+        currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
+        resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion). The cap of
+        the output comes last: what was damped gets its strength back only at rest on its goal.
+
+        NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones.
+        """
+        self._lead(among)
+        whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
+        goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
+        there, silent = self._led, None
+        while there:
+            try:
+                yield from self._prepared(there, goal)
+                break
+            except NoReply as error:
+                silent = silent or error
+                there = tuple(servo for servo in there if servo.id not in error.ids)
+        if silent is not None:
+            raise silent.with_traceback(None)
+
+    def _prepared(self, servos: tuple[ServoCommandState, ...], goals: Rows) -> Script[None]:
+        """All of that, of these alone."""
+        ids = {servo.id for servo in servos}
+        goal = [row for row in goals if row[0] in ids]
+        yield from self._require_modes(servos)
+        capped = _in(CURRENT_BASED, servos)
+        caps = rows(capped, lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
+        off, on = (
+            rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
+            for data in (b"\0", self._watchdog)
+        )
+        yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
+        yield from self._same("bus watchdog", on)
+        yield from self._settle(servos, goal)
+        yield from self._same("goal current, the cap of mode 5", caps)
+        yield from self._restore_output(servos)
+
+    def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
+        """Gains and profiles; what stands beside the goals of each mode is read back with them."""
+        moving = [servo for servo in servos if not servo.mode.rests_at_zero]
+        gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
+        profile = rows(moving, lambda servo: (servo.layout.profile, bytes(8)))
+        shaped = [servo for servo in servos if servo.acceleration is not None]
+        ramps = rows(
+            shaped,
+            lambda servo: (servo.at("profile_acceleration"), (servo.acceleration or 0).to_bytes(4, "little")),
+        )
+        if orders := writes(gains) + writes(profile) + writes(ramps):
+            yield BurstWriteRequest(orders)
+        yield from self._same("position gains", gains)
+        held = {id: data for id, _, data in goal}
+        motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
+        yield from self._same("profile and goal position", motion)
+        yield from self._same("profile acceleration", ramps)
+        moved = {servo.id for servo in moving}
+        yield from self._goals_are([row for row in goal if row[0] not in moved])
+
+    def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
+        """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
+        free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
+        self._pwm |= yield from self._words(free, lambda servo: servo.at("pwm_limit"))
+        pwm = rows(free, lambda servo: (servo.at("goal_pwm"), _short(self._pwm[servo.id])))
+        if pwm:
+            yield BurstWriteRequest(writes(pwm))
+        yield from self._same("goal PWM", pwm)
+
+    def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
+        """The modes are those of this writer; from now on limit registers bound speeds and currents."""
+        modes = rows(servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
+        yield from self._same("operating mode", modes, "needs")
+        bounded = [servo for servo in servos if servo.mode.limit is not None]
+        self._fence((yield from self._words(bounded, lambda servo: servo.at(servo.mode.limit or ""))))
+        capped = _in(CURRENT_BASED, servos)
+        most = yield from self._words(capped, lambda servo: servo.at("pwm_limit"))
+        pwm = rows(capped, lambda servo: (servo.at("goal_pwm"), _short(most[servo.id])))
+        yield from self._same("goal PWM, at its limit", pwm, "needs")  # else it caps the force too, unseen
+
+    def aim(self, ticks: Ints) -> Script[None]:
+        """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
+        goal = self._goal_rows(ticks)
+        yield BurstWriteRequest(writes(goal))
+        yield from self._goals_are(goal)
+
+    def aimed(self) -> Script[Ints]:
+        """The goals (m,) that the devices hold now, each in its own unit. Raises NoReply."""
+        found = yield from self._words(self._servos, lambda servo: servo.goal)
+        return np.array([found[id] for id in self._ids], np.int64)
+
+    def torque(self, on: bool) -> Script[None]:
+        """Torque of all, read back. Off is written twice. Raises DeviceRefused, NoReply.
+
+        On only after the goals of speeds and currents have read back 0: they act at once.
+        """
+        if on:
+            resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
+            yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
+        wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
+        self._reader.registers.torque[:] = -1  # what was read before says nothing of it any more
+        yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
+        yield from self._same("torque enable", wanted)
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
+        return damping.damp(self._reader, self._servos, self._pwm)
+
+    def alone(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
+        """One of them, to be driven by itself with little current; until `together` nobody else gets anything
+        but torque off. `cap`: raw current; `profile`: raw velocity. Raises ValueError: it cannot be."""
+        watchdog = self._watchdog[0]
+        self._alone = SingleServoControl(
+            self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog
+        )
+        self.clear()
+        return self._alone
+
+    def together(self) -> None:
+        """All of them again, as before `alone`."""
+        self._alone = None
+        self.clear()
+
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
+        """One register by name, read back. EEPROM only while that device's torque is off.
+
+        Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
+        """
+        table = self._reader.table(id)
+        field = table[name]
+        key = "indirect_data" if field.key.startswith("indirect_data") else field.key
+        if key in ELSEWHERE:
+            raise ValueError(f"{field.name} is not written here: {ELSEWHERE[key]}")
+        field.check(value)
+        if field.eeprom and (yield from self._reader.read(id, "torque_enable")).value:
+            reason = "is EEPROM, writable only while torque is off: disarm first"
+            raise DeviceRefused(self._name, id, field.name, reason)
+        reply = yield WriteRequest({id: field.encode(value)}, field.address)
+        error = reply.error.get(id, 0)
+        if error & 0x7F:
+            why = packet.explain(error)
+            if error & 0x7F == packet.StatusErrorCode.DATA_LIMIT:
+                why += yield from limit_words(self._reader, id, field)
+            raise DeviceRefused(self._name, id, f"{field.name} = {value}", why)
+        back = yield from self._reader.read(id, field.key)
+        if back.value != value:
+            raise DeviceRefused(self._name, id, field.name, f"wrote {value}, reads {back.value}")
+        return back
+
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
+        """Restart one device, wait until it answers, give its RAM settings back. Its torque stays off.
+
+        Refused while its torque reads on: it carries a load. `shut_down`: the caller knows that its hardware
+        error has shut it down although it does; that error must read back. Raises NoReply, KeyError,
+        DeviceRefused.
+        """
+        self._reader.table(id)
+        servo = self._servos[self._ids.index(id)]
+        return (yield from restart(self._reader, servo, shut_down=shut_down))
+
+    # --------------------------------------------------------------------------- parts
+
+    def _words(
+        self, servos: Iterable[ServoCommandState], where: Callable[[ServoCommandState], RegisterBlock]
+    ) -> Script[dict[int, int]]:
+        """One signed word of each, by id."""
+        found: dict[int, int] = {}
+        for block, wanted in groups(rows(servos, lambda servo: (where(servo), b""))).items():
+            data = yield from self._reader.collect(tuple(wanted), block.address, block.size)
+            found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
+        return found
+
+    def _lead(self, among: Bools | None) -> None:
+        """From now on goals go to these (m,) alone; None: to all."""
+        self._places = None if among is None or among.all() else np.flatnonzero(among)
+        self._led = self._servos if self._places is None else tuple(self._servos[row] for row in self._places)
+        self.clear()
+        self._fence({})
+
+    def _of_led(self, each: Ints) -> Ints:
+        """Of what there is of everybody (m,), that of those who get goals."""
+        return each if self._places is None else each[self._places]
+
+    def _goal_rows(self, ticks: Ints) -> Rows:
+        """Judged here too, so that a script's WireClamp is the script's."""
+        own = self._of_led(ticks)
+        self._goals.encode(own)
+        return [
+            (servo.id, servo.goal, servo.word(int(tick))) for servo, tick in zip(self._led, own, strict=True)
+        ]
+
+    def _goals_are(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
+        """Each kind of goal by its name."""
+        for name in dict.fromkeys(servo.mode.goal for servo in self._servos):
+            own = {servo.id for servo in self._servos if servo.mode.goal == name}
+            yield from self._same(name.replace("_", " "), [row for row in wanted if row[0] in own], verb)
+
+    def _same(self, what: str, wanted: Rows, verb: str = "wrote") -> Script[None]:
+        for where, own in groups(wanted).items():
+            found = yield from self._reader.collect(tuple(own), where.address, where.size)
+            for id, data in own.items():
+                if found[id] != data:
+                    servo = self._servos[self._ids.index(id)]
+                    why = yield from explain(self._reader, servo, where, data)
+                    reason = f"{verb} {data.hex(' ')}, reads {found[id].hex(' ')}{why}"
+                    raise DeviceRefused(self._name, id, f"{what} ({where.address})", reason)
+
+
+def _in(mode: int, servos: Iterable[ServoCommandState]) -> list[ServoCommandState]:
+    return [servo for servo in servos if servo.mode.number == mode]
+
+
+def _short(value: int) -> bytes:
+    return value.to_bytes(2, "little", signed=True)

@@ -1,0 +1,110 @@
+"""The goal packets: encoded in place each tick, read back from their own bytes and judged (R22). Pure."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.bus import Ints, WireClamp
+from twind_drivers.dynamixel.crc import crc16
+from twind_drivers.dynamixel.device_layout import RegisterBlock
+from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
+
+BODY = 7  # where INST begins
+FIRST = 12  # where the first row begins
+
+
+class GoalPacket:
+    """A sync write of one goal, position, velocity or current, to each device of a bus."""
+
+    def __init__(self, name: str, ids: Sequence[int], goal: RegisterBlock, lower: Ints, upper: Ints) -> None:
+        """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
+        self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
+        self._name, self._ids, self._shape = name, bytes(ids), (len(ids),)
+        self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
+        self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
+        self._head = bytes(self._packet[:FIRST])
+        self._all = memoryview(self._packet)[:-2]
+        self._goals = np.frombuffer(self._packet, self._row, len(ids), FIRST)["goal"]
+        self._span = (self.upper - self.lower).view(np.uint64)
+
+    def encode(self, ticks: Ints) -> bytes:
+        """The packet for goals (m,), stuffed where needed. Raises WireClamp, ValueError (shape)."""
+        if ticks.shape != self._shape or ticks.dtype.kind != "i":
+            raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
+        self._goals[:] = ticks
+        if self._packet.find(PATTERN, BODY, -2) < 0:
+            self._packet[-2:] = crc16(self._all).to_bytes(2, "little")
+            packet = plain = bytes(self._packet)
+            words = self._goals  # what `packet` is a copy of
+        else:
+            packet = self._stuffed()
+            plain = packet[:BODY] + unstuff(packet[BODY:-2]) + packet[-2:]
+            words = np.frombuffer(plain, self._row, len(ticks), FIRST)["goal"]
+        self._judge(plain, words, ticks)
+        return packet
+
+    def _stuffed(self) -> bytes:
+        body = stuff(self._packet[BODY:-2])
+        packet = self._head[:5] + (len(body) + 2).to_bytes(2, "little") + body
+        return packet + crc16(packet).to_bytes(2, "little")
+
+    def _judge(self, plain: bytes, words: NDArray[np.signedinteger], ticks: Ints) -> None:
+        """What stands in the bytes, not what was meant: ids, address and every goal word."""
+        # Below the lower bound a difference is negative, so as an unsigned number beyond every span.
+        outside = (words - self.lower).view(np.uint64) > self._span
+        if (
+            not np.count_nonzero(outside)
+            and not np.count_nonzero(words != ticks)
+            and plain[FIRST : -2 : self._row.itemsize] == self._ids
+            and plain[BODY:FIRST] == self._head[BODY:]
+        ):
+            return
+        place = int(np.argmax(outside | (words != ticks)))
+        lower, upper = int(self.lower[place]), int(self.upper[place])
+        raise WireClamp(self._name, self._ids[place], int(ticks[place]), lower, upper)
+
+
+class MixedGoals:
+    """Goals of devices that keep them in different registers: one sync write for each (address, size)."""
+
+    def __init__(
+        self, name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
+    ) -> None:
+        """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
+        self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
+        self._name, self._count = name, len(ids)
+        self._parts: list[tuple[NDArray[np.intp], GoalPacket]] = []
+        for goal in dict.fromkeys(goals):
+            places = np.array([place for place, each in enumerate(goals) if each == goal])
+            own = [ids[place] for place in places]
+            packet = GoalPacket(name, own, goal, self.lower[places], self.upper[places])
+            self._parts.append((places, packet))
+
+    def encode(self, ticks: Ints) -> bytes:
+        """The packets for goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
+        if ticks.shape != (self._count,) or ticks.dtype.kind != "i":
+            raise ValueError(f"{self._name}: {self._count} whole ticks needed, got {ticks!r}")
+        return b"".join([packet.encode(ticks[places]) for places, packet in self._parts])
+
+
+Goals = GoalPacket | MixedGoals
+
+
+def goal_packets(
+    name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
+) -> Goals:
+    """What encodes the goals of a bus: one packet where all devices keep them in the same register."""
+    if len(set(goals)) == 1:
+        return GoalPacket(name, ids, goals[0], lower, upper)
+    return MixedGoals(name, ids, goals, lower, upper)
+
+
+def bounds_of(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
+    """Own copies (m,) of bounds. Raises ValueError: not `count` of each, or lower above upper."""
+    least, most = np.array(lower, np.int64), np.array(upper, np.int64)
+    if least.shape != (count,) or most.shape != (count,):
+        raise ValueError(f"{name}: bounds of {count} devices needed, got {least.shape}")
+    if not (least <= most).all():
+        raise ValueError(f"{name}: lower bounds {lower} must not be above upper bounds {upper}")
+    return least, most

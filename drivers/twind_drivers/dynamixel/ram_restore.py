@@ -1,0 +1,152 @@
+"""RAM settings of one device given back: after a restart, and after a mode that it had for a while.
+
+RAM falls back to its defaults by a restart (e-manual, "Reboot"; what: control table pages, "RAM area"), and
+gains, profile and goal limits by a change of mode ("Operating Mode"). Torque, goals and the bus watchdog are
+not given back: whoever wants torque prepares for it anew.
+"""
+
+from collections.abc import Mapping
+
+from twind_drivers.bus import (
+    DeviceRefused,
+    NoReply,
+    PingRequest,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
+    Script,
+    WriteRequest,
+)
+from twind_drivers.dynamixel.control_tables import TableRegister
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.servo_command_state import ServoCommandState
+
+BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
+
+RESTORED = (
+    "led",
+    "led_red",
+    "led_green",
+    "led_blue",
+    "status_return_level",
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+    "goal_pwm",
+    "goal_current",
+    "profile_acceleration",
+    "profile_velocity",
+)
+OFF = ("torque_enable", "bus_watchdog")  # what must read 0 afterwards
+
+
+def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: bool) -> Script[RestartResult]:
+    """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
+
+    `shut_down`: torque reads on, but the hardware error (70) has taken it; refused where that error reads 0.
+    """
+    fields = settings(servo)
+    state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
+    before = yield from values(reader, servo, fields + state)
+    _require_unloaded(reader.name, servo.id, before, shut_down=shut_down)
+    yield from _reboot(reader, servo.id)
+    yield from let_go(reader, servo)
+    return (yield from give_back(reader, servo, before))
+
+
+def give_back(
+    reader: DynamixelReader, servo: ServoCommandState, before: Mapping[str, int]
+) -> Script[RestartResult]:
+    """RAM settings of a device without torque as they were `before`, read back. Raises NoReply."""
+    fields = settings(servo)
+    fallen = yield from values(reader, servo, fields)
+    changed = [field for field in fields if fallen[field.key] != before[field.key]]
+    for field in changed:
+        if _may_return(servo, field, before[field.key]):
+            yield WriteRequest({servo.id: field.encode(before[field.key])}, field.address)
+    after = (yield from values(reader, servo, fields)) if changed else fallen
+    return _compare(fields, before, fallen, after)
+
+
+def settings(servo: ServoCommandState) -> list[TableRegister]:
+    """What is restored of this model; a current that is a goal is none of it."""
+    names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
+    return [servo.table[name] for name in names]
+
+
+def _may_return(servo: ServoCommandState, field: TableRegister, value: int) -> bool:
+    """Goal current is a cap here, of mode 5 at most its own, whatever stood there; `prepare` sets it."""
+    most = field.bounds[1] if servo.cap is None else servo.cap
+    return field.key != "goal_current" or 0 <= value <= most
+
+
+def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down: bool) -> None:
+    if state["torque_enable"] == 0:
+        return
+    if not shut_down:
+        reason = "its torque is on and a restart would drop what it carries: disarm, then reboot"
+        raise DeviceRefused(name, id, "reboot", reason)
+    if state["hardware_error_status"] == 0:
+        reason = "its torque is on and its hardware error (70) is 0: nothing has shut it down; disarm first"
+        raise DeviceRefused(name, id, "reboot", reason)
+
+
+def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
+    """Off the bus and back on it."""
+    reply = yield RebootRequest(id)
+    if id not in reply.error:
+        raise NoReply(reader.name, (id,), reply.waited, "reboot")
+    reader.slow.forget(id)
+    waited = reply.waited
+    for _ in range(BOOT_ATTEMPTS):
+        reply = yield PingRequest(id)
+        waited += reply.waited
+        if id in reply.data:
+            return
+    raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+
+
+def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
+    """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot.
+
+    Raises DeviceRefused, NoReply.
+    """
+    fields = [servo.table[name] for name in OFF]
+    state = yield from values(reader, servo, fields)
+    for field in fields:
+        if state[field.key]:
+            yield WriteRequest({servo.id: bytes(field.size)}, field.address)
+            left = (yield from reader.read(servo.id, field.key)).value
+            if left:
+                reason = f"reads {left} and cannot be switched off: cut its supply"
+                raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
+
+
+def values(
+    reader: DynamixelReader, servo: ServoCommandState, fields: list[TableRegister]
+) -> Script[dict[str, int]]:
+    """Registers by key, in one transaction."""
+    first, end = min(field.address for field in fields), max(field.end for field in fields)
+    raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]
+    return {field.key: field.decode(raw[field.address - first :]) for field in fields}
+
+
+def _compare(
+    fields: list[TableRegister],
+    before: Mapping[str, int],
+    fallen: Mapping[str, int],
+    after: Mapping[str, int],
+) -> RestartResult:
+    restored: list[RegisterAddress] = []
+    differing: list[tuple[RegisterAddress, int]] = []
+    for field in fields:
+        now = RegisterAddress(field.name, field.address, field.size, after[field.key])
+        if after[field.key] != before[field.key]:
+            differing.append((now, before[field.key]))
+        elif fallen[field.key] != before[field.key]:
+            restored.append(now)
+    return RestartResult(tuple(restored), tuple(differing))

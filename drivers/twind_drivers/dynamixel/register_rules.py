@@ -1,0 +1,181 @@
+"""What the vendor's tables do not say: access, sign, range and default of each register. Ours, pure.
+
+Source: the e-manual page of each model. What is the same for a whole series stands here, what differs from
+model to model in `factory.py`. Keys are snake case. A default that the page leaves open is None.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from types import MappingProxyType
+
+from twind_drivers.dynamixel.dynamixel_models import base, facts
+from twind_drivers.dynamixel.factory_defaults import FACTORY, X_SERIES, FactoryDefaults
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterRule:
+    """Of one register, raw units. `limit` names the register that bounds its magnitude further (error 6)."""
+
+    writable: bool = True
+    signed: bool = False
+    lower: int | None = None  # None: what its size holds
+    upper: int | None = None
+    default: int | None = 0  # after power-up (RAM) or factory reset (EEPROM); None: not known here
+    limit: str | None = None
+    values: frozenset[int] | None = None  # the only ones that are taken; None: all in the range
+
+
+READ_ONLY = RegisterRule(writable=False)
+SIGNED_READ_ONLY = RegisterRule(writable=False, signed=True)
+GAIN = RegisterRule(lower=0, upper=16383, default=None)
+ANY = RegisterRule(default=None)
+GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
+FEEDS = ("feedforward_2nd_gain", "feedforward_1st_gain")
+# Registers that only report, of any model: also those of the layouts that have no rules here (Y, XL320).
+REPORTS = ("present_", "error_code", "controller_state")
+
+X: Mapping[str, RegisterRule] = {
+    "model_number": READ_ONLY,
+    "model_information": READ_ONLY,
+    "firmware_version": READ_ONLY,
+    "id": RegisterRule(lower=0, upper=252, default=1),
+    "baud_rate": RegisterRule(lower=0, upper=7, default=1),
+    "drive_mode": RegisterRule(lower=0, upper=15),
+    "operating_mode": RegisterRule(lower=0, upper=16, default=3),
+    "secondary_shadow_id": RegisterRule(lower=0, upper=255, default=255),
+    "secondary_id": RegisterRule(lower=0, upper=255, default=255),
+    "protocol_type": RegisterRule(lower=1, upper=2, default=2),
+    "homing_offset": RegisterRule(signed=True, lower=-1_044_479, upper=1_044_479),
+    "external_port_mode": RegisterRule(lower=0, upper=3, default=3),
+    "startup_configuration": RegisterRule(lower=0, upper=3),
+    "torque_enable": RegisterRule(lower=0, upper=1),
+    "led": RegisterRule(lower=0, upper=1),
+    "status_return_level": RegisterRule(lower=0, upper=2, default=2),
+    "registered_instruction": READ_ONLY,
+    "hardware_error_status": READ_ONLY,
+    **dict.fromkeys(GAINS, GAIN),
+    **dict.fromkeys(FEEDS, replace(GAIN, default=0)),
+    "bus_watchdog": RegisterRule(lower=0, upper=127),  # x 20 ms; reads 255 once it has tripped
+    "goal_current": RegisterRule(signed=True, default=None, limit="current_limit"),
+    "goal_velocity": RegisterRule(signed=True, default=0, limit="velocity_limit"),
+    "profile_acceleration": RegisterRule(lower=0, upper=32767),
+    "profile_velocity": RegisterRule(lower=0, upper=32767),
+    "goal_position": RegisterRule(signed=True, lower=-1_048_575, upper=1_048_575),
+    "realtime_tick": READ_ONLY,
+    "moving": READ_ONLY,
+    "moving_status": READ_ONLY,
+    "present_pwm": SIGNED_READ_ONLY,
+    "present_current": SIGNED_READ_ONLY,
+    "present_load": SIGNED_READ_ONLY,
+    "present_velocity": SIGNED_READ_ONLY,
+    "present_position": SIGNED_READ_ONLY,
+    "velocity_trajectory": SIGNED_READ_ONLY,
+    "position_trajectory": SIGNED_READ_ONLY,
+    "present_input_voltage": READ_ONLY,
+    "present_temperature": READ_ONLY,
+    "backup_ready": READ_ONLY,
+    "external_port_data": RegisterRule(lower=0, upper=4095, default=None),
+    "indirect_address": RegisterRule(lower=64, upper=661, default=None),
+    "indirect_data": RegisterRule(lower=0, upper=255),
+}
+
+SMALL: Mapping[str, RegisterRule] = {  # X330: no 4.5 Mbit/s; RC protocols 20..22 beside Protocol 2
+    **X,
+    "baud_rate": RegisterRule(lower=0, upper=6, default=1),
+    "protocol_type": RegisterRule(lower=2, upper=22, default=2, values=frozenset({2, 20, 21, 22})),
+    "indirect_address": RegisterRule(lower=64, upper=227, default=None),
+}
+
+P: Mapping[str, RegisterRule] = {  # and PRO -R(A), RH-P12-RN(A)
+    **X,
+    "baud_rate": RegisterRule(lower=0, upper=9, default=1),
+    "drive_mode": RegisterRule(lower=0, upper=13),
+    "protocol_type": RegisterRule(lower=2, upper=10, default=2, values=frozenset({2, 10})),  # 10: Modbus
+    "homing_offset": RegisterRule(signed=True),
+    **dict.fromkeys(("led_red", "led_green", "led_blue"), RegisterRule(lower=0, upper=255)),
+    **dict.fromkeys(GAINS, replace(GAIN, upper=32767)),
+    "goal_position": RegisterRule(signed=True),
+    "profile_acceleration": RegisterRule(lower=0, default=None, limit="acceleration_limit"),
+    "profile_velocity": RegisterRule(lower=0, default=None, limit="velocity_limit"),
+    "external_port_data": RegisterRule(lower=0, upper=4095),
+    "indirect_address": RegisterRule(lower=512, upper=1023, default=None),
+}
+
+
+def rule(stem: str, key: str) -> RegisterRule:
+    """The rule of register `key` of the model whose table is `stem` ("xm430_w350"). Unknown: any value."""
+    key = _numberless(key)
+    if base(stem) in FACTORY:
+        return _rules(base(stem)).get(key, ANY)
+    found = X.get(key, READ_ONLY if key.startswith(REPORTS) else ANY)
+    if stem == "xl320":  # Protocol 2 on the old layout: magnitudes with a direction bit, no two's complement
+        return replace(ANY, writable=found.writable)
+    return replace(found, lower=None, upper=None, default=None, limit=None)  # Y: access and sign are the same
+
+
+def _numberless(key: str) -> str:
+    """The registers of a row have one rule: of "indirect_data_12", "indirect_data"."""
+    front, _, number = key.rpartition("_")
+    return front if number.isdecimal() else key
+
+
+@cache
+def _rules(stem: str) -> Mapping[str, RegisterRule]:
+    """Of one model: its series' rules, and what its own page says."""
+    made = FACTORY[stem]
+    series = SMALL if made.slope is not None else X if stem in X_SERIES else P
+    found = {**series, **_limits(made, 885 if stem in X_SERIES else 2009)}
+    found["operating_mode"] = replace(found["operating_mode"], values=facts(stem).modes)
+    for key, default in zip(GAINS, made.gains, strict=True):
+        found[key] = replace(series[key], default=default)
+    feed = None if None in made.gains else 0  # the pages leave both open, or neither
+    found.update(dict.fromkeys(FEEDS, replace(series[GAINS[0]], default=feed)))
+    if series is P:  # what its goals boot with, no page says
+        for key in ("goal_pwm", "goal_velocity", "goal_current"):
+            found[key] = replace(found[key], default=None)
+    if stem == "rh_p12_rn":  # the gripper
+        ends = RegisterRule(signed=True, lower=0, upper=made.position[1])
+        found.update(homing_offset=ends, goal_position=ends)
+        found["goal_current"] = replace(found["goal_current"], default=0)
+    return MappingProxyType(found)
+
+
+def _limits(made: FactoryDefaults, pwm: int) -> dict[str, RegisterRule]:
+    """The registers whose range or default is the model's own."""
+    low, high = made.position
+    volts = RegisterRule(lower=made.volts[0], upper=made.volts[1])
+    least = made.volts[0] if made.volts_least is None else made.volts_least
+    speed, current = made.velocity_most, made.current
+    found = {
+        "return_delay_time": RegisterRule(lower=0, upper=made.delay_most, default=250),
+        "operating_mode": RegisterRule(lower=0, upper=16, default=made.mode),
+        "moving_threshold": RegisterRule(lower=0, upper=made.threshold_most or speed, default=made.threshold),
+        "temperature_limit": RegisterRule(lower=0, upper=100, default=made.temperature),
+        "max_voltage_limit": replace(volts, default=made.volts[1]),
+        "min_voltage_limit": replace(volts, default=least),
+        "pwm_limit": RegisterRule(lower=0, upper=pwm, default=pwm),
+        "velocity_limit": RegisterRule(lower=0, upper=speed, default=made.velocity),
+        "max_position_limit": RegisterRule(
+            signed=True, lower=low, upper=high, default=made.position_limits[1]
+        ),
+        "min_position_limit": RegisterRule(
+            signed=True, lower=low, upper=high, default=made.position_limits[0]
+        ),
+        "shutdown": RegisterRule(lower=0, upper=made.shutdown_most, default=made.shutdown),
+        "goal_velocity": RegisterRule(
+            signed=True, lower=-speed, upper=speed, default=0, limit="velocity_limit"
+        ),
+        "goal_pwm": RegisterRule(signed=True, lower=-pwm, upper=pwm, default=pwm, limit="pwm_limit"),
+    }
+    if current is not None:
+        found["current_limit"] = RegisterRule(lower=0, upper=current, default=current)
+        found["goal_current"] = RegisterRule(
+            signed=True, lower=-current, upper=current, default=current, limit="current_limit"
+        )
+    if made.acceleration is not None:
+        delivered, most = made.acceleration
+        found["acceleration_limit"] = RegisterRule(lower=0, upper=most, default=delivered)
+    if made.slope is not None:
+        found["pwm_slope"] = RegisterRule(lower=1, upper=255, default=made.slope)
+    return found

@@ -1,0 +1,194 @@
+"""What a cycle costs on the wire: bytes, seconds, reachable rate, refusal with the arithmetic. Pure.
+
+10 bits a byte (8N1). Sources: e-manual "Protocol 2.0" for the packet sizes; a return delay counts once per
+status, so N times for a plain sync read and once for a fast one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+
+BITS = 10  # per byte: start, 8 data, stop
+CYCLIC = 10  # bytes read of each device every cycle: current or load 2, velocity 4, position 4
+GOAL = 4  # bytes written to each device every cycle
+STATUS_BLOCK = 35  # torque enable .. bus watchdog
+STATE_BLOCK = 7  # torque enable .. hardware error
+WATCHDOG = 1
+HEALTH_BLOCK = 27  # realtime tick .. input voltage, temperature
+INDIRECT_BLOCK = 8  # all of these and nothing between
+STATUS_HZ, HEALTH_HZ = 20.0, 5.0  # refresh of the slow registers, at least
+
+
+def wire(count: int, baud: int) -> float:
+    """Seconds that `count` bytes take."""
+    return count * BITS / baud
+
+
+def sync_request(count: int) -> int:
+    """Bytes of a (fast) sync read request to `count` devices."""
+    return 14 + count
+
+
+def plain_reply(count: int, size: int) -> int:
+    """Bytes of `count` statuses that carry `size` data bytes each."""
+    return count * (11 + size)
+
+
+def fast_reply(count: int, size: int) -> int:
+    """Bytes of one fast reply of `count` devices."""
+    return 8 + count * (4 + size)
+
+
+def bulk_request(count: int) -> int:
+    """Bytes of a (fast) bulk read request to `count` devices: each one's own address and size."""
+    return 10 + 5 * count
+
+
+def sync_write(count: int, size: int) -> int:
+    """Bytes of a sync write of `size` bytes to each of `count` devices."""
+    return 14 + count * (1 + size)
+
+
+def slice_bytes(count: int, size: int, *, fast: bool) -> int:
+    """Bytes of one read of `size` bytes of `count` devices, both directions."""
+    return sync_request(count) + (fast_reply if fast else plain_reply)(count, size)
+
+
+@dataclass(frozen=True, slots=True)
+class SlowReadSchedule:
+    """Round robin of the slow registers: in every `slots` calls all devices' status, one slice of health.
+
+    Called f times a second, `slots = floor(f / 20 Hz)`; one call in a round reads the health of `health`
+    devices (all of them in 4 rounds, 1/5 s), the others the status of all. Below 40 Hz two slots are the
+    least, and the refresh is half the call rate.
+
+    A plain read costs a return delay and 11 bytes a device, so status is one block (torque .. watchdog, 35
+    bytes) of `state` devices a call. A fast read costs 4 bytes, so the 27 bytes between the hardware error
+    and the watchdog are not worth it: the first 7 of `state` devices, and in other calls the watchdog of
+    `watch` devices. At 100 Hz and 24 devices: 4 x 6 plainly; fast 3 x 8 and 1 x 24.
+    """
+
+    slots: int
+    state: int  # devices in a slice of the (first) status block
+    watch: int  # devices in a slice of the watchdog; 0: it stands in the status block
+    health: int  # devices in a health slice
+
+    @property
+    def most(self) -> int:
+        """Bytes of its longest slice, both directions."""
+        fast = self.watch > 0
+        rows = [(self.state, STATE_BLOCK if fast else STATUS_BLOCK), (self.health, HEALTH_BLOCK)]
+        rows += [(self.watch, WATCHDOG)] if fast else []
+        return max(slice_bytes(count, size, fast=fast) for count, size in rows)
+
+
+def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> SlowReadSchedule:
+    """The round robin that refreshes all at STATUS_HZ and HEALTH_HZ when called `rate_hz`.
+
+    `groups`: devices of each register layout; one slice holds devices of one layout.
+    """
+    slots = max(2, floor(rate_hz / STATUS_HZ + 1e-9))
+    rounds = max(1, round(STATUS_HZ / HEALTH_HZ))
+    turns = slots - 1
+    if not fast or turns < 2 * len(groups):
+        return SlowReadSchedule(slots, _cut(groups, turns), 0, _cut(groups, rounds))
+    each = (STATE_BLOCK + 4, WATCHDOG + 4)  # bytes of a device in either block
+    watching = min(turns - len(groups), max(len(groups), round(turns * each[1] / sum(each))))
+    return SlowReadSchedule(
+        slots, _cut(groups, turns - watching), _cut(groups, watching), _cut(groups, rounds)
+    )
+
+
+def _cut(groups: Sequence[int], turns: int) -> int:
+    """Devices in a slice, so that `turns` slices hold all; more slices where there are more layouts."""
+    size = ceil(sum(groups) / turns)
+    while size < max(groups, default=0) and sum(ceil(count / size) for count in groups) > turns:
+        size += 1
+    return max(1, size)
+
+
+def indirect_bytes(count: int, rate_hz: float, *, fast: bool) -> int:
+    """What a slice would cost if torque, error, watchdog, tick, voltage and temperature were mapped together.
+
+    8 bytes at the servos' indirect addresses, all of them at STATUS_HZ. Why it is not done: `slow.py`.
+    """
+    return slice_bytes(ceil(count / max(1, floor(rate_hz / STATUS_HZ + 1e-9))), INDIRECT_BLOCK, fast=fast)
+
+
+@dataclass(frozen=True, slots=True)
+class SerialCycleBudget:
+    """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
+
+    bytes: int  # of a whole cycle: goals, request, replies, upkeep slice
+    seconds: float
+    reachable_hz: float
+    lines: tuple[str, ...]
+
+    def refusal(self, rate_hz: float) -> str | None:
+        """Why `rate_hz` is impossible, with the arithmetic; None: it is possible."""
+        if self.reachable_hz >= rate_hz:
+            return None
+        return (
+            f"{rate_hz:g} Hz leaves {1e6 / rate_hz:.0f} us a cycle, "
+            f"the bus needs {self.seconds * 1e6:.0f} us ({self.reachable_hz:.0f} Hz): "
+            + "; ".join(self.lines)
+        )
+
+
+def budget(
+    count: int,
+    baud: int,
+    *,
+    fast: bool,
+    return_delay_us: float,
+    write: bool = True,
+    upkeep_hz: float | None = None,
+    usb_s: float = 0.0,
+    read_size: int = CYCLIC,
+    groups: Sequence[int] = (),
+    sensor: tuple[int, float] | None = None,
+) -> SerialCycleBudget:
+    """The cycle of `count` devices: goals (`write`), cyclic reading, and with `upkeep_hz` its longest slice.
+
+    `groups`: devices of each register layout where there are several: read by bulk read, written in one
+    packet for each. `usb_s`: what the adapter adds to each transaction, s. `sensor`: bytes and return delay
+    (us) of what is read besides. Raises ValueError for no devices or no baud rate.
+    """
+    if count < 1 or baud < 1:
+        raise ValueError(f"a budget needs devices and a baud rate, got {count} and {baud}")
+    reply = fast_reply(count, read_size) if fast else plain_reply(count, read_size)
+    rows: list[tuple[str, int, int]] = []  # what, bytes, return delays
+    mixed = len(groups) > 1
+    if write:
+        rows.append((f"goals to {count}", sum(sync_write(each, GOAL) for each in groups or (count,)), 0))
+    kind = ("fast " if fast else "") + ("bulk read" if mixed else "sync read")
+    rows.append((f"{kind} request", (bulk_request if mixed else sync_request)(count), 0))
+    rows.append((f"{kind} reply, {read_size} bytes of {count}", reply, 1 if fast else count))
+    transactions = 1
+    if upkeep_hz is not None:
+        plan = upkeep(groups or (count,), upkeep_hz, fast=fast)
+        delays = 1 if plan.watch else max(plan.state, plan.health)
+        rows.append((f"longest slice of upkeep ({plan.state} a slice)", plan.most, delays))
+        transactions = 2
+    own = 0.0
+    if sensor is not None:
+        rows.append((f"reading of a sensor, {sensor[0]} bytes", 14 + 11 + sensor[0], 0))
+        own, transactions = sensor[1], transactions + 1
+    return _sum(rows, baud, return_delay_us, transactions * usb_s, own)
+
+
+def _sum(
+    rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float, own_us: float
+) -> SerialCycleBudget:
+    """`own_us`: the return delay of a sensor."""
+    total = sum(size for _, size, _ in rows)
+    delays = sum(each for _, _, each in rows)
+    seconds = wire(total, baud) + (delays * delay_us + own_us) * 1e-6 + usb_s
+    lines = [f"{what}: {size} bytes = {wire(size, baud) * 1e6:.0f} us" for what, size, _ in rows]
+    lines.append(f"return delay: {delays} x {delay_us:g} us = {delays * delay_us:.0f} us")
+    if own_us:
+        lines.append(f"return delay of the sensor: {own_us:g} us")
+    if usb_s:
+        lines.append(f"adapter: {usb_s * 1e6:.0f} us")
+    lines.append(f"together {total} bytes at {baud} baud = {seconds * 1e6:.0f} us")
+    return SerialCycleBudget(total, seconds, 1.0 / seconds, tuple(lines))

@@ -1,0 +1,138 @@
+"""One device as the writer commands it: its mode, where its registers lie, what it is given. Pure."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from twind_drivers.bus import WriteRequest
+from twind_drivers.dynamixel.control_tables import ControlTable
+from twind_drivers.dynamixel.device_layout import DeviceLayout, RegisterBlock, layout_of
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.operating_modes import (
+    POSITION,
+    VELOCITY,
+    OperatingMode,
+    block,
+    check_cap,
+    mode_of,
+)
+
+MAX_ACCELERATION = 32767  # counts of register 108 (e-manual)
+
+Rows = list[tuple[int, RegisterBlock, bytes]]  # id, where, what
+
+
+class RawGains(NamedTuple):
+    """Position loop gains, raw; None: the model's default."""
+
+    p: int | None = None
+    i: int | None = None
+    d: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ServoCommandState:
+    """One device."""
+
+    id: int
+    table: ControlTable
+    layout: DeviceLayout
+    mode: OperatingMode
+    gains: bytes  # D, I, P as they lie in the registers
+    cap: int | None  # goal current in mode 5, counts
+    acceleration: int | None  # profile acceleration in mode 1, counts; None: as the servo has it
+
+    def at(self, *names: str) -> RegisterBlock:
+        """From the first of these registers to the end of the last."""
+        return block(self.table, *names)
+
+    @property
+    def goal(self) -> RegisterBlock:
+        """The register that commands it."""
+        return self.at(self.mode.goal)
+
+    @property
+    def most_pwm(self) -> int:
+        """The largest PWM limit that this model can have, counts."""
+        return self.table["goal_pwm"].bounds[1] if "goal_pwm" in self.table else 0
+
+    @property
+    def capped_by(self) -> str:
+        """The register that caps its output: the current in mode 5, else the PWM."""
+        return "goal_pwm" if self.cap is None else "goal_current"
+
+    def word(self, goal: int) -> bytes:
+        """A goal as it lies in that register."""
+        return goal.to_bytes(self.goal.size, "little", signed=True)
+
+
+def servos_of(
+    reader: DynamixelReader,
+    *,
+    modes: Sequence[int] | None,
+    caps: Sequence[int | None] | None,
+    gains: Sequence[tuple[int | None, int | None, int | None]] | None,
+    accelerations: Sequence[int | None] | None,
+) -> tuple[ServoCommandState, ...]:
+    """The devices of a bus (m), in the order of its ids; None: the default for all.
+
+    Raises ValueError that names the device: a mode that cannot be, a missing cap, a gain out of range.
+    """
+    count = len(reader.ids)
+    given: tuple[Sequence[Any], ...] = (
+        [POSITION] * count if modes is None else modes,
+        [None] * count if caps is None else caps,
+        [RawGains()] * count if gains is None else [RawGains(*one) for one in gains],
+        [None] * count if accelerations is None else accelerations,
+    )
+    for each in given:
+        if len(each) != count:
+            raise ValueError(f"{reader.name}: one value for each of {count} devices needed, got {each}")
+    return tuple(_servo(reader, *one) for one in zip(reader.ids, *given, strict=True))
+
+
+def _servo(
+    reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: RawGains, acceleration: int | None
+) -> ServoCommandState:
+    where, table = f"{reader.name}: id {id}", reader.table(id)
+    found = mode_of(where, table, mode)
+    check_cap(where, table, found, cap)
+    if acceleration is not None and (found.number != VELOCITY or not 0 <= acceleration <= MAX_ACCELERATION):
+        raise ValueError(
+            f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
+        )
+    raw = b"" if found.rests_at_zero else _gain_bytes(where, table, gains)
+    return ServoCommandState(id, table, layout_of(table), found, raw, cap, acceleration)
+
+
+def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
+    """D, I, P as they lie in the registers."""
+    parts = []
+    for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
+        field = table[f"position_{key}_gain"]
+        value = field.rule.default if wanted is None else wanted
+        if value is None:
+            raise ValueError(f"{where}: no default of {field.name} known for {table.model}: set it")
+        field.check(value)
+        parts.append(field.encode(value))
+    return b"".join(parts)
+
+
+def rows(
+    servos: Iterable[ServoCommandState], what: Callable[[ServoCommandState], tuple[RegisterBlock, bytes]]
+) -> Rows:
+    """`what` of each of them."""
+    return [(servo.id, *what(servo)) for servo in servos]
+
+
+def groups(wanted: Rows) -> dict[RegisterBlock, Mapping[int, bytes]]:
+    """The same by where it lies: one group packet, or one read, for each."""
+    found: dict[RegisterBlock, dict[int, bytes]] = {}
+    for id, where, data in wanted:
+        found.setdefault(where, {})[id] = data
+    return dict(found)
+
+
+def writes(wanted: Rows) -> tuple[WriteRequest, ...]:
+    """One group write for each (address, size)."""
+    return tuple(WriteRequest(data, where.address) for where, data in groups(wanted).items())

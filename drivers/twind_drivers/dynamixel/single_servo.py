@@ -1,0 +1,210 @@
+"""One servo of a bus driven by itself, weakly: in current-based position (mode 5), its current capped.
+
+For finding a stop. Nobody else on the bus is given anything but torque off. The mode is EEPROM: it changes
+without torque alone, the change resets gains, profile and goal limits, and the position limits (48, 52) are
+out of force in mode 5 (e-manual, "Operating Mode (11)", "Min/Max Position Limit"). So goals are bounded here,
+and what the servo was before is given back and read back. Not verified on hardware.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twind_drivers.bus import DeviceRefused, Order, RestartResult, Script, WireClamp, WriteRequest
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
+from twind_drivers.dynamixel.dynamixel_wire_check import DynamixelWireCheck
+from twind_drivers.dynamixel.goal_packets import GoalPacket
+from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, block, check_cap, fences, mode_of
+from twind_drivers.dynamixel.ram_restore import give_back, let_go, settings, values
+from twind_drivers.dynamixel.servo_command_state import ServoCommandState
+
+SLAVE, TIMED, TORQUE_BY_GOAL = 2, 4, 8  # bits of Drive Mode (10)
+FOREIGN = SLAVE | TORQUE_BY_GOAL  # with one of them it is not driven by what is written here alone
+# EEPROM that must read afterwards what it read before; only the mode is ever written.
+EEPROM = (
+    "drive_mode",
+    "operating_mode",
+    "homing_offset",
+    "pwm_limit",
+    "current_limit",
+    "velocity_limit",
+    "max_position_limit",
+    "min_position_limit",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SavedSettings:
+    """What a servo was set to before: register name in snake case -> value."""
+
+    eeprom: Mapping[str, int]
+    ram: Mapping[str, int]
+
+
+class SingleServoControl:
+    """Implements `twind_drivers.single_device.SingleDeviceControl`. Counts are the servo's own, as it tells
+    them in mode 5."""
+
+    def __init__(
+        self,
+        reader: DynamixelReader,
+        servos: Sequence[ServoCommandState],
+        id: int,
+        *,
+        cap: int,
+        profile: int,
+        watchdog: int,
+    ) -> None:
+        """`cap`: most goal current, raw. `profile`: profile velocity, raw, 1 at least: a goal that is far off
+        is approached no faster. `watchdog`: x 20 ms.
+
+        Raises ValueError: no such id, a mode or model that cannot be driven so, a cap out of range.
+        """
+        own = {servo.id: servo for servo in servos}
+        if id not in own:
+            raise ValueError(f"{reader.name} has no id {id}; its ids are {list(own)}")
+        self._reader, self._was, self.id = reader, own[id], id
+        where, table = f"{reader.name}: id {id}", own[id].table
+        if own[id].mode.rests_at_zero:
+            raise ValueError(f"{where}: its goals are no positions (mode {own[id].mode.number})")
+        mode = mode_of(where, table, CURRENT_BASED)
+        check_cap(where, table, mode, cap)
+        self._servo = replace(own[id], mode=mode, cap=cap, acceleration=None)
+        self._profile, self.watchdog, self._cap = profile, watchdog, cap
+        self._closed = {
+            servo.id: dict.fromkeys(fences(servo.table, servo.mode, 0, 0, servo.cap), (0, -1))
+            for servo in servos
+        }
+        self._goal: GoalPacket | None = None
+        self._check = self._fenced(0, -1)
+
+    def bound(self, lower: int, upper: int) -> None:
+        """Goals that may be sent from now on; none before. Raises ValueError: lower above upper."""
+        goal = block(self._servo.table, "goal_position")
+        bounds = np.array([lower], np.int64), np.array([upper], np.int64)
+        self._goal = GoalPacket(self._reader.name, [self.id], goal, *bounds)
+        self._check = self._fenced(lower, upper)
+
+    def judge(self, data: bytes) -> None:
+        """The last look at an order's bytes while this one is driven. Raises WireClamp."""
+        self._check.judge(data)
+
+    def goal(self, tick: int) -> None:
+        """Goal for the next `request`, to this servo alone. Raises WireClamp; then nothing is pending."""
+        line = self._reader.line
+        line.goals = b""
+        if self._goal is None:
+            raise WireClamp(self._reader.name, self.id, tick, 0, -1)
+        line.goals = self._goal.encode(np.array([tick], np.int64))
+
+    # --------------------------------------------------------------------------- scripts
+
+    def look(self) -> Script[SavedSettings]:
+        """What it is set to. Raises DeviceRefused: torque on, a hardware error, an odd Drive Mode."""
+        servo, table = self._was, self._was.table
+        eeprom = yield from values(self._reader, servo, [table[name] for name in EEPROM if name in table])
+        state = [table[name] for name in ("torque_enable", "hardware_error_status")]
+        ram = yield from values(self._reader, servo, [*settings(servo), *state])
+        if ram["torque_enable"]:
+            raise self._refused("torque enable (64)", "is on: disarm first")
+        if ram["hardware_error_status"]:
+            raise self._refused(
+                "hardware error (70)", f"is {ram['hardware_error_status']:#04x}: find the cause"
+            )
+        if eeprom["drive_mode"] & FOREIGN:
+            raise self._refused("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
+        return SavedSettings(eeprom, ram)
+
+    def left(self, kept: SavedSettings) -> str:
+        """The mode, and what its change resets."""
+        was = kept.eeprom["operating_mode"]
+        return (
+            f"Operating Mode (11) {CURRENT_BASED} (was {was}) and gains, profile and Goal Current of a search"
+        )
+
+    def enter(self, kept: SavedSettings) -> Script[None]:
+        """Into mode 5, read back. Raises DeviceRefused, NoReply."""
+        if kept.eeprom["operating_mode"] != CURRENT_BASED:
+            yield from self._write("operating_mode", CURRENT_BASED)
+        yield from self._same({"operating_mode": CURRENT_BASED})
+
+    def prepare(self, kept: SavedSettings, tick: int) -> Script[None]:
+        """Cap, gains, profile, goal := `tick`, watchdog: all that stands before torque, read back together.
+
+        Raises DeviceRefused, NoReply, WireClamp.
+        """
+        timed = kept.eeprom["drive_mode"] & TIMED  # then the profile is a time, and none is used
+        gains = {
+            f"position_{key}_gain": int.from_bytes(self._servo.gains[at : at + 2], "little")
+            for at, key in ((0, "d"), (2, "i"), (4, "p"))
+        }
+        wanted = {
+            "goal_current": self._cap,
+            "goal_pwm": kept.eeprom["pwm_limit"],
+            **gains,
+            "profile_acceleration": 0,
+            "profile_velocity": 0 if timed else self._profile,
+            "goal_position": tick,
+            "bus_watchdog": self.watchdog,
+        }
+        yield from self._write("bus_watchdog", 0)  # one that has tripped takes no goals
+        for name, value in wanted.items():
+            yield from self._write(name, value)
+        yield from self._same(wanted | {"operating_mode": CURRENT_BASED, "torque_enable": 0})
+
+    def energise(self) -> Script[None]:
+        """Torque on, read back, in the mode that obeys the cap alone. Raises DeviceRefused, NoReply."""
+        mode = {"operating_mode": CURRENT_BASED}
+        yield from self._same(mode)
+        self._reader.registers.torque[self._reader.ids.index(self.id)] = -1
+        yield from self._write("torque_enable", 1)
+        cap = {"goal_current": self._cap, "bus_watchdog": self.watchdog}
+        yield from self._same({"torque_enable": 1} | mode | cap)
+
+    def give_back(self, kept: SavedSettings) -> Script[RestartResult]:
+        """Torque and watchdog off, mode and RAM settings as they were, all read back, EEPROM compared.
+
+        Raises DeviceRefused, that names what differs; NoReply.
+        """
+        table = self._was.table
+        yield from let_go(self._reader, self._was)
+        if (yield from self._reader.read(self.id, "operating_mode")).value != kept.eeprom["operating_mode"]:
+            yield from self._write("operating_mode", kept.eeprom["operating_mode"])
+        restored = yield from give_back(self._reader, self._was, kept.ram)
+        fields = [table[name] for name in EEPROM if name in table]
+        after = yield from values(self._reader, self._was, fields)
+        for field in fields:
+            if after[field.key] != kept.eeprom[field.key]:
+                reason = f"was {kept.eeprom[field.key]}, reads {after[field.key]}: write it back"
+                raise self._refused(f"{field.name} ({field.address})", reason)
+        for register, was in restored.differing:
+            reason = f"was {was}, reads {register.value}: write it back"
+            raise self._refused(f"{register.name} ({register.address})", reason)
+        return restored
+
+    # --------------------------------------------------------------------------- parts
+
+    def _fenced(self, lower: int, upper: int) -> DynamixelWireCheck:
+        own = fences(self._servo.table, self._servo.mode, lower, upper, self._cap)
+        return DynamixelWireCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
+
+    def _write(self, name: str, value: int) -> Script[None]:
+        """Acknowledged. Raises DeviceRefused with the servo's own reason."""
+        field = self._was.table[name]
+        field.check(value)
+        order: Order = WriteRequest({self.id: field.encode(value)}, field.address)
+        error = (yield order).error.get(self.id, 0)
+        if error & 0x7F:
+            raise self._refused(f"{field.name} ({field.address}) = {value}", packet.explain(error))
+
+    def _same(self, wanted: Mapping[str, int]) -> Script[None]:
+        for name, value in wanted.items():
+            found = yield from self._reader.read(self.id, name)
+            if found.value != value:
+                reason = f"wrote {value}, reads {found.value}"
+                raise self._refused(f"{found.name} ({found.address})", reason)
+
+    def _refused(self, what: str, reason: str) -> DeviceRefused:
+        return DeviceRefused(self._reader.name, self.id, what, reason)

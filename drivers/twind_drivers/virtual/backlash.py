@@ -1,0 +1,54 @@
+"""Play between the encoder of a servo and the joint that it turns."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.virtual.servo_physics import Bools, DriveState, Floats, ServoPhysics
+
+
+class Backlash:
+    """Muscles whose encoders follow the joints with play: they move once it is used up, and stay behind it.
+
+    Keeps `Muscles`. What the motors seek is the joint's place, so a servo that has arrived shows up to half
+    of its play away from its goal, on the side that it came from.
+    """
+
+    def __init__(self, muscles: ServoPhysics, play: NDArray[np.float64]) -> None:
+        """`play` (m,): ticks, from one side to the other."""
+        self._muscles, self._half = muscles, play / 2.0
+        self.position, self._seen = muscles.position.copy(), muscles.position.copy()
+        self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
+        self.current, self.pwm = muscles.current, muscles.pwm
+        self.stall = muscles.stall
+
+    def drive(self, drive: DriveState) -> None:
+        """See `Muscles.drive`."""
+        self._muscles.drive(drive)
+
+    def aim(self, goal: Floats) -> None:
+        """See `Muscles.aim`."""
+        self._muscles.aim(goal)
+
+    def block(self, held: Bools) -> None:
+        """See `Muscles.block`."""
+        self._muscles.block(held)
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `Muscles.grip`: a hand holds the joint, not the encoder."""
+        self._muscles.grip(place, speed)
+
+    def lay(self, base: str) -> None:
+        """See `Muscles.lay`."""
+        self._muscles.lay(base)
+
+    def advance(self, now: float) -> None:
+        """See `Muscles.advance`."""
+        self._muscles.advance(now)
+        place, before = self._muscles.position, self.position.copy()
+        if np.array_equal(place, self._seen):  # no time has passed, or nothing turns
+            self.velocity[self._muscles.velocity == 0.0] = 0.0
+            return
+        self._seen[:] = place
+        np.clip(self.position, place - self._half, place + self._half, out=self.position)
+        moved = (self.position != before) | (self._half == 0.0)
+        np.multiply(self._muscles.velocity, moved, out=self.velocity)

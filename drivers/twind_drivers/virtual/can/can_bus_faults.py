@@ -1,0 +1,90 @@
+"""Faults on order of one virtual CAN bus, by name; `docs/virtual.md` lists them."""
+
+from twind_drivers.virtual.can.can_controller import VirtualCanController
+from twind_drivers.virtual.can.frame_faults import FrameFaults
+from twind_drivers.virtual.can.node_faults import NodeFaults
+from twind_drivers.virtual.can.nodes import VirtualCanNodes
+from twind_drivers.virtual.can.slcan_text import SlcanText
+
+
+class CanFaults(FrameFaults, NodeFaults):
+    """What goes wrong on one bus: of answers, of nodes, of the line and the adapter."""
+
+    def __init__(
+        self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController, text: SlcanText
+    ) -> None:
+        FrameFaults.__init__(self, controller)
+        NodeFaults.__init__(self, bus, nodes, controller)
+        self._controller, self._text = controller, text
+        self.plugged = True
+        self.stalled = False
+
+    def rows(self, id: int) -> list[int]:
+        """Rows of the nodes with this id. Raises KeyError that names the ids there are."""
+        return NodeFaults.rows(self, id)
+
+    def corrupt(self, count: int, kind: str = "") -> None:
+        """The next lines of slcan text to the host are broken: see `text.KINDS`; empty: any of them.
+
+        Raises ValueError.
+        """
+        self._text.spoil(count, kind)
+
+    def unacknowledged(self, on: bool = True) -> None:
+        """The cable behind the adapter is cut: nobody hears it, it sends its first frame again and again.
+
+        What the host sends waits, and goes out when the cable is whole.
+        """
+        self._controller.cut = on
+        self._controller.changed()
+
+    def bus_off(self, on: bool = True) -> None:
+        """The controller has left the bus; off: it is started again, and sends what waits.
+
+        With slcan nothing tells of it; closing and opening the channel starts it again too.
+        """
+        self._controller.leave(on)
+
+    def passive(self, on: bool = True) -> None:
+        """The controller has counted many errors and says so; frames pass as before."""
+        self._controller.doubt(on)
+
+    def error_frames(self, count: int) -> None:
+        """So many frames on the wire are broken by somebody: told as error frames. Raises ValueError."""
+        if not 0 <= count <= 10_000:
+            raise ValueError(f"error_frames: {count} are outside 0..10000")
+        self._controller.errors(count)
+
+    def echo(self, on: bool = True) -> None:
+        """The adapter gives the host back what it has sent, when that has left."""
+        self._controller.echo = on
+
+    def stall(self, on: bool = True) -> None:
+        """The adapter takes nothing from the host; what it has taken goes out. Off: it goes on."""
+        self.stalled = self._controller.stalled = on
+        self._controller.changed()
+
+    def unplug(self) -> None:
+        """The adapter is pulled out: what it holds is lost; the nodes keep power and time."""
+        self.plugged = False
+        self._controller.plug(False)
+        self._text.forget()
+
+    def replug(self, renamed: bool = False) -> None:
+        """The adapter is back, its channel closed. `renamed`: as another device; here there is no name."""
+        self.plugged = True
+        self._controller.plug(True)
+
+    def seed(self, number: int) -> None:
+        """Start the random numbers of this bus anew. Raises ValueError below 0."""
+        if number < 0:
+            raise ValueError(f"seed: {number}: a seed is 0 or more")
+        self._text.restart(number)
+
+    def clear(self) -> None:
+        """Answers, line and connectors are sound; faults of nodes, supply, heat, power and plug stay."""
+        FrameFaults.clear(self)
+        NodeFaults.clear(self)
+        self._text.spoil(0, "")
+        self._controller.heal()
+        self.stalled = False

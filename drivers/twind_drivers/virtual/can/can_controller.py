@@ -1,0 +1,127 @@
+"""The host's CAN controller on the virtual wire: is it on the bus, what waits in it, what has it heard.
+
+Error frames are those of linux/can/error.h; a kernel socket gives them to the host, slcan does not.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+
+from twind_drivers.can.frame import ERROR
+from twind_drivers.virtual.can.can_message import CanMessage
+from twind_drivers.virtual.can.can_wire import HOST, CanWire
+
+CONTROLLER, PROTOCOL, OFF, BUS_ERROR, RESTARTED = 0x04, 0x08, 0x40, 0x80, 0x100  # classes of error
+PASSIVE = 0x10 | 0x20  # second byte of a controller's: receiving and sending
+AGAIN_ACTIVE = 0x40
+BROKEN = 23  # bits that an error frame takes: flag, its echoes, delimiter
+
+
+@dataclass(frozen=True, slots=True)
+class CanAdapter:
+    """How the adapter is made: what no `clear` heals."""
+
+    queue: int = 64  # frames that it takes beyond those that have left
+    keeps: bool = False  # closing the channel leaves them in it; they go out when it is opened again
+    acknowledges: bool = True  # slcan: a line that was taken is answered with z or Z
+    batch: float = 0.0  # s: text comes to the host at whole multiples, 1 ms over full-speed USB; 0: at once
+
+
+class VirtualCanController:
+    """Times are s. Down until somebody connects; then it acknowledges whatever it hears."""
+
+    def __init__(
+        self, wire: CanWire, adapter: CanAdapter, bitrate: int, may_send: Callable[[], bool]
+    ) -> None:
+        """`may_send`: is anybody there to acknowledge?"""
+        self.wire, self.adapter, self.may_send = wire, adapter, may_send
+        self.news, self.broken = True, 0  # what the bus must look at: anything; error frames to spend time on
+        self.inbox: deque[CanMessage] = deque()  # has arrived, error frames among it
+        self.since = -inf  # s, when the first of those came; -inf: at some time before
+        self.refused = 0  # frames that it did not take
+        self.rate = bitrate  # that the host has set
+        self.listens_only = False
+        self.up = self.off = self.passive = False
+        self.plugged = True
+        self.heal()
+
+    def heal(self) -> None:
+        """No fault of line or adapter."""
+        self.cut = self.stalled = self.echo = False
+        self.leave(False)
+        self.doubt(False)
+
+    def changed(self) -> None:
+        """Who may send has changed; the bus says when that was."""
+        self.news = True
+
+    def connect(self, on: bool, *, listens_only: bool = False) -> None:
+        """The channel is opened, or closed: that purges it where it is made so, and ends a bus-off."""
+        if not on and not self.adapter.keeps:
+            self.purge()
+        self.up, self.listens_only = on, listens_only
+        self.off = False
+        if not on:
+            self.inbox.clear()
+        self.changed()
+
+    def plug(self, on: bool) -> None:
+        """It has power, or lost it with all that it holds."""
+        self.plugged, self.up = on, False
+        self.purge()
+        self.inbox.clear()
+
+    def purge(self) -> None:
+        """What has not left never will."""
+        self.wire.drop(HOST)
+        self.changed()
+
+    def backlog(self) -> int:
+        """Frames that wait."""
+        return self.wire.count(HOST)
+
+    def take(self, message: CanMessage, now: float) -> bool:
+        """A frame of the host. False: down, or no room; then it is lost."""
+        if not self.up or self.listens_only or self.backlog() >= self.adapter.queue:
+            self.refused += 1
+            return False
+        self.wire.put(HOST, message, now)
+        return True
+
+    def sound(self) -> bool:
+        """Is it on the bus, so that it acknowledges and may send?"""
+        there = self.plugged and self.up and not self.off and not self.cut
+        return there and self.rate == self.wire.bitrate
+
+    def hear(self, message: CanMessage, now: float) -> None:
+        """A frame of somebody has passed the wire."""
+        if self.sound():
+            self.since = self.since if self.inbox else now
+            self.inbox.append(message)
+
+    # ------------------------------------------------------------------------------------- errors
+
+    def leave(self, off: bool) -> None:
+        """Bus-off, or started again."""
+        if off != self.off:
+            self.off = off
+            self._tell(OFF if off else RESTARTED)
+        self.changed()
+
+    def doubt(self, passive: bool) -> None:
+        """Error passive, or active again."""
+        if passive != self.passive:
+            self.passive = passive
+            self._tell(CONTROLLER, PASSIVE if passive else AGAIN_ACTIVE)
+
+    def errors(self, count: int) -> None:
+        """Frames that somebody broke: each takes its time and is told."""
+        for _ in range(count):
+            self._tell(PROTOCOL | BUS_ERROR)
+        self.broken = count
+
+    def _tell(self, kind: int, detail: int = 0) -> None:
+        if self.up and self.plugged:
+            self.since = -inf
+            self.inbox.append(CanMessage(ERROR | kind, bytes([0, detail, 0, 0, 0, 0, 0, 0])))

@@ -1,0 +1,106 @@
+"""The virtual CAN bus as a channel in the same process: the mock bus of tests, under a fake clock.
+
+Made with an adapter that `keeps`, it is a kernel's socket: frames that wait survive `purge` and `close`, and
+go out when somebody acknowledges again.
+"""
+
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
+from twind_drivers.can.frame import ERROR, NOTHING, Frames
+from twind_drivers.clock import Clock
+from twind_drivers.virtual.can.can_controller import CONTROLLER, OFF, PASSIVE, RESTARTED
+from twind_drivers.virtual.can.can_segment import VirtualCanSegment
+
+DEAD = 1.0  # s without a frame taken
+LEFT = 0.1  # s after which frames that wait are old ones
+
+
+class CanLoopback:
+    """A `Channel` without descriptor: `arrival` tells the clock when a frame may come."""
+
+    def __init__(self, line: VirtualCanSegment, clock: Clock) -> None:
+        self.name, self.warning = f"virtual:{line.name}", ""
+        self.condition = CanChannelStatus()
+        self._line, self._clock, self._open = line, clock, True
+        self._stuck_since: float | None = None  # s
+        self._deaf = False  # off for frames that nobody took, until somebody is heard
+        line.controller.connect(True)
+        line.controller.inbox.clear()
+
+    def fileno(self) -> int:
+        """-1: nothing to poll."""
+        return -1
+
+    def arrival(self) -> float:
+        """No frame comes before this, s; an unplugged adapter wakes its reader at once.
+
+        Of the line itself: it is text alone that an adapter hands over in batches.
+        """
+        return VirtualCanSegment.due(self._line) if self._open and self._line.plugged else self._clock.now()
+
+    def send(self, frames: Frames, now: float) -> None:
+        """See `Channel.send`."""
+        self._check()
+        self._line.advance(now)
+        if self._line.controller.backlog():
+            self._refuse(len(frames), now)
+        self._stuck_since = None
+        self.condition.refused += self._line.hear(frames, now)
+
+    def receive(self, now: float) -> Frames:
+        """See `Channel.receive`; error frames are counted and set `condition.line`."""
+        self._check()
+        heard = self._line.say(now)
+        if not heard.size:
+            return NOTHING
+        wrong = (heard["id"] & ERROR) != 0
+        for frame in heard[wrong]:
+            self._error(int(frame["id"]), int(frame["data"][1]))
+        good: Frames = heard[~wrong]
+        if good.size and self._deaf:
+            self._deaf, self.condition.line = False, CanErrorState.ACTIVE
+        return good
+
+    def drive(self, owner: object) -> None:
+        """See `Channel.drive`: nothing here."""
+
+    def purge(self) -> None:
+        """See `Channel.purge`."""
+        self._check()
+        self._empty()
+
+    def close(self) -> None:
+        """See `Channel.close`."""
+        if self._open and not self._line.controller.adapter.keeps:
+            self._line.controller.connect(False)
+        self._open = False
+
+    def _empty(self) -> None:
+        if not self._line.controller.adapter.keeps:
+            self._line.controller.purge()
+
+    def _refuse(self, count: int, now: float) -> None:
+        waiting = self._line.controller.backlog()
+        since = self._stuck_since = now if self._stuck_since is None else self._stuck_since
+        self.condition.refused += count
+        if now - since >= LEFT:
+            self._deaf, self.condition.line = True, CanErrorState.OFF
+        self._empty()
+        if now - since >= DEAD:
+            raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)
+        raise OutputQueueFull(self.name, waiting, count)
+
+    def _error(self, id: int, detail: int) -> None:
+        self.condition.errors += 1
+        if id & OFF:
+            self.condition.line = CanErrorState.OFF
+        elif id & RESTARTED:
+            self.condition.line = CanErrorState.ACTIVE
+        elif id & CONTROLLER:
+            self.condition.line = CanErrorState.PASSIVE if detail & PASSIVE else CanErrorState.ACTIVE
+
+    def _check(self) -> None:
+        if not self._open:
+            raise PortError(self.name, "the channel is closed", lost=True)
+        if not self._line.plugged:
+            raise PortError(self.name, "the adapter was unplugged", lost=True)

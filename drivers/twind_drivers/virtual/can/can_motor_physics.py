@@ -1,0 +1,138 @@
+"""What turns the shaft of a virtual CAN actuator: the protocol, in SI, and the cheapest muscles that keep it.
+
+These actuators close an impedance loop at the output: torque = kp (place - q) + kd (speed - v) + torque. The
+serial servos' muscles (`twind_drivers.virtual.servo_physics`) speak in registers; one body may move both.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+INERTIA = 0.02  # kg·m² at the output: rotor and a light link
+FRICTION = 0.2  # N·m·s/rad, viscous
+STEP = 0.002  # s, the longest step of the solution that is exact as long as nothing saturates
+
+
+class CanMotorPhysics(Protocol):
+    """The motors of the nodes of one bus. Arrays are (m,), in the order of the nodes.
+
+    The three readings stay true until the next `advance`; nobody but the muscles writes them.
+    """
+
+    position: Floats  # rad of the shaft, continuous: neither wrapped nor zeroed
+    velocity: Floats  # rad/s
+    torque: Floats  # N·m, what the motor gives
+
+    def drive(
+        self,
+        on: Bools,
+        position: Floats,
+        velocity: Floats,
+        kp: Floats,
+        kd: Floats,
+        torque: Floats,
+        limit: Floats,
+    ) -> None:
+        """From now on: each one's last command (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m.
+
+        Off: nothing but friction.
+        """
+
+    def block(self, held: Bools) -> None:
+        """From now on: shafts that something holds fast; they turn neither with torque nor without."""
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """From now on: where hands take limp shafts (rad) and hold them, NaN: nobody; rad/s.
+
+        Where torque is on a hand slips.
+        """
+
+    def lay(self, base: str) -> None:
+        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+
+    def advance(self, now: float) -> None:
+        """Let the time pass until `now` (s). A time already passed does nothing."""
+
+
+class FirstOrderCanPhysics:
+    """Free shafts with inertia and viscous friction, and nothing that loads them.
+
+    Implicit Euler in steps of at most 2 ms: stable for any gains, at rest where the command says.
+    """
+
+    def __init__(self, start: Floats, *, speed: float = 30.0, now: float = 0.0) -> None:
+        """`start` (m,) rad; `speed`: rad/s that no shaft passes."""
+        self.position = np.array(start, np.float64)
+        self.velocity, self.torque = np.zeros_like(self.position), np.zeros_like(self.position)
+        self._speed, self._time = speed, now
+        self._blocked = np.zeros(self.position.size, np.bool_)
+        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
+        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
+        none = np.zeros_like(self.position)
+        self.drive(none > 0, none, none, none, none, none, none)
+
+    def drive(
+        self,
+        on: Bools,
+        position: Floats,
+        velocity: Floats,
+        kp: Floats,
+        kd: Floats,
+        torque: Floats,
+        limit: Floats,
+    ) -> None:
+        """See `CanMuscles.drive`."""
+        self._kp, self._kd = np.where(on, kp, 0.0), np.where(on, kd, 0.0)
+        self._ahead = np.where(on, kp * position + kd * velocity + torque, 0.0)
+        self._limit = np.where(on, limit, 0.0)
+        self._limp = ~on
+
+    def block(self, held: Bools) -> None:
+        """See `CanMuscles.block`."""
+        self._blocked = held.copy()
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `CanMuscles.grip`."""
+        self._hand, self._reach = place.copy(), speed.copy()
+
+    def lay(self, base: str) -> None:
+        """See `CanMuscles.lay`."""
+        raise ValueError("lay: these are shafts without load, which no body holds together")
+
+    def fence(self, lower: Floats, upper: Floats) -> None:
+        """Mechanical stops (rad), hard."""
+        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
+
+    def advance(self, now: float) -> None:
+        """See `CanMuscles.advance`."""
+        while now - self._time > 1e-9:
+            step = min(now - self._time, STEP)
+            self._time += step
+            self._step(step)
+
+    def _step(self, dt: float) -> None:
+        """A shaft whose torque saturates is stepped again with that torque as given."""
+        spring, drag = self._kp * dt, self._kd + self._kp * dt
+        push = self._ahead - self._kp * self.position
+        speed = (INERTIA * self.velocity + dt * push) / (INERTIA + dt * (FRICTION + drag))
+        torque = push - self._kd * speed - spring * speed
+        if np.count_nonzero(np.abs(torque) > self._limit):
+            torque = np.clip(torque, -self._limit, self._limit)
+            speed = (INERTIA * self.velocity + dt * torque) / (INERTIA + dt * FRICTION)
+        speed = np.clip(speed, -self._speed, self._speed)
+        held = self._limp & np.isfinite(self._hand)
+        if held.any():
+            pace = np.clip((self._hand - self.position) / dt, -self._reach, self._reach)
+            speed = np.where(held, pace, speed)
+        self.velocity[:] = np.where(self._blocked, 0.0, speed)
+        self.position += self.velocity * dt
+        stuck = self._blocked | (self.position < self._lower) | (self.position > self._upper)
+        if stuck.any():
+            np.clip(self.position, self._lower, self._upper, out=self.position)
+            self.velocity[stuck] = 0.0
+            still = np.clip(push, -self._limit, self._limit)
+            torque = np.where(stuck, still, torque)
+        self.torque[:] = torque

@@ -1,0 +1,94 @@
+"""The motors of the nodes of one bus: what each was told, given to the muscles in one go.
+
+The muscles move at most once a millisecond: what a node tells of itself is at most that old, and what it is
+commanded acts at most that much early.
+"""
+
+import numpy as np
+
+from twind_drivers.virtual.can.can_motor_physics import Bools, CanMotorPhysics, Floats
+
+REFRESH = 0.001  # s
+
+
+class CanMotors:
+    """m motors, in rows. Lists are (m,), as of the last `settle` or `advance`."""
+
+    def __init__(self, muscles: CanMotorPhysics, limits: list[float], now: float) -> None:
+        """`limits`: N·m, the most that each can pull."""
+        count = len(limits)
+        self.muscles, self.limits = muscles, np.array(limits)
+        self.on: Bools = np.zeros(count, np.bool_)
+        self._told: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
+        self._last: list[tuple[float, ...]] = [()] * count  # what was told; empty: torque off
+        self._held = np.zeros(count, np.bool_)
+        self._hand, self._reach = np.full(count, np.nan), np.zeros(count)  # rad, rad/s; NaN: nobody's
+        self._frozen: dict[int, float] = {}
+        self._changed = True
+        self.at = now  # s, when the muscles moved last
+        self._read()
+        self._push()
+
+    def command(self, row: int, place: float, speed: float, kp: float, kd: float, torque: float) -> None:
+        """Torque is on, and follows this: rad of the shaft, rad/s, N·m/rad, N·m·s/rad, N·m."""
+        told = (place, speed, kp, kd, torque)
+        if told != self._last[row]:
+            self._last[row] = told
+            self.on[row] = True
+            self._told[:, row] = told
+            self._changed = True
+
+    def free(self, row: int) -> None:
+        """Torque is off."""
+        self.on[row] = False
+        self._last[row] = ()
+        self._told[:, row] = 0.0
+        self._changed = True
+
+    def limit(self, row: int, torque: float) -> None:
+        """The most that it may pull, N·m."""
+        self.limits[row] = torque
+        self._changed = True
+
+    def block(self, row: int, held: bool) -> None:
+        """Something holds this shaft fast, or lets it go."""
+        self._held[row] = held
+        self.muscles.block(self._held)
+
+    def grip(self, row: int, place: float, speed: float) -> None:
+        """A hand takes a shaft to `place` (rad; NaN: lets go of it), rad/s. It slips where torque is on."""
+        self._hand[row], self._reach[row] = place, speed
+        self.muscles.grip(self._hand, self._reach)
+        self._changed = True
+
+    def freeze(self, row: int, on: bool) -> None:
+        """Its encoder repeats what it shows now."""
+        if on:
+            self._frozen[row] = self.position[row]
+        else:
+            self._frozen.pop(row, None)
+
+    def settle(self, now: float) -> None:
+        """The lists are true to a millisecond."""
+        if now - self.at >= REFRESH:
+            self.advance(now)
+
+    def advance(self, now: float) -> None:
+        """Let the time pass until `now`, s."""
+        self._push()
+        self.at = max(self.at, now)
+        self.muscles.advance(now)
+        self._read()
+
+    def _push(self) -> None:
+        if self._changed:
+            self._changed = False
+            place, speed, kp, kd, torque = self._told
+            self.muscles.drive(self.on, place, speed, kp, kd, torque, self.limits)
+
+    def _read(self) -> None:
+        self.position: list[float] = self.muscles.position.tolist()  # rad of the shaft
+        self.velocity: list[float] = self.muscles.velocity.tolist()  # rad/s
+        self.torque: list[float] = self.muscles.torque.tolist()  # N·m
+        for row, place in self._frozen.items():
+            self.position[row], self.velocity[row] = place, 0.0

@@ -1,0 +1,212 @@
+"""Nodes, wire and the host's controller together: frames in, frames out, as time passes."""
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from twind_drivers.can.can_units import COUNT
+from twind_drivers.can.frame import Frames
+from twind_drivers.virtual.can.can_bus_faults import CanFaults
+from twind_drivers.virtual.can.can_controller import BROKEN, CanAdapter, VirtualCanController
+from twind_drivers.virtual.can.can_message import CanMessage, as_frames, messages
+from twind_drivers.virtual.can.can_motor_physics import CanMotorPhysics
+from twind_drivers.virtual.can.can_wire import HOST, CanWire
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.nodes import VirtualCanNodes
+from twind_drivers.virtual.can.slcan_text import SlcanText
+from twind_drivers.virtual.reading_history import ReadingHistory
+
+IDLE = 0.01  # s after which the muscles move though nobody asks
+STRANGER = -2  # sender: another master on the wire
+
+
+class VirtualCanSegment:
+    """m nodes on one wire, and a controller that gives frames. Time (s) is an argument and never goes back.
+
+    A frame takes the time of its own bits, stuff bits counted; nodes answer as soon as it is over.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        nodes: Sequence[NodeSpec],
+        muscles: CanMotorPhysics,
+        *,
+        bitrate: int = 1_000_000,
+        wire_timing: bool = True,
+        now: float = 0.0,
+        adapter: CanAdapter | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Raises ValueError for a node that cannot be simulated, and a bitrate that is none."""
+        if bitrate <= 0:
+            raise ValueError(f"bus {name}: {bitrate} bit/s is not a rate")
+        self.name, self._now = name, now
+        self.wire = CanWire(bitrate, self._may_send, timing=wire_timing)
+        self.controller = VirtualCanController(
+            self.wire, adapter or CanAdapter(), bitrate, lambda: self._may_send(HOST)
+        )
+        self.nodes = VirtualCanNodes(nodes, muscles, now, self._said)
+        self.text = SlcanText(self.controller, seed)
+        self.faults = CanFaults(name, self.nodes, self.controller, self.text)
+        self.faults.now = now
+        self._noted = now
+        self._hears = self._host_may = False  # the controller; see `_changed`
+        self._alone = False  # nobody acknowledges what the controller sends
+
+    @property
+    def plugged(self) -> bool:
+        """Is the adapter there?"""
+        return self.faults.plugged
+
+    @property
+    def history(self) -> ReadingHistory | None:
+        """What `record` keeps: places in counts, in the order of `ids`."""
+        return self.faults.history
+
+    def ids(self) -> list[int]:
+        """Of the nodes, in rows."""
+        return [node.id for node in self.nodes.each]
+
+    def truth(self, now: float) -> list[dict[str, Any]]:
+        """What is true of each node at `now`, past the bus; raw units of `can.units`. See `Node.truth`."""
+        self._run(now)
+        self.nodes.motors.advance(now)
+        return [node.truth(now) for node in self.nodes.each]
+
+    def hear(self, frames: Frames, now: float) -> int:
+        """Frames that the host gives its controller at `now`; how many it did not take."""
+        self._run(now)
+        taken = [self.controller.take(message, now) for message in messages(frames)]
+        return len(taken) - sum(taken)
+
+    def due(self) -> float:
+        """No frame comes before this, s; `inf`: none is under way, `-inf`: some are there."""
+        if self.controller.inbox:
+            return -inf
+        own = self.nodes.event
+        if self.faults.masters:
+            own = min(own, self.faults.next_command())
+        own += self.wire.soonest_answer()
+        self._look()
+        sending = self.wire.next()
+        if sending is None:
+            return own
+        ends = sending.end
+        if sending.sender == HOST and not self.controller.echo:
+            ends += self.wire.soonest_answer()
+        return min(own, ends)
+
+    def say(self, now: float) -> Frames:
+        """Frames that have arrived at the controller by `now`, error frames among them."""
+        return as_frames(self._arrived(now))
+
+    def advance(self, now: float) -> None:
+        """Let time pass without traffic: muscles, watchdogs, boots, heartbeats."""
+        self._run(now)
+        if now - self.nodes.motors.at >= IDLE:
+            self.nodes.motors.advance(now)
+
+    # ------------------------------------------------------------------------------------- what happens
+
+    def _arrived(self, now: float) -> list[CanMessage]:
+        self._run(now)
+        inbox = self.controller.inbox
+        heard = list(inbox)
+        inbox.clear()
+        return heard
+
+    def _run(self, until: float) -> None:
+        """Everything that is over by `until`."""
+        while True:
+            self._look()
+            sending = self.wire.next()
+            ends = inf if sending is None else sending.end
+            own = self.nodes.event
+            if self.faults.masters:
+                own = min(own, self.faults.next_command())
+            if min(ends, own) > until:
+                break
+            self._now = max(self._now, min(ends, own))
+            self.faults.now = self._now
+            if own <= ends:
+                self._act()
+            else:
+                self._deliver()
+            self._note()
+        self._now = max(self._now, until)
+        self.faults.now = self._now
+        if not self._host_may:
+            self._despair()
+
+    def _despair(self) -> None:
+        """A frame that nobody acknowledges is sent again and again: the controller is soon error passive."""
+        controller = self.controller
+        tries = controller.up and not controller.off and not controller.stalled and controller.backlog()
+        if tries and not self._alone:
+            self._alone = True
+            controller.doubt(True)
+
+    def _look(self) -> None:
+        """Faults and channel have changed what may be sent."""
+        controller = self.controller
+        if controller.news or controller.broken:
+            self._changed()
+            self.wire.noise(self._now, controller.broken * BROKEN / self.wire.bitrate)
+            controller.news, controller.broken = False, 0
+
+    def _changed(self) -> None:
+        """Who is there, and who may send."""
+        controller = self.controller
+        self._hears = controller.sound() and not controller.listens_only
+        self._host_may = self._hears and not controller.stalled and self.nodes.there > 0
+        self.wire.changed(self._now)
+
+    def _act(self) -> None:
+        there = self.nodes.there
+        for message in self.faults.commands(self._now):
+            self.wire.put(STRANGER, message, self._now)
+        if self.nodes.event <= self._now:
+            self.nodes.act(self._now)
+        if there != self.nodes.there:
+            self._changed()
+
+    def _deliver(self) -> None:
+        sent = self.wire.take()
+        if sent is None:
+            return
+        there = self.nodes.there
+        self.nodes.hear(sent.message, sent.end, sent.sender)
+        if there != self.nodes.there:
+            self._changed()
+        if sent.sender == HOST and self._alone:
+            self._alone = False
+            self.controller.doubt(False)
+        if sent.sender != HOST or self.controller.echo:
+            self.controller.hear(sent.message, self._now)
+
+    def _said(self, row: int, message: CanMessage, now: float) -> None:
+        """A node wants to send."""
+        if not self.faults.active:
+            self.wire.put(row, message, now)
+            return
+        struck = self.faults.strike(self.nodes.each[row].id, message)
+        for each in struck.sent:
+            self.wire.put(row, each, now + struck.late)
+
+    def _may_send(self, sender: int) -> bool:
+        """Is it on the bus, and anybody there to acknowledge?"""
+        if sender == HOST:
+            return self._host_may
+        if sender == STRANGER:
+            return self._hears or self.nodes.there > 0
+        return self.nodes.present[sender] and (self._hears or self.nodes.there > 1)
+
+    def _note(self) -> None:
+        history, at = self.history, self.nodes.motors.at
+        if history is not None and at > self._noted:
+            self._noted = at
+            places = [node.shaft.told()[0] / COUNT for node in self.nodes.each]
+            history.note(at, np.rint(places).astype(np.int64))

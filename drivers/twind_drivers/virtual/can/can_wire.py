@@ -1,0 +1,124 @@
+"""One CAN wire: who may send when, by arbitration, and what nobody acknowledges waits.
+
+Senders are the host's adapter (`HOST`) and nodes by their row. Each has a queue of its own that keeps its
+order, as a controller with one mailbox does: only heads compete. A frame occupies the wire for its own bits,
+stuff bits counted.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import inf
+from typing import NamedTuple
+
+from twind_drivers.virtual.can.can_message import SHORTEST, CanMessage, bits, rank
+
+HOST = -1
+REMEMBERED = 4096  # frames whose bits are counted already
+MAILBOX = 8  # frames that a node keeps while it cannot send; later ones are lost (assumed)
+
+
+class QueuedFrame(NamedTuple):
+    """A frame that its sender wants to send from `ready` (s) on."""
+
+    ready: float
+    rank: int
+    message: CanMessage
+
+
+class FrameInFlight(NamedTuple):
+    """What is on the wire next, and when it is over, s."""
+
+    end: float
+    sender: int
+    message: CanMessage
+
+
+class CanWire:
+    """Frames that wait, and the order in which the wire carries them. `heard(sender)`: may it send?
+
+    True when somebody else is there to acknowledge.
+    """
+
+    def __init__(self, bitrate: int, heard: Callable[[int], bool], *, timing: bool) -> None:
+        self.bitrate, self.timing = bitrate, timing
+        self._heard = heard
+        self._free = -inf  # s, when the wire is idle
+        self._queues: dict[int, deque[QueuedFrame]] = {}
+        self._next: FrameInFlight | None = None
+        self._known = True  # is `_next` up to date?
+        self._spans: dict[CanMessage, float] = {}
+
+    def put(self, sender: int, message: CanMessage, ready: float) -> bool:
+        """Queue a frame. False: a node's mailbox is full, and the frame lost."""
+        queue = self._queues.setdefault(sender, deque())
+        if sender != HOST and len(queue) >= MAILBOX:
+            return False
+        queue.append(QueuedFrame(ready, rank(message.id), message))
+        self._known = False
+        return True
+
+    def count(self, sender: int) -> int:
+        """Frames of this sender that have not left."""
+        return len(self._queues.get(sender, ()))
+
+    def drop(self, sender: int) -> None:
+        """Its frames are never sent."""
+        self._queues.pop(sender, None)
+        self._known = False
+
+    def changed(self, now: float) -> None:
+        """Somebody came or went: what could not be sent may go from `now` on."""
+        self._free = max(self._free, now)
+        self._known = False
+
+    def noise(self, now: float, spent: float) -> None:
+        """The wire is busy with garbage for so long, s."""
+        self.changed(now)
+        self._free += spent if self.timing else 0.0
+
+    def next(self) -> FrameInFlight | None:
+        """What is sent next; None: nobody may send anything."""
+        if not self._known:
+            self._known, self._next = True, self._pick()
+        return self._next
+
+    def take(self) -> FrameInFlight | None:
+        """That frame has passed the wire."""
+        sent = self.next()
+        if sent is not None:
+            queue = self._queues[sent.sender]
+            queue.popleft()
+            if not queue:
+                del self._queues[sent.sender]
+            self._free, self._known = sent.end, False
+        return sent
+
+    def soonest_answer(self) -> float:
+        """s that any answer takes at least."""
+        return SHORTEST / self.bitrate if self.timing else 0.0
+
+    def _pick(self) -> FrameInFlight | None:
+        heads = [
+            (queue[0], sender) for sender, queue in self._queues.items() if queue and self._heard(sender)
+        ]
+        if not heads:
+            return None
+        if len(heads) == 1:
+            first, sender = heads[0]
+            start = max(self._free, first.ready)
+        else:
+            start = max(self._free, min([head.ready for head, _ in heads]))
+            able = [(head.rank, sender, head) for head, sender in heads if head.ready <= start]
+            _, sender, first = min(able)
+        return FrameInFlight(start + self._span(first.message), sender, first.message)
+
+    def _span(self, message: CanMessage) -> float:
+        """s on the wire; a robot that holds says the same again and again."""
+        if not self.timing:
+            return 0.0
+        span = self._spans.get(message)
+        if span is None:
+            if len(self._spans) >= REMEMBERED:
+                self._spans.clear()
+            span = self._spans[message] = bits(message) / self.bitrate
+        return span

@@ -1,0 +1,74 @@
+"""The shaft of one node in its own frame, its torque, and the watchdog that ends it."""
+
+import math
+from math import inf
+
+from twind_drivers.virtual.can.can_motors import CanMotors
+
+TURN = 2.0 * math.pi
+
+
+class NodeShaft:
+    """The place that a node tells is that of the bare encoder less its `zero`, rad."""
+
+    def __init__(self, row: int, motors: CanMotors) -> None:
+        self.row, self.motors = row, motors
+        self.zero = 0.0  # rad of the encoder where it says 0
+        self.kept_zero = 0.0  # what of that it still knows without power
+        self.goal = 0.0  # rad, as it was told
+        self.on = False
+        self.turns_due = 0  # turns that its place jumps by at the next `wrap`
+
+    def enable(self) -> None:
+        """Torque on; until told otherwise it pulls with 0 N·m."""
+        self.wrap()
+        self.on = True
+        self.motors.command(self.row, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def disable(self) -> None:
+        """Torque off."""
+        self.on = False
+        self.motors.free(self.row)
+
+    def wrap(self) -> None:
+        """The turns that are due come now: it has restarted in between."""
+        self.zero -= self.turns_due * TURN
+        self.turns_due = 0
+
+    def fold(self) -> None:
+        """It does not know how often it has turned: its place is within -pi..pi."""
+        place = self.motors.position[self.row] - self.kept_zero
+        self.zero = self.kept_zero + TURN * math.floor(place / TURN + 0.5)
+
+    def set_zero(self) -> None:
+        """Where it is now is 0 from now on."""
+        self.zero = self.kept_zero = self.motors.position[self.row]
+
+    def told(self) -> tuple[float, float, float]:
+        """Place rad, speed rad/s, torque N·m, before a field cuts them."""
+        row, motors = self.row, self.motors
+        return motors.position[row] - self.zero, motors.velocity[row], motors.torque[row]
+
+    def follow(self, place: float, speed: float, kp: float, kd: float, torque: float) -> None:
+        """A command in its own frame; without torque only remembered."""
+        self.goal = place
+        if self.on:
+            self.motors.command(self.row, place + self.zero, speed, kp, kd, torque)
+
+
+class NodeWatchdog:
+    """The watchdog of one node, by its own clock. Times are s."""
+
+    def __init__(self, now: float) -> None:
+        self.timeout = inf  # s without a frame to it; inf: none
+        self.heard_at = now
+        self.tripped = False
+        self.tripped_at, self.trip_delay = math.nan, math.nan
+
+    def expiry(self, on: bool) -> float:
+        """When it expires, s; with torque only, and once."""
+        return self.heard_at + self.timeout if on and not self.tripped else inf
+
+    def trip(self, now: float) -> None:
+        """It has expired."""
+        self.tripped, self.tripped_at, self.trip_delay = True, now, now - self.heard_at

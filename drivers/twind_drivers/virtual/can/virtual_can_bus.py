@@ -1,0 +1,73 @@
+"""A virtual CAN bus: its nodes behind an adapter that gives frames, and slcan text around them.
+
+Whoever serves bytes (a pseudo-terminal, `virtual.loopback`) uses it as the bus of serial servos.
+"""
+
+from math import ceil, inf, isfinite
+
+from twind_drivers.virtual.can.can_segment import VirtualCanSegment
+
+
+class VirtualCanBus(VirtualCanSegment):
+    """A `CanLine` that speaks slcan text too. Its channel is closed until it is opened."""
+
+    kind = "can"
+    _held = b""  # the host has sent it while the adapter is stalled
+    _said_back = b""  # answers of the adapter to the host's lines
+    _said_at = -inf  # s, when the first of those was given
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that a stalled adapter leaves with the host."""
+        return len(self._held)
+
+    def flush(self) -> None:
+        """Those are never sent."""
+        self._held = b""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Text of the host, sent at `now`."""
+        if not self.plugged:
+            self.flush()
+            return
+        self._run(now)
+        data, self._held = self._held + data, b""
+        if self.faults.stalled:
+            self._held = data
+        else:
+            self._said_at = self._said_at if self._said_back else now
+            self._said_back += self.text.hear(data, now)
+
+    def due(self) -> float:
+        """As `CanLine.due`, for text: the adapter hands over what has come at the next batch."""
+        if self._held and not self.faults.stalled:
+            return -inf
+        controller = self.controller
+        batch = controller.adapter.batch
+        if not batch:
+            return -inf if self._said_back else super().due()
+        first = controller.since if controller.inbox else super().due()
+        if self._said_back:
+            first = min(first, self._said_at)
+        return ceil(first / batch - 1e-6) * batch if isfinite(first) else first
+
+    def take(self, now: float) -> bytes:
+        """Text that has arrived at the host by `now`."""
+        if not self.plugged:
+            self._said_back = b""
+            return b""
+        if self._held:
+            self.receive(b"", now)
+        if self.controller.adapter.batch:
+            self._run(now)
+            if self.due() > now:
+                return b""
+        heard = self._arrived(now)
+        said, self._said_back = self._said_back, b""
+        return said + self.text.print(heard)
+
+    def line(self, baud: int) -> None:
+        """The host's port is set to `baud`: a USB adapter does not care."""
+
+    def slip(self, seconds: float) -> None:
+        """Nodes have no clock register that goes on while time stands still."""

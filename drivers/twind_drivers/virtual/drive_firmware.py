@@ -1,0 +1,112 @@
+"""What the registers tell the motors: gains, caps and goals of each operating mode.
+
+Sources: e-manual, "Goal PWM" (a cap in every mode but 16, where it is the goal), "Goal Current" (a cap in
+mode 5, the goal in mode 0), "Goal Velocity"; the limit registers 36, 38 and 44 bound them all.
+"""
+
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.dynamixel.dynamixel_models import X_SPEED
+from twind_drivers.virtual.mode_units import (
+    CURRENT,
+    CURRENT_POSITION,
+    POSITION,
+    PWM,
+    VELOCITY,
+    seeks_position,
+)
+from twind_drivers.virtual.register_columns import RegisterColumns
+from twind_drivers.virtual.register_memory import RegisterMemory
+from twind_drivers.virtual.servo_physics import DriveState
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[Any]
+REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL = 1, 2, 4, 8  # bits of the drive mode
+GAINS = ("position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain")
+BOUNDS = ("temperature_limit", "min_voltage_limit", "max_voltage_limit")
+WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
+
+
+class DriveFirmware:
+    """What m servos are set to do, as of the latest `changed`. Arrays (m,)."""
+
+    def __init__(self, memory: RegisterMemory, registers: RegisterColumns) -> None:
+        self._registers = registers
+        self._capped = np.array(["current_limit" in each for each in memory.tables])
+        wide = [each["goal_position"].bounds for each in memory.tables]
+        self._widest = np.array(wide, np.int64).reshape(-1, 2).T  # ticks, where no limit register counts
+        facts = [each.facts for each in memory.tables]
+        self._full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
+        self.turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
+        self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
+        # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
+        self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
+        self.changed()
+
+    def changed(self) -> None:
+        """Read the registers anew."""
+        registers, modes = self._registers, self._registers["drive_mode"]
+        self.mode = registers["operating_mode"].astype(np.int64)
+        self.on = registers["torque_enable"] != 0
+        limited = self.mode == POSITION  # e-manual, "Min/Max Position Limit": in mode 3 only
+        self.lower = np.where(limited, registers["min_position_limit"], self._widest[0]).astype(np.int64)
+        self.upper = np.where(limited, registers["max_position_limit"], self._widest[1]).astype(np.int64)
+        self.seeks = seeks_position(self.mode)
+        self.mixed = bool(np.count_nonzero(self.seeks) < len(self.seeks))
+        self.spins, self.timed = self.mode == VELOCITY, (modes & TIMED) != 0
+        self.way = np.where(self._inverts & ((modes & REVERSE) != 0), -1.0, 1.0)
+
+    def bounds(self) -> tuple[Floats, Floats, Floats]:
+        """Highest temperature (°C), lowest and highest voltage (V): registers 31, 34 and 32."""
+        hottest, lowest, highest = (self._registers[key].astype(np.float64) for key in BOUNDS)
+        return hottest, lowest / 10.0, highest / 10.0
+
+    def shape(self) -> tuple[Ints, Ints, Bools, Bools]:
+        """Profile velocity and acceleration (112, 108), who has them in ms, whose goal is a velocity.
+
+        112 counts in the position modes only (e-manual, "Profile Velocity"): current and PWM have no profile.
+        """
+        velocity = np.where(self.seeks, self._registers["profile_velocity"], 0)
+        return velocity, self._registers["profile_acceleration"], self.timed, self.spins
+
+    def drive(self, supply: Floats) -> DriveState:
+        """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.
+
+        `supply`: of the nominal voltage.
+        """
+        registers = self._registers
+        gains = {key: registers[key].astype(np.float64) for key in GAINS}
+        most = registers["pwm_limit"].astype(np.float64)
+        goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
+        current = np.where(self._capped, registers["current_limit"], inf)
+        goal_current = np.abs(registers["goal_current"].astype(np.float64))
+        return DriveState(
+            on=self.on & ((registers["drive_mode"] & SLAVE) == 0),
+            mode=self.mode,
+            p=gains["position_p_gain"],
+            i=gains["position_i_gain"],
+            d=gains["position_d_gain"],
+            velocity_p=gains["velocity_p_gain"],
+            velocity_i=gains["velocity_i_gain"],
+            pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
+            current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
+            supply=supply,
+            full=self._full,
+            turn=self.turn,
+            rpm=self.rpm,
+        )
+
+    def goals(self, position: Floats) -> Floats:
+        """`position` where one is sought, else raw current, velocity or PWM inside its limit register."""
+        registers = self._registers
+        bounds = {mode: registers[f"{key}_limit"].astype(np.float64) for mode, key in WANTED.items()}
+        goals = [
+            np.clip(registers[f"goal_{key}"], -bounds[mode], bounds[mode]) for mode, key in WANTED.items()
+        ]
+        wanted = [self.mode == mode for mode in WANTED]
+        return np.select(wanted, [goal * self.way for goal in goals], position)

@@ -1,0 +1,141 @@
+"""When bytes are on a half-duplex wire: 10 bits a byte, one packet after the other (8N1)."""
+
+from bisect import insort
+from collections import deque
+from collections.abc import Sequence
+from itertools import accumulate
+from math import inf
+from typing import NamedTuple
+
+from twind_drivers.virtual.uart_receiver import clash
+
+BITS = 10  # per byte: start, 8 data, stop
+
+
+class ReplyBurst(NamedTuple):
+    """What answers one request: `data`, cut where each device's share ends, each share over at its time."""
+
+    start: float  # s
+    ends: Sequence[float]  # s after `start`, ascending
+    cuts: Sequence[int]  # bytes, ascending; the last is len(data)
+    data: bytes
+    taken: int = 0  # bytes handed over already
+
+
+class ReplySegment(NamedTuple):
+    """Bytes on the wire apart from the order of answers; sorted by their end."""
+
+    end: float  # s, when the last byte has come
+    start: float  # s
+    data: bytes
+
+
+class HalfDuplexWire:
+    """What is under way. With `timing` off, everything arrives at once.
+
+    Collisions happen on order only (`collide`): what the host sends while a reply is under way goes out after
+    it. So a host whose bytes were read late (a loaded machine) is served late, not garbled.
+    """
+
+    def __init__(self, baud: int, *, timing: bool = True) -> None:
+        self.baud, self.timing = baud, timing
+        self.lag = 0.0  # s, added to every answer (a fault on order)
+        self._free = -inf  # s, when the wire is silent
+        self._bursts: deque[ReplyBurst] = deque()
+        self._loose: list[ReplySegment] = []  # out of turn, by their end
+
+    def span(self, size: int) -> float:
+        """Seconds that `size` bytes take."""
+        return size * BITS / self.baud if self.timing else 0.0
+
+    def hear(self, size: int, now: float) -> float:
+        """The host sends `size` bytes at `now`: when the last of them has arrived, s."""
+        self._free = max(self._free, now) + self.span(size)
+        return self._free
+
+    def ends(self, delays: Sequence[float], sizes: Sequence[int]) -> list[float]:
+        """When each of some answers is over, s after the request: each after its return delay (s)."""
+        if not self.timing:
+            return [0.0] * len(sizes)
+        return list(accumulate(d + self.span(size) for d, size in zip(delays, sizes, strict=True)))
+
+    def say(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
+        """Devices answer what the wire heard last."""
+        self._bursts.append(ReplyBurst(self._free + self.lag, ends, cuts, data))
+        self._free += ends[-1]
+
+    def due(self) -> float:
+        """When the first answer under way is complete, s; `inf`: none is."""
+        first = self._bursts[0].start + self._bursts[0].ends[-1] if self._bursts else inf
+        return min(first, self._loose[0].end) if self._loose else first
+
+    def take(self, now: float) -> bytes:
+        """The bytes whose time has come: whole answers, and of one that is cut short whole shares."""
+        if self._loose:
+            return self._take_loose(now)
+        out = b""
+        while self._bursts:
+            burst = self._bursts[0]
+            if burst.start + burst.ends[-1] <= now:
+                out += burst.data[burst.taken :]
+                self._bursts.popleft()
+                continue
+            come = sum(burst.start + end <= now for end in burst.ends)
+            upto = burst.cuts[come - 1] if come else 0
+            if upto > burst.taken:
+                out += burst.data[burst.taken : upto]
+                self._bursts[0] = burst._replace(taken=upto)
+            break
+        return out
+
+    def clear(self) -> None:
+        """Nothing is under way any more."""
+        self._bursts.clear()
+        self._loose.clear()
+        self._free = -inf
+
+    # ------------------------------------------------------------------------------------- out of turn
+
+    def free_at(self, now: float) -> float:
+        """When the host may speak without meeting an answer, s."""
+        return max(self._free, now)
+
+    def occupy(self, until: float) -> None:
+        """Somebody talks until then, s."""
+        self._free = max(self._free, until)
+
+    def interject(self, end: float, data: bytes) -> None:
+        """Bytes that come when they come and hold up nobody; the last of them at `end`, s."""
+        if data:
+            insort(self._loose, ReplySegment(end, end - self.span(len(data)), data))
+
+    def collide(self, start: float, data: bytes) -> bytes | None:
+        """Somebody talks from `start` (s) on, whoever else does: what all hear of everything that overlaps.
+
+        What was under way then arrives garbled. None: nobody else talked. Without timing nothing overlaps.
+        """
+        self._loosen()
+        end = start + self.span(len(data))
+        met = [each for each in self._loose if each.start < end and start < each.end]
+        self._free = start
+        if not met:
+            return None
+        heard = clash([(start, data), *((each.start, each.data) for each in met)], self.baud)
+        self._loose = [each for each in self._loose if each not in met]
+        self.interject(max(end, *(each.end for each in met)), heard)
+        return heard
+
+    def _loosen(self) -> None:
+        """Every answer under way as shares of their own."""
+        for burst in self._bursts:
+            cuts = [0, *burst.cuts]
+            for end, first, last in zip(burst.ends, cuts, cuts[1:], strict=False):
+                self.interject(burst.start + end, burst.data[max(first, burst.taken) : last])
+        self._bursts.clear()
+
+    def _take_loose(self, now: float) -> bytes:
+        self._loosen()
+        count = sum(each.end <= now for each in self._loose)
+        out = b"".join(each.data for each in self._loose[:count])
+        del self._loose[:count]
+        return out

@@ -1,0 +1,192 @@
+"""What happens to single answers on their way to the host: lost, flipped, cut, doubled, late."""
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import NamedTuple
+
+from twind_drivers.dynamixel.packet import HEADER, LAST_ID, status
+from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
+from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
+
+
+class FaultedReply(NamedTuple):
+    """What is left of one answer."""
+
+    before: bytes  # comes first
+    data: bytes
+    after: bytes  # comes behind
+    late: float  # s
+    ended: bool  # nobody goes on with this joint answer
+
+
+class ReplyFaults:
+    """Faults of the next answers. A count is of answers to come, of one id or (None) of any.
+
+    An answer is what one device sends: its status, or its part of a joint (fast) one. Of each fault there is
+    one order at a time per id; a new one replaces it, a count of 0 takes it back.
+    """
+
+    def __init__(self, wire: HalfDuplexWire, stream: FaultyByteStream) -> None:
+        self._wire, self.stream = wire, stream
+        self._orders: dict[tuple[str, int | None], tuple[int, float]] = {}  # answers left, value
+        self._late: dict[int, float] = {}  # id -> s
+        self.active = False  # is any answer looked at one by one?
+
+    def drop(self, count: int, id: int | None = None) -> None:
+        """The next answers get lost. Raises ValueError below 0, KeyError for an id that is not there."""
+        self._order("drop", count, id)
+
+    def corrupt(self, count: int, id: int | None = None, bits: int = 1) -> None:
+        """The next answers arrive with so many flipped bits. Raises ValueError, KeyError."""
+        if not 1 <= bits <= 64:
+            raise ValueError(f"corrupt: {bits} bits are outside 1..64")
+        self._order("corrupt", count, id, bits)
+
+    def foreign(self, count: int, id: int | None = None) -> None:
+        """Before each of the next answers comes a sound one of a device that nobody asked."""
+        self._order("foreign", count, id)
+
+    def forge(self, count: int, id: int | None = None) -> None:
+        """Instead of each of the next answers comes a sound one of id 252, or a byte short."""
+        self._order("forge", count, id)
+
+    def duplicate(self, count: int, id: int | None = None) -> None:
+        """Each of the next answers comes twice. Raises ValueError, KeyError."""
+        self._order("duplicate", count, id)
+
+    def cut(self, count: int, bytes: int, id: int | None = None) -> None:
+        """Of each of the next answers only the first `bytes` bytes come; a joint (fast) answer ends there."""
+        if bytes < 0:
+            raise ValueError(f"cut: {bytes} bytes: a size is 0 or more")
+        self._order("cut", count, id, bytes)
+
+    def noise(self, seconds: float, count: int = 0, id: int | None = None) -> None:
+        """Random bytes for so long: now, or (count above 0) before each of the next answers.
+
+        Raises ValueError outside 0..10 s.
+        """
+        if not 0.0 <= seconds <= 10.0:
+            raise ValueError(f"noise: {seconds} s are outside 0..10 s")
+        if count or id is not None:
+            self._order("noise", count, id, seconds)
+        else:
+            self.stream.noise_left = seconds
+            self.stream.look()
+
+    def delay(self, seconds: float, id: int | None = None) -> None:
+        """Every answer (of one id) comes that much later, until set to 0; it holds up nobody else's.
+
+        But for the part of a joint (fast) answer: those behind it wait.
+        Raises ValueError outside 0..10 s, KeyError.
+        """
+        if not 0.0 <= seconds <= 10.0:
+            raise ValueError(f"delay: {seconds} s is outside 0..10 s")
+        if id is None:
+            self._wire.lag = seconds
+            return
+        self.require(id)
+        self._late[id] = seconds
+        if not seconds:
+            del self._late[id]
+        self.look()
+
+    def require(self, id: int) -> None:
+        """Somebody has this id. Raises KeyError."""
+        raise NotImplementedError
+
+    def look(self) -> None:
+        """Is any answer to be struck, or able to meet another? To be asked after every change."""
+        self._orders = {key: value for key, value in self._orders.items() if value[0] > 0}
+        self.active = bool(self._orders or self._late or self.stream.colliding)
+
+    def clear(self) -> None:
+        """No answer is struck any more."""
+        self._orders.clear()
+        self._late.clear()
+        self._wire.lag = 0.0
+        self.look()
+
+    def speak(
+        self, ids: Sequence[int], delays: Sequence[float], pieces: Sequence[bytes], joint: bool
+    ) -> None:
+        """Devices answer one after the other, each struck as ordered. Delays in s."""
+        wire = self._wire
+        at = wire.free_at(float("-inf"))
+        for id, delay, piece in zip(ids, delays, pieces, strict=True):
+            struck = self._strike(id, piece)
+            held, late = (struck.late, 0.0) if joint else (0.0, struck.late)  # a chain waits for its links
+            at += (delay if wire.timing else 0.0) + held + wire.span(len(struck.before))
+            self._put(at, struck.before, 0.0)
+            at += wire.span(len(piece))
+            self._put(at, struck.data, late)
+            at += wire.span(len(struck.after))
+            self._put(at, struck.after, late)
+            if joint and struck.ended:
+                break
+        wire.occupy(at)
+        self.look()
+
+    def _put(self, end: float, data: bytes, late: float) -> None:
+        """Bytes on the wire: the last of them comes at `end`, s, and `late` after that."""
+        end += late + self._wire.lag
+        start = end - self._wire.span(len(data))
+        if data and not (self.stream.colliding and self._wire.collide(start, data)):
+            self._wire.interject(end, data)
+
+    def _order(self, name: str, count: int, id: int | None, value: float = 0.0) -> None:
+        if count < 0:
+            raise ValueError(f"{name}: {count} answers: a count is 0 or more")
+        if not isfinite(value):
+            raise ValueError(f"{name}: {value} is not a number")
+        if id is not None:
+            self.require(id)
+        self._orders[name, id] = (count, value)
+        self.look()
+
+    def _hit(self, name: str, id: int) -> float | None:
+        """The value of an order for this answer, which it then has had; None: there is none."""
+        for key in ((name, id), (name, None)):
+            count, value = self._orders.get(key, (0, 0.0))
+            if count > 0:
+                self._orders[key] = (count - 1, value)
+                return value
+        return None
+
+    def _strike(self, id: int, piece: bytes) -> FaultedReply:
+        late = self._late.get(id, 0.0)
+        if self._hit("drop", id) is not None:
+            return FaultedReply(b"", b"", b"", late, False)
+        data, before, after = piece, b"", b""
+        if self._hit("forge", id) is not None:
+            data = self._forged(id, data)
+        bits = self._hit("corrupt", id)
+        if bits is not None:
+            data = self._corrupted(data, int(bits))
+        size = self._hit("cut", id)
+        if size is not None:
+            data = data[: int(size)]
+        if self._hit("duplicate", id) is not None:
+            after = data
+        if self._hit("foreign", id) is not None:
+            before = status(LAST_ID, 0, b"\0\0\0\0")
+        seconds = self._hit("noise", id)
+        if seconds is not None:
+            before = self.stream.noise(seconds) + before
+        return FaultedReply(before, data, after, late, size is not None)
+
+    def _forged(self, id: int, piece: bytes) -> bytes:
+        """A status of its own with a right CRC: of an id that nobody asked, or a byte short."""
+        data = piece[9:-2] if piece.startswith(HEADER) else piece[2:-2]  # of a whole status, of a joint one
+        if self.stream.random.random() < 0.5:
+            return status(LAST_ID, 0, data)
+        return status(id, 0, data[:-1])
+
+    def _corrupted(self, piece: bytes, bits: int) -> bytes:
+        """One bit in the middle; several anywhere."""
+        data = bytearray(piece)
+        if bits == 1:
+            data[len(data) // 2] ^= 0x10
+            return bytes(data)
+        for at in self.stream.random.choice(len(data) * 8, min(bits, len(data) * 8), replace=False):
+            data[at // 8] ^= 1 << at % 8
+        return bytes(data)

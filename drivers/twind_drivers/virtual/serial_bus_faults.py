@@ -1,0 +1,75 @@
+"""Faults on demand, by name: of answers, of the line, of servos, of the plug."""
+
+from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream
+from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
+from twind_drivers.virtual.line_faults import LineFaults
+from twind_drivers.virtual.reply_faults import ReplyFaults
+from twind_drivers.virtual.servo_faults import ServoFaults
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
+from twind_drivers.virtual.virtual_servos import VirtualServos
+
+
+class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
+    """What goes wrong on one bus. Each method is an order; `docs/virtual.md` lists them."""
+
+    def __init__(
+        self,
+        bus: str,
+        servos: VirtualServos,
+        wire: HalfDuplexWire,
+        stream: FaultyByteStream,
+        sensor: VirtualSensor | None = None,
+    ) -> None:
+        self._sensor = sensor
+        ServoFaults.__init__(self, bus, servos)
+        LineFaults.__init__(self, stream)
+        ReplyFaults.__init__(self, wire, stream)
+        self.plugged = True
+
+    def unplug(self) -> None:
+        """The adapter is pulled out: what is under way is lost; the servos keep power and time."""
+        self.plugged = False
+        self._wire.clear()
+        self.stream.forget()
+
+    def replug(self, renamed: bool = False) -> None:
+        """The adapter is back. `renamed`: as another device; in process there is no name to change."""
+        self.plugged = True
+
+    def silence(self, id: int | None = None, on: bool = True) -> None:
+        """Pull the connector of one device or (None) of all: it hears and says nothing, keeps its power.
+
+        `clear` plugs all in. Raises KeyError.
+        """
+        if self._sensor is not None and id in (None, self._sensor.id):
+            self._sensor.silenced = on
+        if self._sensor is None or id != self._sensor.id:
+            ServoFaults.silence(self, id, on)
+
+    def power(self, on: bool) -> None:
+        """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
+        ServoFaults.power(self, on)
+        if self._sensor is not None:
+            self._sensor.silenced = not on
+
+    def require(self, id: int) -> None:
+        """Somebody has this id. Raises KeyError that names the ids there are."""
+        if self._sensor is None or id != self._sensor.id:
+            self.rows(id)
+
+    def rows(self, id: int) -> list[int]:
+        """Places of the servos with this id. Raises KeyError that names the ids there are."""
+        return ServoFaults.rows(self, id)
+
+    def look(self) -> None:
+        """To be called after every change of what is wrong with answers or line."""
+        LineFaults.look(self)
+        ReplyFaults.look(self)
+
+    def clear(self) -> None:
+        """Heal every fault of the line; hardware errors, lost turns, power and an unplugged port stay."""
+        LineFaults.clear(self)
+        ReplyFaults.clear(self)
+        ServoFaults.clear(self)
+        if self._sensor is not None:
+            self._sensor.silenced = False

@@ -1,0 +1,255 @@
+"""What turns a virtual servo's shaft: the protocol, in servo units, and the cheapest muscles that keep it.
+
+A servo knows encoder ticks, raw velocity, raw current and raw PWM; it does not know whether a formula or a
+physics engine moves it. Ticks here are the bare encoder's, continuous over turns, without homing offset.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.virtual.mode_units import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_position
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+RPM = 0.229  # per raw velocity of the X series
+FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
+COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
+QUICK = 0.02  # s, time constant of the speed loop at the factory gains
+FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
+
+
+@dataclass(frozen=True, slots=True)
+class DriveState:
+    """How the firmware drives m motors, until told otherwise. Arrays (m,), numbers as in the registers."""
+
+    on: Bools  # is torque enabled?
+    mode: NDArray[Any]  # operating mode: 0, 1, 3, 4, 5 or 16
+    p: Floats  # position gains
+    i: Floats
+    d: Floats
+    velocity_p: Floats
+    velocity_i: Floats
+    pwm_cap: Floats  # 0..885, most output in any mode
+    current_cap: Floats  # most current; inf where the model measures none
+    supply: Floats  # of the nominal voltage
+    full: Floats | float = FULL_PWM  # PWM counts that are all of the supply
+    turn: Floats | float = 4096.0  # ticks per turn of the shaft
+    rpm: Floats | float = RPM  # per raw velocity
+
+
+class ServoPhysics(Protocol):
+    """The motors of the servos of one bus. Arrays are (m,), in the order of the servos.
+
+    The four readings stay true until the next `advance`; nobody but the muscles writes them.
+    """
+
+    position: Floats  # encoder ticks
+    velocity: Floats  # raw, 0.229 rpm but for the P series
+    current: Floats  # raw, the model's current unit
+    pwm: Floats  # raw, 0.113 % but for the P series
+    stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
+
+    def drive(self, drive: DriveState) -> None:
+        """From now on: torque, mode, gains and caps. `aim` must follow where a mode changed."""
+
+    def aim(self, goal: Floats) -> None:
+        """From now on: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
+
+        Ignored where torque is off.
+        """
+
+    def block(self, held: Bools) -> None:
+        """From now on: shafts that something holds fast; they turn neither with torque nor without."""
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """From now on: where hands take limp shafts (encoder ticks) and hold them, NaN: nobody; ticks/s.
+
+        Where torque is on a hand slips.
+        """
+
+    def lay(self, base: str) -> None:
+        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+
+    def advance(self, now: float) -> None:
+        """Let the time pass until `now` (s). A time already passed does nothing."""
+
+
+class FirstOrderPhysics:
+    """Joints without load: the error decays with a time constant, the speed is capped, off means it stays.
+
+    Every step is exact for any length, so an hour of robot needs no small steps. In modes 3 to 5 the error of
+    the position decays, in the others that of the speed. I and D of the position do nothing: nothing loads
+    these joints. A blocked joint draws what its output drives into it.
+    """
+
+    def __init__(
+        self,
+        start: Floats,
+        *,
+        lag: float = 0.04,
+        gain: float = 800.0,
+        speed: float = 201.0,
+        stall: float = 855.0,
+        now: float = 0.0,
+    ) -> None:
+        """`start` (m,) ticks; `lag` s at P gain `gain`; `speed`, `stall` raw velocity and current.
+
+        The numbers are those of an XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").
+        """
+        self.position = np.array(start, np.float64)
+        self.velocity, self.current, self.pwm = (np.zeros_like(self.position) for _ in range(3))
+        self.stall = np.full_like(self.position, stall)
+        self._lag, self._gain, self._fastest = lag, gain, speed
+        self._goal = self.position.copy()
+        self._time = now
+        self._blocked = np.zeros(self.position.size, np.bool_)
+        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
+        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
+        off = np.zeros_like(self.position)
+        self.drive(DriveState(off > 0, off + 3, off, off, off, off, off, off, off, off))
+
+    def drive(self, drive: DriveState) -> None:
+        """The gains set the rate; no output or no current allowed means no motion."""
+        self._on, self._mode = drive.on.copy(), np.asarray(drive.mode).copy()
+        pulls = drive.on & (drive.pwm_cap > 0.0) & (drive.current_cap > 0.0) & (drive.supply > 0.0)
+        seeks = seeks_position(self._mode)
+        self._cap, self._current_cap = drive.pwm_cap.copy(), drive.current_cap.copy()
+        self._floor = -self._cap
+        self._volts = np.maximum(drive.supply, 1e-9)
+        whole = np.ones_like(self.position)
+        self._full, self._ticks = drive.full * whole, drive.rpm / 60.0 * drive.turn * whole
+        self._free, self._friction = (
+            self._fastest * RPM / drive.rpm * whole,
+            FRICTION * drive.rpm / RPM * whole,
+        )
+        duty = np.minimum(self._cap / self._full, 1.0)
+        self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
+        self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
+        self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
+        self._pulled, self._slowest = self._rate > 0.0, np.maximum(self._rate, 1e-9)
+        self._per_tick = self._rate / self._ticks  # raw velocity per tick of error
+        self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
+        gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
+        rate = np.select(
+            [self._mode == VELOCITY, self._mode == CURRENT], [gains / QUICK, 1.0 / COAST], 1.0 / QUICK
+        )
+        self._turning = np.flatnonzero(pulls & ~seeks & (rate > 0.0))
+        self._quickness = rate[self._turning]
+        self._look()
+
+    def aim(self, goal: Floats) -> None:
+        """See `Muscles.aim`."""
+        self._goal[:] = goal
+
+    def block(self, held: Bools) -> None:
+        """See `Muscles.block`."""
+        self._blocked = held.copy()
+        self._look()
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `Muscles.grip`. A hand goes through everything but a stop and what is held fast."""
+        self._hand, self._reach = place.copy(), speed.copy()
+        self._look()
+
+    def lay(self, base: str) -> None:
+        """See `Muscles.lay`."""
+        raise ValueError("lay: these are joints without load, which no body holds together")
+
+    def fence(self, lower: Floats, upper: Floats) -> None:
+        """Mechanical stops (ticks), hard: who pushes against one is jammed there."""
+        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
+        self._look()
+
+    def _look(self) -> None:
+        """Who does something else than seek a position?"""
+        self._strong = self._on & (self._speed > 1e-9)
+        self._gripped = np.flatnonzero(np.isfinite(self._hand) & ~self._on & ~self._blocked)
+        fenced = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
+        self._odd = bool(self._turning.size or self._blocked.any() or self._gripped.size or fenced)
+
+    def advance(self, now: float) -> None:
+        """Constant speed while the error is beyond speed/rate, exponential decay after it."""
+        dt = now - self._time
+        if not dt > 0.0:
+            return
+        self._time = now
+        if self._odd:
+            self._advance_all(dt)
+        else:
+            self._seek(dt)
+
+    def _seek(self, dt: float) -> None:
+        """Modes 3, 4 and 5."""
+        error = self._goal - self.position
+        cruises = np.count_nonzero(np.abs(error * self._rate) > self._speed)
+        left = self._cruise(error, dt) if cruises else error * np.exp(self._rate * -dt)
+        np.subtract(self._goal, left, out=self.position, where=self._pulled)
+        np.multiply(left, self._per_tick, out=self.velocity)
+        if cruises:
+            top = self._speed / self._ticks
+            np.clip(self.velocity, -top, top, out=self.velocity)
+        np.multiply(self.velocity, self._friction, out=self.current)
+        np.multiply(left, self._p, out=self.pwm)
+        np.minimum(self.pwm, self._cap, out=self.pwm)
+        np.maximum(self.pwm, self._floor, out=self.pwm)
+
+    def _cruise(self, error: Floats, dt: float) -> Floats:
+        """What is left of an error: full speed until the decay is no faster, then the decay."""
+        size = np.abs(error)
+        cruise = np.maximum(size * self._rate - self._speed, 0.0) / self._slowest  # ticks at full speed
+        moved = np.minimum(cruise, self._speed * dt)
+        left: Floats = (size - moved) * np.exp(self._rate * (moved / self._speed - dt))
+        return np.copysign(left, error, out=left)
+
+    def _advance_all(self, dt: float) -> None:
+        before, speed = self.position.copy(), self.velocity[self._turning]
+        self._seek(dt)
+        self._turn(speed, dt)
+        self._carry(before, dt)
+        stuck = (self.position < self._lower) | (self.position > self._upper)
+        np.clip(self.position, self._lower, self._upper, out=self.position)
+        self.position[self._blocked] = before[self._blocked]
+        stuck |= self._blocked
+        if stuck.any():
+            self.velocity[stuck] = 0.0
+            self._jam(np.flatnonzero(stuck & self._strong))
+
+    def _carry(self, before: Floats, dt: float) -> None:
+        """Limp shafts go straight where a hand takes them."""
+        at = self._gripped
+        if at.size:
+            most = self._reach[at] * dt
+            moved = np.clip(self._hand[at] - before[at], -most, most)
+            self.position[at] = before[at] + moved
+            self.velocity[at] = moved / (dt * self._ticks[at])
+
+    def _turn(self, speed: Floats, dt: float) -> None:
+        """Modes 0, 1 and 16, `speed` (raw) before: the speed tends to what the goal means without load."""
+        at, rate = self._turning, self._quickness
+        mode, goal, top, full = self._mode[at], self._goal[at], self._top[at], self._full[at]
+        free, friction = self._free[at], self._friction[at]
+        wish = np.select([mode == CURRENT, mode == PWM], [goal / friction, goal / full * free], goal)
+        wish = np.clip(np.where(mode == PWM, wish * self._volts[at], wish), -top, top)
+        decay = np.exp(-rate * dt)
+        now = wish + (speed - wish) * decay
+        self.position[at] += (wish * dt + (speed - wish) * (1.0 - decay) / rate) * self._ticks[at]
+        self.velocity[at] = now
+        torque = friction * (now + (wish - now) * rate * COAST)  # friction, and what the inertia takes
+        cap, most = self._cap[at], self._current_cap[at]
+        self.current[at] = np.clip(torque, -most, most)
+        output = (now / free + self.current[at] / self.stall[at]) / self._volts[at] * full
+        self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
+
+    def _jam(self, at: NDArray[np.intp]) -> None:
+        """All output becomes current; a speed loop has long integrated up to its cap."""
+        mode, goal, cap = self._mode[at], self._goal[at], self._cap[at]
+        full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
+        pull = self._p[at] * (goal - self.position[at])
+        spin = np.where(goal == 0.0, 0.0, np.copysign(cap, goal))
+        output = np.select([mode == CURRENT, mode == VELOCITY, mode == PWM], [goal / full, spin, goal], pull)
+        most = self._current_cap[at]
+        self.current[at] = np.clip(np.clip(output, -cap, cap) * full, -most, most)
+        self.pwm[at] = self.current[at] / full

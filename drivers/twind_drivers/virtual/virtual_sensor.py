@@ -1,0 +1,90 @@
+"""A device among virtual servos that only tells: an inertial sensor, whose registers somebody feels for.
+
+It answers ping and read, and refuses every write; group instructions it does not know.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind_drivers.bus import Floats
+from twind_drivers.dynamixel.packet import BROADCAST, Instruction, Packet, StatusErrorCode, status
+from twind_drivers.dynamixel.register_sensor import SensorField
+
+MODEL, FIRMWARE = 65000, 1  # a model number that no servo has
+HEAD = 8  # bytes: model number at 0, firmware at 6, id at 7, as servos have them
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRegisters:
+    """Numbers in registers: raw = value / lsb + zero."""
+
+    field: SensorField
+    lsb: float
+    zero: float = 0.0
+
+
+class VirtualSensor:
+    """One of them. `tell`: what its fields are true of now, SI, in their order."""
+
+    def __init__(
+        self,
+        id: int,
+        cells: Sequence[SensorRegisters],
+        tell: Callable[[], Sequence[Floats]],
+        *,
+        return_delay: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        """`return_delay` in s."""
+        self.id, self.return_delay, self.silenced = id, return_delay, False
+        self._cells, self._tell = tuple(cells), tell
+        self._random = np.random.default_rng(seed)
+        self._noise, self._bias = np.zeros(2), np.zeros(2)  # of the first two fields: gyro, acceleration
+        self._size = max(HEAD, *(each.field.end for each in cells))
+
+    def err(self, gyro_noise: float = 0.0, acceleration_noise: float = 0.0, gyro_bias: float = 0.0) -> None:
+        """From now on: noise (standard deviation, rad/s, m/s²) and bias (rad/s) on each axis; 0: none.
+
+        Raises ValueError for a noise below 0, and beyond 10 rad/s and 100 m/s².
+        """
+        noise, most = (gyro_noise, acceleration_noise), (10.0, 100.0)
+        fit = all(0.0 <= each <= end for each, end in zip(noise, most, strict=True))
+        if not (fit and abs(gyro_bias) <= most[0]):
+            raise ValueError("imu: noise is 0..10 rad/s and 0..100 m/s², a bias within 10 rad/s")
+        self._noise, self._bias = np.array(noise), np.array([gyro_bias, 0.0])
+
+    def answer(self, packet: Packet) -> bytes:
+        """Its status to a sound packet; nothing where it is not meant."""
+        ping = packet.instruction == Instruction.PING
+        if self.silenced or not (packet.id == self.id or (packet.id == BROADCAST and ping)):
+            return b""
+        if ping:
+            return status(self.id, 0, MODEL.to_bytes(2, "little") + bytes((FIRMWARE,)))
+        if packet.instruction == Instruction.READ and len(packet.params) == 4:
+            address, size = (int.from_bytes(packet.params[at : at + 2], "little") for at in (0, 2))
+            data = self._registers()[address : address + size]
+            return (
+                status(self.id, 0, data) if len(data) == size else status(self.id, StatusErrorCode.DATA_RANGE)
+            )
+        known = packet.instruction in (Instruction.READ, Instruction.WRITE, Instruction.REG_WRITE)
+        return status(self.id, StatusErrorCode.ACCESS if known else StatusErrorCode.INSTRUCTION)
+
+    def _registers(self) -> bytes:
+        memory = bytearray(self._size)
+        memory[:HEAD] = MODEL.to_bytes(2, "little") + bytes((0, 0, 0, 0, FIRMWARE, self.id))
+        for place, (cells, told) in enumerate(zip(self._cells, self._tell(), strict=True)):
+            if place < len(self._noise):
+                told = told + self._bias[place] + self._random.normal(0.0, self._noise[place], len(told))
+            memory[cells.field.address : cells.field.end] = _raw(cells, told)
+        return bytes(memory)
+
+
+def _raw(cells: SensorRegisters, told: Floats) -> bytes:
+    """As the register holds it: rounded, and at its end where the value is beyond."""
+    kind, raw = np.dtype(cells.field.kind), told / cells.lsb + cells.zero
+    if kind.kind == "f":
+        return raw.astype(kind).tobytes()
+    ends = np.iinfo(kind)
+    return np.clip(np.rint(raw), ends.min, ends.max).astype(kind).tobytes()

@@ -1,0 +1,336 @@
+"""A virtual bus: bytes from the host in, bytes of the servos out when their time has come.
+
+Requests that come again and again take a short way: the same sync read, goals by sync write. Everything else
+goes through the framer to `instructions`. While a fault is ordered, answers take the long way, one by one.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import accumulate, groupby
+from typing import Any
+
+import numpy as np
+
+from twind_drivers.dynamixel.crc import crc16
+from twind_drivers.dynamixel.packet import (
+    HEADER,
+    PATTERN,
+    Framer,
+    Instruction,
+    Packet,
+    StatusErrorCode,
+    fast_status,
+    status,
+)
+from twind_drivers.virtual.faulty_byte_stream import FaultyByteStream, SerialAdapter
+from twind_drivers.virtual.group_read import FastSyncReadGroup, SyncReadGroup
+from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
+from twind_drivers.virtual.instruction_set import InstructionReplies, InstructionSet, ServoStatus
+from twind_drivers.virtual.reading_history import ReadingHistory
+from twind_drivers.virtual.register_columns import NO_ID
+from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
+from twind_drivers.virtual.servo_physics import ServoPhysics
+from twind_drivers.virtual.truth import truth
+from twind_drivers.virtual.uart_receiver import clash, misheard
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
+from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec, VirtualServos
+
+REMEMBERED = 256  # requests
+GOAL = np.dtype([("id", "u1"), ("ticks", "<i4")])  # one row of a sync write
+Group = SyncReadGroup | FastSyncReadGroup
+
+
+class VirtualBus:
+    """m servos on one wire. Time (s) is an argument and never goes back."""
+
+    kind = "dynamixel2"
+
+    def __init__(
+        self,
+        name: str,
+        servos: Sequence[ServoSpec],
+        muscles: ServoPhysics,
+        *,
+        baud: int = 2_000_000,
+        wire_timing: bool = True,
+        now: float = 0.0,
+        keep_goal: bool = True,
+        adapter: SerialAdapter | None = None,
+        seed: int = 0,
+        made: Callable[..., VirtualServos] = VirtualServos,
+        sensor: VirtualSensor | None = None,
+    ) -> None:
+        """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
+
+        `seed`: of all that is random in the faults; the same orders and bytes then give the same bytes.
+        `made`: what makes the servos, as `Servos` is made; others of that kind may live by other rules.
+        `sensor`: hangs there too.
+        """
+        self.name = name
+        self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
+        self._wire = HalfDuplexWire(baud, timing=wire_timing)
+        self._stream = FaultyByteStream(self._wire, adapter or SerialAdapter(), seed)
+        self.sensor = sensor
+        self.faults = SerialBusFaults(name, self.servos, self._wire, self._stream, sensor)
+        self._framer = Framer(status=False, broken=True)
+        self._groups: dict[bytes, Group] = {}
+        self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
+        self._places: dict[int, list[int]] = {}  # id -> rows that listen
+        self._instructions = InstructionSet(self.servos, self._places)
+        self._epoch = -1
+        self._goal_span = self.servos.registers.goal_span()
+        self.line(baud)
+        for bits in range(5, 11):  # else the first long reply waits milliseconds for its CRC tables
+            crc16(bytes(1 << bits))
+
+    @property
+    def plugged(self) -> bool:
+        """Is the adapter there?"""
+        return self.faults.plugged
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that a stalled adapter has taken and not sent."""
+        return len(self._stream.held)
+
+    @property
+    def history(self) -> ReadingHistory | None:
+        """What `record` keeps: ticks, in the order of `ids`."""
+        return self.servos.history
+
+    def ids(self) -> list[int]:
+        """Of the servos, in rows."""
+        return [int(id) for id in self.servos.registers.ids()]
+
+    def truth(self, now: float) -> list[dict[str, Any]]:
+        """What is true of each servo at `now`, past the bus: see `virtual.truth`."""
+        self.advance(now)
+        return truth(self.servos, now)
+
+    def slip(self, seconds: float) -> None:
+        """Time that the servos did not live: their clock registers count it all the same."""
+        self.servos.readings.origin -= seconds
+
+    def flush(self) -> None:
+        """Those bytes are never sent."""
+        self._stream.held = b""
+        self._stream.look()
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Bytes from the host, sent at `now`."""
+        if self._stream.bent:
+            data = self._stream.send(data, now)
+        place = 0
+        while place < len(data) and self.plugged:
+            size = self._whole(data, place)
+            chunk = data[place : place + size] if size else data[place:]
+            at = self._wire.hear(len(chunk), now)
+            if not (size and self._known(chunk, at)):
+                for packet in self._framer.feed(chunk):
+                    self._packet(packet, at, chunk)
+            place += len(chunk)
+        if self._stream.garbled and data:
+            self._babel()
+
+    def due(self) -> float:
+        """When the next answer is complete, s; `inf`: none is under way."""
+        return self._stream.due() if self._stream.bent else self._wire.due()
+
+    def take(self, now: float) -> bytes:
+        """Bytes of the servos that have arrived by `now`."""
+        if not self._stream.bent:
+            return self._wire.take(now)
+        if self._stream.held:
+            self.receive(b"", now)
+        return self._stream.take(now)
+
+    def advance(self, now: float) -> None:
+        """Let time pass without traffic: muscles, watchdogs, boots."""
+        self.servos.advance(now)
+
+    def line(self, baud: int) -> None:
+        """The host's port is set to `baud`. Raises ValueError for a rate that is none."""
+        if baud <= 0:
+            raise ValueError(f"bus {self.name}: {baud} baud is not a rate")
+        if baud != self.servos.baud:
+            self._wire.baud = self.servos.baud = baud
+            self.servos.changed()
+
+    # --------------------------------------------------------------------------------- the short way
+
+    def _whole(self, data: bytes, place: int) -> int:
+        """Size of the packet that begins at `place` and is whole; 0: the framer must look."""
+        if len(self._framer) or not data.startswith(HEADER, place) or len(data) < place + 10:
+            return 0
+        size = (data[place + 5] | data[place + 6] << 8) + 7
+        return size if size >= 10 and place + size <= len(data) else 0
+
+    def _known(self, packet: bytes, at: float) -> bool:
+        """Serve a packet that needs no parsing; False: it is not one of those."""
+        servos = self.servos
+        servos.expire(at)
+        self._recall()
+        group = self._groups.get(packet)
+        if group is not None and not self.faults.active:
+            servos.feed(at)
+            return self._answer_group(group, at)
+        if packet[7] != Instruction.SYNC_WRITE or packet[8:12] != self._goal_span:
+            return False
+        if (len(packet) - 14) % 5 or packet.find(PATTERN, 8) >= 0:
+            return False
+        if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+            return False
+        plan = self._plan_goals(packet[12:-2:5])
+        if plan is None:
+            return False
+        rows, here = plan
+        servos.advance(at)
+        servos.feed(at)
+        servos.aim(np.frombuffer(packet, GOAL, (len(packet) - 14) // 5, 12)["ticks"][here], rows)
+        return True
+
+    def _recall(self) -> None:
+        """Forget what was worked out before the servos changed."""
+        full = max(len(self._groups), len(self._goal_rows)) > REMEMBERED
+        if self.servos.epoch == self._epoch and not full:
+            return
+        self._epoch = self.servos.epoch
+        self._groups.clear()
+        self._goal_rows.clear()
+        registers, shadows = self.servos.registers, self._instructions.shadows
+        hears = self.servos.listening & registers.hearing()
+        self._places.clear()
+        shadows.clear()
+        for row, id in enumerate(registers.ids()):
+            if hears[row]:
+                self._places.setdefault(id, []).append(row)
+        for row, id in enumerate(registers.shadows()):
+            if hears[row] and id != NO_ID:
+                shadows.setdefault(id, []).append(row)
+
+    def _plan_goals(self, ids: bytes) -> tuple[Any, Any] | None:
+        """Rows that a sync write names, and which of its own they are; None where an id is not unique."""
+        if ids not in self._goal_rows:
+            found = [(place, self._places[id]) for place, id in enumerate(ids) if id in self._places]
+            single = len(set(ids)) == len(ids) and all(len(rows) == 1 for _, rows in found)
+            single = single and self._instructions.shadows.keys().isdisjoint(ids)
+            here = slice(None) if len(found) == len(ids) else np.array([place for place, _ in found], np.intp)
+            rows = self.servos.registers.selection([rows[0] for _, rows in found])
+            self._goal_rows[ids] = (rows, here) if single else None
+        return self._goal_rows[ids]
+
+    def _answer_group(self, group: Group, at: float) -> bool:
+        """False when an answer needs stuffing: then it goes the long way."""
+        if group.live:
+            self.servos.settle(at, whole=group.live > 1)
+        data = group.data()
+        if data is None:
+            return False
+        self._wire.say(group.ends, group.cuts, data)
+        return True
+
+    def _remember(self, packet: Packet, answers: InstructionReplies, chunk: bytes) -> None:
+        """Keep a sync read that all of one row per id answered soundly, for the short way."""
+        params, rows = packet.params, [answer.row for answer in answers.statuses]
+        ids = bytes(answer.id for answer in answers.statuses)
+        sound = rows and not any(answer.error for answer in answers.statuses) and len(set(rows)) == len(rows)
+        whole = chunk.startswith(HEADER) and len(chunk) == len(params) + 10
+        if not (sound and whole and params[4:].startswith(ids) and self._talk(answers) == answers.statuses):
+            return
+        span = (int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little"))
+        if answers.promised:
+            asked = len(params) - 4
+            self._groups[chunk] = FastSyncReadGroup(self.servos, self._wire, rows, ids, span, asked)
+        elif len(ids) == len(params) - 4:
+            self._groups[chunk] = SyncReadGroup(self.servos, self._wire, rows, ids, span)
+
+    # --------------------------------------------------------------------------------- the long way
+
+    def _packet(self, packet: Packet, at: float, chunk: bytes) -> None:
+        servos = self.servos
+        servos.advance(at)
+        self._recall()
+        if packet.intact:
+            servos.feed(at)
+        answers = self._instructions.obey(packet, at)
+        self._answer(answers)
+        if self.sensor is not None and packet.intact:
+            self._let_tell(self.sensor, packet)
+        if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ) and packet.intact:
+            self._remember(packet, answers, chunk)
+        elif packet.instruction not in (Instruction.PING, Instruction.READ) and packet.intact:
+            servos.changed()
+
+    def _let_tell(self, sensor: VirtualSensor, packet: Packet) -> None:
+        piece = sensor.answer(packet)
+        if piece and self.faults.active:
+            self.faults.speak([sensor.id], [sensor.return_delay], [piece], joint=False)
+        elif piece:
+            self._wire.say(self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece)
+
+    def _talk(self, answers: InstructionReplies) -> list[ServoStatus]:
+        return [each for each in answers.statuses if self.servos.registers.level(each.row) >= answers.level]
+
+    def _answer(self, answers: InstructionReplies) -> None:
+        talk = self._talk(answers)
+        if not talk:
+            return
+        crowds = [list(each) for _, each in groupby(talk, lambda each: each.id)]
+        delays = [min(self.servos.registers.delays([each.row for each in crowd])) for crowd in crowds]
+        if answers.promised:
+            delays[1:] = [0.0] * (len(crowds) - 1)
+            pieces = self._chain(crowds, answers.promised)
+        else:
+            pieces = [self._at_once(crowd) for crowd in crowds]
+        if self.faults.active:
+            ids = [crowd[0].id for crowd in crowds]
+            self.faults.speak(ids, delays, pieces, joint=bool(answers.promised))
+        else:
+            sizes = list(map(len, pieces))
+            self._wire.say(self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces))
+
+    def _error(self, answer: ServoStatus) -> int:
+        return answer.error | int(self.servos.alert[answer.row])
+
+    def _at_once(self, answers: Sequence[ServoStatus]) -> bytes:
+        """One servo's status; of several with one id that talk at once, what is heard of all of them.
+
+        Each begins after its own return delay, so they may overlap in part or not at all.
+        """
+        packets = [status(each.id, self._error(each), each.data) for each in answers]
+        if len(packets) == 1:
+            return packets[0]
+        delays = self.servos.registers.delays([each.row for each in answers])
+        return clash(list(zip(delays, packets, strict=True)), self._wire.baud)
+
+    def _chain(self, crowds: Sequence[Sequence[ServoStatus]], promised: int) -> list[bytes]:
+        """What each link of a joint (fast) answer puts on the wire; those with one id talk at the same time.
+
+        Everybody's CRC is over what was heard before, garbage of a collision included.
+        """
+        heard, pieces = b"", []
+        for crowd in crowds:
+            blocks = [self._block(heard, promised, each) for each in crowd]
+            pieces.append(
+                blocks[0] if len(blocks) == 1 else clash([(0.0, b) for b in blocks], self._wire.baud)
+            )
+            heard += pieces[-1]
+        return pieces
+
+    def _block(self, heard: bytes, promised: int, answer: ServoStatus) -> bytes:
+        """One servo's part of a joint answer, behind what it `heard`; the first announces the LEN of all."""
+        row = (self._error(answer), answer.id, answer.data)
+        if not heard:
+            return fast_status([row], promised)[0]
+        block = bytes(row[:2]) + answer.data
+        return block + crc16(heard + block).to_bytes(2, "little")
+
+    def _babel(self) -> None:
+        """Servos at another rate answer "unknown instruction" at theirs, which the host hears at its own."""
+        servos, here = self.servos, self._wire.baud
+        for row, index in enumerate(servos["baud_rate"]):
+            there = BAUDS[min(int(index), len(BAUDS) - 1)]
+            if there != here and np.isinf(servos.power.boots_at[row]) and not servos.silenced[row]:
+                noise = misheard(
+                    status(servos.registers.id_of(row), StatusErrorCode.INSTRUCTION), there, here
+                )
+                self._wire.say(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)

@@ -1,0 +1,1 @@
+"""Tests by room, their helpers in `support`, and whole programs in `proof`."""

@@ -1,0 +1,217 @@
+"""Whoever has the lease from afar: no goal begins after a stop, none runs without its lease.
+
+The daemon is written by hand here (`told_line.py`); what a real one makes of it is in the live tests.
+"""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.support.scripted_line import ToldDaemon, ended, ended_in_words
+from twind.bridge.motion_session import MotionSession
+from twind.bridge.uplink.lease_keeper import LeaseKeeper
+from twind.bridge.uplink.planned_durations import PlannedDurations
+from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
+from twind.client import CallError, Refused
+
+PATH = {"joint_names": ["l_knee"], "points": [{"positions": [0.5], "time_from_start": 9.0}]}
+BESIDE: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
+THROWN_AWAY: Any = ("Refused", {"findings": [{"code": "BUSY", "message": "the robot was stopped"}]})
+PATIENCE = 10.0  # s
+
+
+class Hand:
+    """Reins whose time the test moves, and their daemon."""
+
+    def __init__(self) -> None:
+        self.time, self.daemon, self.said = 1000.0, ToldDaemon(), list[str]()
+        self.tenancy = RemoteLease()
+        driving = MotionSession(self.daemon.client)
+        self.reins = LeaseKeeper(
+            driving,
+            self.tenancy,
+            PlannedDurations(),
+            lambda name, answer: None,
+            self.said.append,
+            lambda: self.time,
+        )
+
+    def acquire(self, holder: str, **more: Any) -> str:
+        return str(self.reins.lease({"op": "acquire", "holder": holder, **more})["lease"])
+
+    def goal(self, name: str, lease: str, came: float | None = None) -> dict[str, Any]:
+        asked = {"goal": name, "lease": lease, "deadline": self.time + 20.0, "trajectory": PATH}
+        return self.reins.goal(asked, time.monotonic() if came is None else came)
+
+    @property
+    def sent(self) -> int:
+        return len(self.daemon.named("SubmitTrajectory"))
+
+    @property
+    def given_back(self) -> bool:
+        """Nothing moves any more: no connection that holds the daemon's lease."""
+        return self.daemon.open == 0
+
+
+@pytest.fixture
+def hand() -> Hand:
+    return Hand()
+
+
+def code_of(call: Callable[[], object]) -> str:
+    with pytest.raises(Refused) as caught:
+        call()
+    return str(caught.value.findings[0]["code"])
+
+
+def test_a_goal_that_was_here_before_a_stop_does_not_begin_after_it_nor_when_it_is_asked_again(
+    hand: Hand,
+) -> None:
+    lease, came = hand.acquire("desk"), time.monotonic()
+    hand.reins.stopped(time.monotonic())
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+    assert code_of(lambda: hand.goal("waited", lease)) == "BUSY", "its repetition came after the stop"
+    assert hand.sent == 0
+    assert hand.goal("new", lease)["phase"] == "accepted"
+
+
+def test_a_goal_that_is_accepted_after_a_stop_is_let_go(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    hand.daemon.meanwhile = lambda method: (
+        hand.reins.stopped(time.monotonic()) if method == "SubmitTrajectory" else None
+    )
+    assert code_of(lambda: hand.goal("judged", lease)) == "BUSY"
+    assert hand.sent == 1 and hand.given_back
+
+
+def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_does_not(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    name = hand.goal("runs", lease)["id"]
+    came = time.monotonic()
+    stop = ended(name, "cancelled")
+    hand.reins.heard({**stop, "time": time.monotonic()})
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+
+    second = hand.goal("more", lease)["id"]
+    came = time.monotonic()
+    hand.reins.lease({"op": "release", "lease": lease})
+    lease = hand.acquire("next")
+    hand.reins.heard({**ended(second, "aborted"), "time": time.monotonic()})
+    assert hand.goal("own", lease, came)["phase"] == "accepted"
+
+
+def test_what_waits_behind_a_goal_that_the_gate_threw_away_does_not_begin(hand: Hand) -> None:
+    lease, came = hand.acquire("desk"), time.monotonic()
+    hand.daemon.refuse["SubmitTrajectory"] = THROWN_AWAY
+    assert code_of(lambda: hand.goal("judged", lease, came)) == "BUSY"
+    del hand.daemon.refuse["SubmitTrajectory"]
+    assert code_of(lambda: hand.goal("behind", lease, came)) == "BUSY"
+    assert hand.sent == 1
+
+
+def test_a_lease_that_lapses_while_a_goal_is_judged_lets_go_at_once(hand: Hand) -> None:
+    lease, judged, answer = hand.acquire("desk"), threading.Event(), threading.Event()
+
+    def judge(method: str) -> None:
+        if method == "SubmitTrajectory":
+            judged.set()
+            assert answer.wait(PATIENCE)
+
+    hand.daemon.meanwhile = judge
+    refusals: list[str] = []
+    lane = threading.Thread(target=lambda: refusals.append(code_of(lambda: hand.goal("long", lease))))
+    lane.start()
+    assert judged.wait(PATIENCE)
+    hand.reins.watch()
+    assert not hand.daemon.dead, "it is renewed yet"
+    hand.time += LEASE_S + 0.1
+    hand.reins.watch()
+    assert hand.daemon.dead, "hung up, though the answer is still waited for"
+    answer.set()
+    lane.join(PATIENCE)
+    assert refusals == ["LEASE_MISSING"] and hand.given_back
+
+
+def test_a_goal_that_is_accepted_after_its_lease_lapsed_is_let_go(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+
+    def lapse(method: str) -> None:
+        if method == "SubmitTrajectory":
+            hand.time += LEASE_S + 0.1
+
+    hand.daemon.meanwhile = lapse
+    assert code_of(lambda: hand.goal("late", lease)) == "LEASE_MISSING"
+    assert hand.given_back
+
+
+def test_who_takes_the_lease_from_afar_says_until_when_and_a_take_out_of_a_queue_takes_nothing(
+    hand: Hand,
+) -> None:
+    first = hand.acquire("first")
+    with pytest.raises(CallError, match="first") as held:
+        hand.acquire("second")
+    now = held.value.parameters["now"]
+    with pytest.raises(CallError, match="deadline"):
+        hand.acquire("second", take=True)
+    hand.time += 0.9
+    assert code_of(lambda: hand.acquire("second", take=True, deadline=now + 0.5)) == "CMD_EXPIRED"
+    assert hand.tenancy.holds(first, hand.time)
+    second = hand.acquire("second", take=True, deadline=now + 1.0)
+    assert hand.tenancy.holds(second, hand.time) and not hand.tenancy.holds(first, hand.time)
+
+
+def test_who_holds_the_lease_beside_the_robot_is_not_taken_it_from_afar(hand: Hand) -> None:
+    hand.daemon.refuse["AcquireLease"] = BESIDE
+    with pytest.raises(CallError, match="uid 7, pid 8") as held:
+        hand.acquire("far", take=True, deadline=hand.time + 1.0)
+    assert held.value.parameters["now"] == hand.time
+    assert hand.daemon.named("AcquireLease") == [{}], "it is not even asked for with take"
+    assert not hand.tenancy.held(hand.time)
+
+
+def test_a_goal_is_asked_after_by_its_name(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    accepted = hand.goal("wave", lease)
+    assert hand.reins.goal({"goal": "wave", "lease": lease}, time.monotonic()) == accepted
+    with pytest.raises(CallError, match="not known"):
+        hand.reins.goal({"goal": "bow", "lease": lease}, time.monotonic())
+    assert hand.sent == 1
+
+
+def test_the_clock_that_is_told_afar_goes_on_while_the_robot_sleeps() -> None:
+    """As where a machine slept for 5,000 s: its clock since it was booted is that much ahead."""
+    asleep = ["unshare", "--time", "--boottime", "5000"]
+    if subprocess.run([*asleep, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no namespace of times here")
+    said = (
+        "import time; from twind.bridge.uplink.lease_keeper import clock; print(clock() - time.monotonic())"
+    )
+    done = subprocess.run([*asleep, sys.executable, "-c", said], capture_output=True, check=True, text=True)
+    assert float(done.stdout) > 4999.0
+
+
+@pytest.mark.parametrize("text", ["", "x", "m1 succeeded", "a client has stopped the robot"])
+def test_a_stop_beside_the_robot_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: str) -> None:
+    lease = hand.acquire("desk")
+    name = hand.goal("runs", lease)["id"]
+    came = time.monotonic()
+    stop = {**ended(name, "cancelled"), "time": time.monotonic()}
+    stop["event"]["message"] = text
+    hand.reins.heard(stop)
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+
+
+def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    hand.goal("runs", lease)
+    came = time.monotonic()
+    hand.reins.heard({**ended_in_words("of_another", "succeeded"), "time": time.monotonic()})
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+    hand.reins.tend()
+    assert hand.given_back and not hand.tenancy.holds(lease, hand.time)

@@ -1,0 +1,46 @@
+"""Whoever else takes commands in a graph is known by what he says of himself, and gone when he is silent."""
+
+import json
+from typing import Any
+
+import pytest
+
+from twind.bridge.ros.peer_bridges import MOST, SILENT, PeerBridges
+from twind.ros import STRING, encode
+
+
+def said(**bridge: Any) -> bytes:
+    return encode(STRING, {"data": json.dumps({"robot": "right", "bridge": bridge})})
+
+
+def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent() -> None:
+    time = [100.0]
+    neighbours = PeerBridges(lambda: time[0])
+    neighbours.heard(said(id="abc", commands=True))
+    assert "right (bridge abc)" in neighbours.wrong() and "ROS_DOMAIN_ID" in neighbours.wrong()
+    time[0] += SILENT
+    assert not neighbours.wrong()
+
+
+def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None:
+    neighbours = PeerBridges()
+    neighbours.heard(said(id=neighbours.id, commands=True))
+    neighbours.heard(said(id="looks", commands=False))
+    neighbours.heard(said(id="ends", commands=True))
+    neighbours.heard(said(id="ends", commands=False))
+    assert not neighbours.wrong()
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"bridge": 7}', '{"bridge": null}', "[" * 100_000])
+def test_what_is_no_status_is_nobody(text: str) -> None:
+    neighbours = PeerBridges()
+    neighbours.heard(encode(STRING, {"data": text}))
+    neighbours.heard(text.encode())
+    assert not neighbours.wrong()
+
+
+def test_of_many_some_are_kept() -> None:
+    neighbours = PeerBridges()
+    for number in range(10 * MOST):
+        neighbours.heard(said(id=str(number), commands=True))
+    assert neighbours.wrong().count("(bridge ") == MOST

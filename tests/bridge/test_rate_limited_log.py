@@ -1,0 +1,26 @@
+"""What an uplink says: all of it, unless somebody far away makes it say too much."""
+
+from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
+
+
+def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
+    clock, said = [0.0], list[str]()
+    saying = RateLimitedLog(said.append, lambda: clock[0])
+    for number in range(1000):
+        saying(f"line {number}")
+    assert said == [f"line {number}" for number in range(AT_ONCE)]
+    clock[0] += EACH
+    saying("the next")
+    assert said[AT_ONCE:] == [f"the next (and {1000 - AT_ONCE} lines before it, left out)"]
+    clock[0] += EACH
+    saying("one more")
+    assert said[-1] == "one more"
+
+
+def test_who_says_little_is_always_heard() -> None:
+    clock, said = [0.0], list[str]()
+    saying = RateLimitedLog(said.append, lambda: clock[0])
+    for number in range(1000):
+        saying(str(number))
+        clock[0] += EACH
+    assert len(said) == 1000

@@ -1,0 +1,227 @@
+"""Which interpreter the rclpy back end gets, and which environment."""
+
+import argparse
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from tests.support import interpreters
+from twind.bridge.ros import rclpy_launcher
+from twind.bridge.ros.rclpy_launcher import command, distribution, graph
+from twind.ctl.verb import UsageError
+
+OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
+PATH = {"PATH": "/usr/bin:/bin"}
+
+
+def prefix(folder: Path, version: str = "3.10", *, interpreter: bool = True) -> Path:
+    """Where a distribution keeps its packages."""
+    packages = folder / "lib" / f"python{version}" / "site-packages" / "rclpy"
+    packages.mkdir(parents=True)
+    (packages / "__init__.py").write_text("")
+    if interpreter:
+        (folder / "bin").mkdir()
+        (folder / "bin" / f"python{version}").symlink_to(sys.executable)
+    return folder
+
+
+def installed(root: Path, name: str, version: str = "3.10") -> Path:
+    """A distribution below `root` that has a set-up to source."""
+    place = prefix(root / name, version)
+    lines = [
+        f"export AMENT_PREFIX_PATH={place}",
+        f"export PYTHONPATH={place}/lib/python{version}/site-packages",
+        f"export ROS_DISTRO={name}",
+        "echo sourced",
+    ]
+    (place / "setup.bash").write_text("\n".join(lines))
+    return place
+
+
+def test_what_is_sourced_counts_and_names_its_python(tmp_path: Path) -> None:
+    place = prefix(tmp_path)
+    packages = place / "lib" / "python3.10" / "site-packages"
+    sourced = PATH | {"AMENT_PREFIX_PATH": str(place), "PYTHONPATH": f"/nothing:{packages}"}
+    assert distribution(sourced, None).python == str(place / "bin" / "python3.10")
+
+
+def test_a_prefix_alone_is_enough_where_packages_lie_in_it(tmp_path: Path) -> None:
+    found = distribution(PATH | {"AMENT_PREFIX_PATH": str(prefix(tmp_path, "3.12"))}, None)
+    assert found.python == str(tmp_path / "bin" / "python3.12")
+
+
+def test_the_only_distribution_is_sourced(tmp_path: Path) -> None:
+    place = installed(tmp_path, "humble")
+    found = distribution(PATH | {"KEPT": "yes"}, None, tmp_path)
+    assert found.python == str(place / "bin" / "python3.10")
+    assert found.environment["ROS_DISTRO"] == "humble"
+    assert found.environment["KEPT"] == "yes"
+
+
+def test_of_several_one_has_to_be_named(tmp_path: Path) -> None:
+    for name, version in (("humble", "3.10"), ("jazzy", "3.12")):
+        installed(tmp_path, name, version)
+    with pytest.raises(UsageError, match=r"humble, jazzy: say which one with --distro"):
+        distribution(PATH, None, tmp_path)
+    assert distribution(PATH, "jazzy", tmp_path).python.endswith("python3.12")
+    assert distribution(PATH | {"ROS_DISTRO": "humble"}, None, tmp_path).python.endswith("python3.10")
+    with pytest.raises(UsageError, match=r"no ROS 2 'iron'.*humble, jazzy"):
+        distribution(PATH, "iron", tmp_path)
+
+
+def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_path: Path) -> None:
+    place = installed(tmp_path, "jazzy", "3.12")
+    other = installed(tmp_path, "humble")
+    sourced = PATH | {"AMENT_PREFIX_PATH": str(other), "ROS_DISTRO": "humble"}
+    assert distribution(sourced, "humble", tmp_path).python == str(other / "bin" / "python3.10")
+    assert distribution(sourced, "jazzy", tmp_path).python == str(place / "bin" / "python3.12")
+
+
+def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path / "nothing built"))
+    with pytest.raises(UsageError, match="--backend zenoh, which needs none, or dds, which only publishes"):
+        distribution(PATH, None, tmp_path)
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "setup.bash").write_text("")
+    with pytest.raises(UsageError, match="no rclpy is on its paths"):
+        distribution(PATH, None, tmp_path)
+    (tmp_path / "bare" / "setup.bash").write_text("exit 3")
+    with pytest.raises(UsageError, match=r"source .*bare/setup\.bash. failed"):
+        distribution(PATH, None, tmp_path)
+    place = prefix(tmp_path / "other", "3.99", interpreter=False)
+    with pytest.raises(UsageError, match=r"python3\.99, which is not on the PATH"):
+        distribution(PATH | {"AMENT_PREFIX_PATH": str(place)}, None)
+
+
+def built(folder: Path) -> Path:
+    """An interpreter where `make ros` has it, below `folder`."""
+    place = folder / "ros" / "bin" / "python"
+    place.parent.mkdir(parents=True)
+    place.symlink_to(sys.executable)
+    return place
+
+
+def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distribution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path))
+    nowhere = tmp_path / "nowhere"
+    assert rclpy_launcher.installed(PATH, None, nowhere) is None
+    python = built(tmp_path)
+    assert distribution(PATH, None, nowhere).python == str(python)
+    assert distribution(PATH | {"ROS_DISTRO": "kilted"}, None, nowhere).python == str(python)
+    assert rclpy_launcher.installed(PATH, "jazzy", nowhere) is None
+    assert rclpy_launcher.installed(PATH | {"ROS_DISTRO": "jazzy"}, None, nowhere) is None
+    place = installed(tmp_path / "opt", "kilted", "3.12")
+    assert distribution(PATH, None, tmp_path / "opt").python == str(place / "bin" / "python3.12")
+
+
+def test_an_rclpy_that_loads_has_no_fault_and_one_that_does_not_has_a_reason(tmp_path: Path) -> None:
+    python = interpreters.python("3.12")
+    stand_in = Path(__file__).parents[1] / "support/ros_stand_in"
+    loads = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(stand_in)})
+    assert rclpy_launcher.fault(loads) == ""
+    assert "rclpy does not load under" in rclpy_launcher.fault(rclpy_launcher.RosDistribution(python, PATH))
+    ends = "import os, sys; print('a library is old', file=sys.stderr, flush=True); os._exit(102)"
+    for package in ("rclpy", "rcl_interfaces"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text(ends)
+    broken = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert rclpy_launcher.fault(broken) == f"rclpy of {python} is not used: a library is old"
+    missing = rclpy_launcher.RosDistribution(str(tmp_path / "python"), PATH)
+    assert "No such file" in rclpy_launcher.fault(missing)
+
+
+def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(tmp_path: Path) -> None:
+    python = interpreters.python("3.12")
+    for each in (Path(__file__).parents[1] / "support/ros_stand_in").iterdir():
+        if each.name != "diagnostic_msgs":
+            (tmp_path / each.name).symlink_to(each)
+    found = rclpy_launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert "no diagnostic_msgs/msg/DiagnosticArray" in rclpy_launcher.fault(found)
+
+
+def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for each in (ours, theirs):
+        (each / "bin").mkdir(parents=True)
+        (each / "bin" / "python3.10").symlink_to(sys.executable)
+    place = prefix(tmp_path / "ros", interpreter=False)
+    monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(ours))
+    sourced = {"PATH": f"{ours}/bin:{theirs}/bin", "AMENT_PREFIX_PATH": str(place)}
+    assert distribution(sourced, None).python == str(theirs / "bin" / "python3.10")
+
+
+def test_unset_means_this_machine_alone() -> None:
+    assert graph({}, None) == {"ROS_DOMAIN_ID": "0", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert graph({"ROS_DISTRO": "humble"}, 7)["ROS_LOCALHOST_ONLY"] == "1"
+    asked = {"ROS_DOMAIN_ID": "3", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    assert graph(asked, None) == asked
+
+
+@pytest.mark.parametrize("reach", ["OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"])
+@pytest.mark.parametrize("peers", ["", "10.0.0.7"])
+def test_what_rclpy_is_told_is_what_was_found_and_never_its_own_default(reach: str, peers: str) -> None:
+    said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers}
+    told = graph({"ROS_DISTRO": "jazzy", **said}, None)
+    assert told["ROS_AUTOMATIC_DISCOVERY_RANGE"] == reach
+    assert told.get("ROS_STATIC_PEERS", "") == peers
+    assert graph({"ROS_STATIC_PEERS": "10.0.0.7"}, None)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    alone = graph({**said, "ROS_LOCALHOST_ONLY": "1"}, None)
+    assert alone["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST" and "ROS_STATIC_PEERS" not in alone
+
+
+@pytest.mark.parametrize(
+    ("reach", "peers", "only"),
+    [
+        ("", "", "1"),
+        ("LOCALHOST", "", "1"),
+        ("SUBNET", "", "0"),
+        ("SYSTEM_DEFAULT", "", "0"),
+        ("OFF", "", None),
+        ("LOCALHOST", "10.0.0.7", None),
+        ("SUBNET", "10.0.0.7", None),
+    ],
+)
+def test_humble_is_told_in_the_one_word_that_it_knows_or_refused(
+    reach: str, peers: str, only: str | None
+) -> None:
+    said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers, "ROS_DISTRO": "humble"}
+    if only is None:
+        with pytest.raises(UsageError, match=r"humble knows none; unset it, or take --backend dds"):
+            graph(said, None)
+    else:
+        assert graph(said, None)["ROS_LOCALHOST_ONLY"] == only
+
+
+def test_options_are_handed_on() -> None:
+    assert command("/python3.10", OPTIONS)[:2] == ["/python3.10", "-c"]
+    options = argparse.Namespace(socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None)
+    words = command("/python3.10", options)[4:]
+    assert words == ["--socket", "/run/twind", "--rate", "50.0", "--domain", "7", "--no-commands"]
+
+
+@pytest.mark.parametrize("version", ["3.10", "3.12", "3.13"])
+def test_an_interpreter_without_rclpy_says_so(version: str, tmp_path: Path) -> None:
+    words = command(interpreters.python(version), OPTIONS)
+    done = subprocess.run(words, cwd=tmp_path, env=PATH, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "rclpy does not load under" in done.stderr
+    assert "rcl" in done.stderr.splitlines()[0]
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_of_our_installation_it_sees_twind_alone(tmp_path: Path) -> None:
+    """Neither our packages nor a twind of somebody else that lies where it is begun."""
+    (tmp_path / "twind").mkdir()
+    (tmp_path / "twind" / "__init__.py").write_text("raise SystemExit('the wrong twind')")
+    words = command(interpreters.python("3.12"), OPTIONS)
+    begin = words[2].partition("try:")[0] + "\nimport twind; print(twind.__file__, *sys.path, sep='\\n')"
+    done = subprocess.run([words[0], "-c", begin, words[3]], cwd=tmp_path, capture_output=True, text=True)
+    package, *path = done.stdout.splitlines()
+    assert package == str(Path(rclpy_launcher.__file__).parents[2] / "__init__.py")
+    assert sysconfig.get_path("purelib") not in path
+    assert not {"", str(tmp_path)} & set(path)

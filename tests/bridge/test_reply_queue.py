@@ -1,0 +1,80 @@
+"""What comes from afar waits in order and in bounds: answers stay, news may go, and then they are counted."""
+
+import json
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.bridge.fleet.reply_queue import ReplyQueue
+from twind.client import Disconnected
+
+
+def news(number: int, dropped: int = 0, size: int = 10) -> bytes:
+    told = {"parameters": {"dropped": dropped, "number": number, "filler": "x" * size}, "continues": True}
+    return json.dumps(told).encode()
+
+
+def parameters(message: bytes) -> dict[str, int]:
+    found: dict[str, int] = json.loads(message)["parameters"]
+    return found
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 3), st.integers(0, 200)), max_size=60))
+def test_answers_always_come_in_order_and_every_piece_of_news_comes_or_is_counted(
+    put: list[tuple[bool, int, int]],
+) -> None:
+    inbox = ReplyQueue(room=600)
+    for number, (is_news, dropped, size) in enumerate(put):
+        (inbox.news if is_news else inbox.answer)(news(number, dropped if is_news else 0, size))
+    came = [parameters(message) for message in inbox.rest()]
+    numbers = [each["number"] for each in came]
+    assert numbers == sorted(numbers)
+    assert {number for number, (is_news, _, _) in enumerate(put) if not is_news} <= set(numbers)
+    lost_here = len(put) - len(came)
+    # What was lost behind the last piece that came is told with the next one.
+    inbox.news(news(len(put)))
+    last = inbox.take(0.0)
+    assert last is not None
+    told_lost = sum(each["dropped"] for each in came) + parameters(last)["dropped"]
+    said = sum(put[each][1] for each in numbers if put[each][0])
+    assert told_lost == said + lost_here
+
+
+def test_a_message_that_comes_later_is_waited_for_and_none_is_an_answer_too() -> None:
+    inbox = ReplyQueue()
+    assert inbox.take(0.0) is None
+    timer = threading.Timer(0.05, inbox.answer, [b"{}"])
+    timer.start()
+    assert inbox.take(20.0) == b"{}"
+    timer.join()
+
+
+def test_what_came_before_the_end_is_taken_before_the_end_is_told() -> None:
+    inbox = ReplyQueue()
+    inbox.answer(b"{}")
+    inbox.end("it went away")
+    inbox.end("and this is no better reason")
+    assert inbox.take(0.0) == b"{}"
+    with pytest.raises(Disconnected, match=r"^it went away$"):
+        inbox.take(time.monotonic())
+
+
+def test_answers_that_nobody_takes_are_bounded_and_then_it_is_over() -> None:
+    inbox = ReplyQueue(answers=3)
+    for number in range(5):
+        inbox.answer(b"%d" % number)
+    assert inbox.rest() == [b"0", b"1", b"2"]
+    with pytest.raises(Disconnected, match="3 answers wait"):
+        inbox.take(0.0)
+
+
+@pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
+def test_news_that_do_not_say_what_was_dropped_are_taken_as_they_are(odd: bytes) -> None:
+    inbox = ReplyQueue(room=100)
+    inbox.news(b"x" * 101)
+    inbox.news(odd)
+    last = inbox.take(0.0)
+    assert last == odd or (last is not None and parameters(last) == {"n": 1, "dropped": 1})

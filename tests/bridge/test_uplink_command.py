@@ -1,0 +1,52 @@
+"""The words of `twindctl uplink`: what makes no sense is said before anybody is connected to."""
+
+import argparse
+import sys
+
+import pytest
+
+from twind.bridge.uplink import uplink_command
+from twind.bridge.zenoh import zenoh_session
+from twind.ctl.ctl_main import common
+from twind.ctl.extras import how_to_add
+from twind.ctl.verb import UsageError
+
+
+def run(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    common(parser, None)
+    uplink_command.add_arguments(parser)
+    return uplink_command.run(parser.parse_args(words))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--name", "a/b"), "'a/b'"),
+        (("--name", ""), "1 to 64"),
+        (("--name", ".hidden"), "dot"),
+        (("--name", "*"), r"'\*'"),
+        (("--seconds", "0"), "above 0"),
+        (("--seconds", "nan"), "above 0"),
+    ],
+)
+def test_wrong_words_are_told_before_anybody_is_connected_to(words: tuple[str, ...], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        run("--connect", "tcp/127.0.0.1:1", *words)
+
+
+def test_without_the_engine_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    with pytest.raises(UsageError) as told:
+        run("--connect", "tcp/127.0.0.1:1")
+    assert how_to_add("zenoh") in str(told.value)
+
+
+def test_a_way_that_others_can_read_is_named(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_session, "opened", lambda place, stop, tell: None)  # nobody is connected to
+    words = ("--connect", "tcp/192.0.2.1:7447", "--connect", "tls/192.0.2.1:7447", "--seconds", "0.1")
+    assert run(*words) == 0
+    said = capfd.readouterr().err
+    assert "tcp/192.0.2.1:7447: whoever is on the way" in said and "tls/192.0.2.1" not in said

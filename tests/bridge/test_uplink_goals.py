@@ -1,0 +1,57 @@
+"""Goals from afar: each once, none too late, and a bounded number of them."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.bridge.uplink.remote_contract import refused
+from twind.bridge.uplink.uplink_goals import AHEAD, MOST, UplinkGoalTable
+from twind.client import CallError, Refused
+
+
+@given(st.floats(allow_nan=True), st.floats(allow_nan=True))
+def test_a_goal_begins_only_within_its_deadline_and_that_is_near(deadline: float, now: float) -> None:
+    goals = UplinkGoalTable()
+    with suppress(CallError):
+        goals.begin("a", "lease", deadline, now)
+    assert bool(len(goals)) == (now <= deadline and deadline - now <= AHEAD)
+
+
+def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> None:
+    goals = UplinkGoalTable()
+    first = goals.begin("wave", "mine", 11.0, 10.0)
+    first.id, first.answer = "d1", {"phase": "accepted"}
+    assert goals.again("wave", "mine") is first
+    assert first.told() == {"phase": "accepted"}
+    with pytest.raises(CallError, match="used once"):
+        goals.again("wave", "another's")
+    assert goals.again("bow", "mine") is None
+
+
+def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
+    goals = UplinkGoalTable()
+    goals.begin("wave", "mine", 11.0, 10.0).refusal = refused("POS_LIMIT", "no")
+    for _ in range(2):
+        known = goals.again("wave", "mine")
+        assert known is not None
+        with pytest.raises(Refused):
+            known.told()
+
+
+def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothing_any_more() -> None:
+    goals, now = UplinkGoalTable(), 10.0
+    for number in range(MOST):
+        goals.begin(f"g{number}", "mine", now + 1.0, now)
+    with pytest.raises(CallError, match="busy"):
+        goals.begin("more", "mine", now + 1.0, now)
+    running = goals.again("g0", "mine")
+    assert running is not None
+    running.id = "d0"
+    now += 2.0
+    goals.begin("more", "mine", now + 1.0, now)
+    assert goals.again("g1", "mine") is None and len(goals) == 2
+    assert goals.again("g0", "mine") is running, "one that runs is not forgotten"
+    with pytest.raises(Refused):
+        goals.begin("g1", "mine", 11.0, now)

@@ -1,0 +1,36 @@
+"""The key space: no name reaches beyond its own chunk."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.bridge.zenoh.zenoh_keys import chunk, robot_key, robot_of
+
+
+@given(st.text())
+def test_a_name_is_one_chunk_of_a_key_or_none_at_all(name: str) -> None:
+    try:
+        key = robot_key(name, "state", "10")
+    except ValueError as error:
+        assert repr(name[:80]) in str(error)  # noqa: PT017  either way it is whole
+    else:
+        assert key.split("/") == ["twind", name, "state", "10"] and robot_of(key) == name
+        assert not set(name) & set("*/$?#@ ")
+
+
+@pytest.mark.parametrize("name", ["", "*", "**", "a/b", "a$b", "x" * 65, ".hidden", "n\n", "ä"])
+def test_what_would_match_others_is_no_name(name: str) -> None:
+    with pytest.raises(ValueError, match="must be 1 to 64"):
+        chunk("goal", name)
+
+
+@pytest.mark.parametrize("name", ["all robots", "x" * 65, ".hidden", "a\u202eb", "a\x9b2J"])
+def test_a_key_of_a_name_that_no_robot_may_have_is_nobodys(name: str) -> None:
+    with pytest.raises(ValueError, match="must be 1 to 64"):
+        robot_of(f"twind/{name}/alive")
+
+
+@pytest.mark.parametrize("key", ["", "twind", "twind/a", "other/a/alive"])
+def test_a_key_of_somebody_else_is_nobodys(key: str) -> None:
+    with pytest.raises(ValueError, match="none of twind's"):
+        robot_of(key)

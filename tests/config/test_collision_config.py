@@ -1,0 +1,72 @@
+"""`collision:` of the robot file: distances that fit each other, pairs of names, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from twind.config.collision_config import Clearance, clearance
+from twind.config.config_section import ConfigSection
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import ConfigError, parse
+
+
+def read(text: str, support: str = "gantry") -> Clearance:
+    return clearance(ConfigSection("robot.yaml", parse(text, "robot.yaml")), support)
+
+
+def test_what_is_not_given_has_its_default() -> None:
+    assert read("{}") == Clearance(0.002, 0.010, 0.020, False, (), None)
+
+
+def test_everything_can_be_given() -> None:
+    found = read(
+        "{block_m: 0, warn_m: 0.02, world_m: 0.1, world: true, allow: [[a, b]], pairs: [[c, d], [e, f]]}"
+    )
+    assert found == Clearance(0.0, 0.02, 0.1, True, (("a", "b"),), (("c", "d"), ("e", "f")))
+    assert found.band == pytest.approx(0.02)
+
+
+def test_only_a_base_with_a_known_place_has_a_world() -> None:
+    assert read("{}", "fixed").judge_world
+    assert not read("{world: false}", "fixed").judge_world
+    assert not read("{}", "gantry").judge_world
+    assert not read("{}", "free").judge_world
+    with pytest.raises(ConfigError, match="no known place"):
+        read("{world: true}", "free")
+
+
+def test_a_larger_block_takes_the_default_warning_with_it() -> None:
+    assert read("{block_m: 0.05}").warn == pytest.approx(0.058)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{block_m: 0.01, warn_m: 0.01}", "0.01 is not above block_m, 0.01"),
+        ("{block_m: -0.001}", "is outside >= 0"),
+        ("{warn_m: .nan}", "not a finite number"),
+        ("{block_m: 0.6}", "is outside >= 0 and <= 0.5"),
+        ("{blocks_m: 1}", "unknown key; nearest: block_m"),
+        ("{allow: torso}", "a list of pairs is expected"),
+        ("{allow: null}", "a list of pairs is expected"),
+        ("{allow: [[torso]]}", "is no pair of names"),
+        ("{allow: [torso, l_hand]}", "is no pair of names"),
+        ("{allow: [[a, b, c]]}", "is no pair of names"),
+        ("{allow: [[a, 3]]}", "both are names"),
+        ("{allow: [[a, '']]}", "both are names"),
+        ("{allow: [[a, a]]}", "no distance from itself"),
+        ("{allow: [[a, b], [b, a]]}", "stands there twice"),
+        ("{pairs: []}", "judges nothing"),
+        ("{world: maybe}", "true or false is expected"),
+    ],
+)
+def test_what_is_wrong_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read(text)
+    assert message in str(caught.value)
+
+
+def test_the_built_in_robots_have_a_section(tmp_path: Path) -> None:
+    for name in ("h24", "h24-split"):
+        gate = load_robot(name).gate
+        assert (gate.collision.block, gate.collision.warn, gate.on_torque) == (0.002, 0.010, "warn")

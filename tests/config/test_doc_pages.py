@@ -1,0 +1,27 @@
+"""Where a page lies is told of the machine that is asked, in the order in which it may have it."""
+
+from pathlib import Path
+
+from twind.config.doc_pages import CALIBRATION, page
+
+
+def test_the_first_folder_that_has_it_is_told(tmp_path: Path) -> None:
+    made, packaged = tmp_path / "local", tmp_path / "share"
+    (packaged / CALIBRATION).parent.mkdir(parents=True)
+    (packaged / CALIBRATION).touch()
+    assert page(CALIBRATION, (made, packaged)) == str(packaged / CALIBRATION)
+    (made / CALIBRATION).parent.mkdir(parents=True)
+    (made / CALIBRATION).touch()
+    assert page(CALIBRATION, (made, packaged)) == str(made / CALIBRATION)
+
+
+def test_where_no_folder_has_it_no_path_is_made_up(tmp_path: Path) -> None:
+    (tmp_path / CALIBRATION).mkdir(parents=True)  # a folder of that name is no page
+    assert page(CALIBRATION, (tmp_path,)) == "calibration/README.md of twind's sources"
+
+
+def test_where_installing_puts_the_pages_is_where_they_are_looked_for(tmp_path: Path) -> None:
+    said = (Path(__file__).parents[2] / "packaging/install.sh").read_text()
+    assert "SHARE=${SHARE:-/usr/local/share}" in said
+    assert '"$SHARE/doc/twind/$each"' in said
+    assert page("pyproject.toml").endswith("/pyproject.toml")

@@ -1,0 +1,117 @@
+"""`check robot` as a value: the table a person reads, and the errors a script counts."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from twind.config.calibration_file import Calibration, fitting, seam_margin
+from twind.config.counts import centre_of, turn_start
+from twind.config.robot_file import load_robot
+from twind.config.robot_report import check_robot
+from twind.twin.binding import bind
+from twind.virtual.virtual_robot_spec import calibration, specimen
+from twind_drivers.bus import IdentifiedDevice
+
+ROBOT = load_robot("h24")
+SETTINGS = {
+    "homing_offset": 0,
+    "drive_mode": 0,
+    "operating_mode": 3,
+    "min_position_limit": 0,
+    "max_position_limit": 4095,
+}
+DEVICES = {
+    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
+    for joint in ROBOT.joints
+}
+
+
+def calibrated(zero: int) -> Calibration:
+    zeros = dict.fromkeys(ROBOT.names, zero)
+    return fitting(ROBOT, zeros, DEVICES, created="2026-11-21T09:14:03Z", tool="twind")
+
+
+@pytest.mark.parametrize("name", ["h24", "h24-split"])
+def test_the_built_in_robots_are_without_errors(name: str) -> None:
+    assert check_robot(load_robot(name)).errors == ()
+
+
+def test_every_joint_has_a_row_with_its_limits_and_counts() -> None:
+    report = check_robot(ROBOT)
+    rows = {line.split()[0]: line for line in report.lines if line.split()[0] in ROBOT.names}
+    assert set(rows) == set(ROBOT.names)
+    assert "-0.1 .. 2.2" in rows["l_knee"]
+    assert "1983 .. 3482" in rows["l_knee"]
+    assert "2113 .. 614" in rows["r_knee"]  # turns the other way
+    assert any("not calibrated" in line for line in report.lines)
+
+
+def test_counts_follow_the_calibration() -> None:
+    report = check_robot(ROBOT, calibration=calibrated(2000))
+    assert any(
+        line.startswith("l_knee") and line.split()[-4:] == ["1935", "..", "3434", "2000"]
+        for line in report.lines
+    )
+    assert report.errors == ()
+
+
+def test_a_zero_that_pushes_the_limits_over_the_seam_is_an_error() -> None:
+    errors = check_robot(ROBOT, calibration=calibrated(1000)).errors
+    assert any(
+        each.startswith("joints.l_shoulder_pitch: counts -760..2760 leave the servo's turn")
+        for each in errors
+    )
+
+
+def test_an_impossible_rate_is_an_error_with_its_arithmetic() -> None:
+    [error] = check_robot(ROBOT, 900.0).errors
+    assert "900 Hz leaves 1111 us a cycle" in error
+
+
+def test_the_rate_of_the_file_is_checked_when_none_is_given() -> None:
+    assert check_robot(replace(ROBOT, rate_hz=900.0)).errors
+
+
+def test_modes_without_limits_of_the_servos_own_are_warned_of_by_name() -> None:
+    joints = tuple(
+        replace(joint, mode="extended_position") if joint.name == "l_knee" else joint
+        for joint in ROBOT.joints
+    )
+    report = check_robot(replace(ROBOT, joints=joints), calibration=calibrated(0))
+    (warning,) = (line for line in report.lines if line.startswith("warning:"))
+    assert warning.endswith("the daemon's clamp is the only fence: l_knee")
+    assert not any(each.startswith("joints.l_knee:") for each in report.errors)  # no turn to leave
+    assert any(each.startswith("joints.r_knee:") for each in report.errors)
+    assert not any(line.startswith("warning:") for line in check_robot(ROBOT).lines)
+
+
+def test_the_turn_of_a_p_series_begins_at_a_negative_count(tmp_path: Path) -> None:
+    """E-manual, PH54-200-S500-R, "Goal Position (564)": -501,923 .. 501,923 in position mode."""
+    text = ROBOT.path.read_text().replace("mjcf: h24.xml", f"mjcf: {ROBOT.mjcf_path}")
+    path = tmp_path / "p.yaml"
+    text = text.replace("XM430-W350", "PH54-200-S500-R").replace("ticks_per_turn: 4096", "")
+    path.write_text(text)
+    robot = load_robot(str(path))
+    kind = robot.joints[0].type
+    assert (centre_of(kind), turn_start(kind)) == (0, -501_923)
+    assert (centre_of(ROBOT.joints[0].type), turn_start(ROBOT.joints[0].type)) == (2048, 0)
+    made = specimen(robot)
+    known = calibration(made)
+    assert any(joint.sweep_ticks[0] < 0 < joint.sweep_ticks[1] for joint in known.joints)
+    assert all(joint.seam_margin_ticks > 0 for joint in known.joints)
+    assert not any(each.startswith("joints.") for each in check_robot(robot, calibration=known).errors)
+    assert bind(robot, known).joint_map.names == robot.names
+    assert bind(robot, None).joint_map.names == robot.names
+    beyond = replace(
+        known, joints=tuple(replace(joint, zero_ticks=joint.zero_ticks + 501_923) for joint in known.joints)
+    )
+    errors = check_robot(robot, calibration=beyond).errors
+    assert any("leave the servo's turn -501923..501922: remount the horn" in each for each in errors)
+
+
+def test_the_seam_of_a_p_series_is_half_a_turn_from_its_centre() -> None:
+    turn = 1_003_846
+    assert seam_margin((-1000, 1000), turn, -501_923) == 500_923
+    assert seam_margin((501_000, 502_000), turn, -501_923) == 0
+    assert seam_margin((-1000, 1000), turn) == 0

@@ -1,0 +1,82 @@
+"""The units of a type come from the model it names, and no robot file talks a servo's counts wrong."""
+
+from math import nan, pi
+
+import pytest
+
+from twind.config.config_section import ConfigSection
+from twind.config.servo_units import ServoUnits, units
+from twind.config.yaml_tree import ConfigError, parse
+from twind_drivers.dynamixel.control_tables import models, number_of, table
+
+
+def of(device: str, text: str = "name: x") -> ServoUnits:
+    return units(ConfigSection("robot.yaml", parse(text, "robot.yaml")), device)
+
+
+@pytest.mark.parametrize(
+    ("device", "turn", "ampere", "rpm"),
+    [
+        ("XM430-W350", 4096, 0.00269, 0.229),
+        ("XL330-M288", 4096, 0.001, 0.229),
+        ("XH430-V350-R", 4096, 0.00134, 0.229),
+        ("PH54-200-S500", 1_003_846, 0.001, 0.01),
+        ("YM070-210-M001", 524_288, 0.01, 0.01),
+    ],
+)
+def test_a_type_has_the_units_of_its_model(device: str, turn: int, ampere: float, rpm: float) -> None:
+    found = of(device)
+    assert found.ticks_per_turn == turn
+    assert found.current_lsb_a == pytest.approx(ampere)
+    assert found.velocity_lsb_rad_s == pytest.approx(rpm * 2.0 * pi / 60.0)
+
+
+@pytest.mark.parametrize(
+    "device", [name for name, number in models().items() if table(number).facts.counts_per_turn]
+)
+def test_counts_that_contradict_the_model_are_refused_with_both(device: str) -> None:
+    known = table(number_of(device)).facts.counts_per_turn
+    assert known is not None
+    assert of(device, f"ticks_per_turn: {known}").ticks_per_turn == known
+    for wrong in (known // 2, known * 2, known - known // 500):
+        with pytest.raises(ConfigError, match=f"{wrong}, but a {device} has {known}"):
+            of(device, f"ticks_per_turn: {wrong}")
+
+
+def test_a_p_series_is_never_taken_for_4096_counts() -> None:
+    with pytest.raises(ConfigError, match="1003846"):
+        of("PH54-200-S500", "ticks_per_turn: 4096")
+
+
+def test_the_vendors_two_figures_of_one_model_are_one_model() -> None:
+    """PM42-010: 526,374 by the .model file, 526,375 by the M42-10-S260-R(A) page."""
+    assert of("PM42-010-S260", "ticks_per_turn: 526375").ticks_per_turn == 526_375
+
+
+@pytest.mark.parametrize(
+    ("text", "missing"),
+    [("name: x", "velocity_lsb_rad_s"), ("velocity_lsb_rad_s: 0.001", "ticks_per_turn")],
+)
+def test_where_the_sources_disagree_the_file_must_say(text: str, missing: str) -> None:
+    """RH-P12-RN(A): 4096 counts and 0.01 rpm by its page, 4231 and 0.114 rpm by the .model file."""
+    with pytest.raises(ConfigError, match=f"{missing}.*disagrees"):
+        of("RH-P12-RN", text)
+
+
+def test_what_the_file_says_of_a_disputed_model_is_taken() -> None:
+    found = of("RH-P12-RN", "{ticks_per_turn: 4096, velocity_lsb_rad_s: 0.001}")
+    assert (found.ticks_per_turn, found.velocity_lsb_rad_s) == (4096, 0.001)
+
+
+def test_a_current_unit_that_was_measured_goes_before_the_manuals() -> None:
+    assert of("XM430-W350", "current_lsb_a: 0.0027").current_lsb_a == 0.0027
+
+
+@pytest.mark.parametrize("text", ["current_lsb_a: 0", "velocity_lsb_rad_s: -1", f"current_lsb_a: .{nan}"])
+def test_a_unit_that_is_no_unit_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError):
+        of("XM430-W350", text)
+
+
+def test_a_device_in_no_table_reads_as_the_x_series_and_is_named_elsewhere() -> None:
+    assert of("XM999-W1").ticks_per_turn == 4096

@@ -1,0 +1,112 @@
+"""The whole picture at several sizes, letter by letter, and what is dropped where there is little room."""
+
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.support.picture_messages import NAMES, bus, joints, troubled, view
+from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
+from twind.ctl.picture.picture_renderer import RichPicture, plain
+from twind.ctl.picture.picture_state import PictureState
+from twind.ctl.picture.styled_lines import length
+
+GOLDEN = Path(__file__).parents[1] / "data" / "monitor"
+SIZES = [(80, 24), (120, 40), (200, 60)]
+
+
+def printed(seen: PictureState, width: int, height: int, shown: PageSelection | None = None) -> str:
+    """As rich prints it on a console of that size."""
+    console = Console(width=width, height=height, file=StringIO(), color_system=None)
+    console.print(RichPicture(picture(seen, width, height, shown, seen.now)), end="")
+    assert isinstance(console.file, StringIO)
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines()) + "\n"
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+@pytest.mark.parametrize("kind", ["fine", "troubled"])
+def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -> None:
+    """Where a change is wanted: delete the file, run again, read what was written."""
+    seen = view() if kind == "fine" else troubled()
+    file = GOLDEN / f"{kind}-{width}x{height}.txt"
+    shown = printed(seen, width, height)
+    if not file.exists():
+        file.write_text(shown)
+        pytest.fail(f"{file.name} was not there: written, read it")
+    assert shown == file.read_text()
+
+
+@pytest.mark.parametrize("width", [1, 2, 9, 20, 39, 40, 79, 81, 99, 100, 133, 184, 185, 250])
+@pytest.mark.parametrize("height", [1, 2, 3, 5, 11, 24, 70])
+def test_it_is_never_wider_nor_taller_than_the_terminal(width: int, height: int) -> None:
+    for seen in (PictureState(now=0.0), view(), troubled()):
+        for page in PAGES:
+            lines = picture(seen, width, height, PageSelection(page, offset=7, frozen_since=1.0), seen.now)
+            assert len(lines) <= height
+            assert max(length(each) for each in lines) <= width
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_what_is_wrong_is_in_every_picture_whatever_its_size_and_page(width: int, height: int) -> None:
+    for page in PAGES:
+        text = plain(picture(troubled(), width, height, PageSelection(page)))
+        assert "!! FAULT !!" in text
+        assert "FAULT  FOLLOW_ERR: l_knee" in text
+        assert "do: check what blocks it, load and gains" in text
+        assert "WARN  lower: the adapter's latency timer is 16 ms" in text
+
+
+def test_joints_that_need_a_look_are_shown_before_the_others_where_not_all_have_room() -> None:
+    rows = [line for line in plain(picture(troubled(), 80, 24)).splitlines() if line[2:].startswith(NAMES)]
+    assert [row[:2] for row in rows[:3]] == ["? ", "! ", "! "]
+    assert [row[2:].split()[0] for row in rows[:4]] == ["head_yaw", "l_knee", "r_wrist", "head_pitch"]
+
+
+def test_where_all_joints_have_room_they_keep_the_robots_order() -> None:
+    rows = [
+        line[2:].split()[0] for line in plain(picture(troubled(), 120, 60)).splitlines() if line[2:3] != " "
+    ]
+    assert [row for row in rows if row in NAMES] == list(NAMES)
+
+
+def test_what_has_no_room_is_named_and_another_page_has_it() -> None:
+    lines = plain(picture(view(), 80, 24)).splitlines()
+    assert lines[-1].startswith("no room for hops, lateness, recorder, events: Tab shows more pages")
+    assert "moved" not in "\n".join(lines)
+    assert "! moved" in plain(picture(view(), 80, 24, PageSelection("timing")))
+
+
+def test_the_rows_of_joints_move_by_keys_and_stop_at_their_end() -> None:
+    def names(offset: int) -> list[str]:
+        lines = plain(picture(view(), 80, 24, PageSelection(offset=offset))).splitlines()
+        return [name for line in lines for name in NAMES if line[2:].startswith(f"{name} ")]
+
+    first, last = names(0), names(500)
+    assert first[0] == NAMES[0]
+    assert names(3) == list(NAMES[3 : 3 + len(first)])
+    assert last == list(NAMES[-len(last) :])
+
+
+def test_a_picture_without_a_size_has_everything_and_no_line_of_keys() -> None:
+    text = plain(picture(troubled(), 120, None))
+    assert all(f" {name} " in text for name in NAMES)
+    for said in ("latency, hop by hop", "ticks began late by", "refused last", "episode  pick the cup"):
+        assert said in text
+    assert "q ends" not in text
+
+
+def test_while_it_is_frozen_it_says_so_and_for_how_long() -> None:
+    seen = view()
+    assert (
+        plain(picture(seen, 80, 24, PageSelection(frozen_since=seen.now - 12.0), seen.now))
+        .splitlines()[-1]
+        .startswith(" FROZEN for 12 s  ")
+    )
+
+
+def test_a_robot_of_many_joints_and_buses_leaves_room_for_what_matters() -> None:
+    many = [each | {"name": f"{each['name']}_{k}"} for k in range(4) for each in joints()]
+    text = plain(picture(view(joints=many, buses=[bus(f"b{k}") for k in range(9)]), 80, 24))
+    for said in ("lease ", "loop ", "latency ", "b0 ", "more buses", "more joints", "POS_LIMIT"):
+        assert said in text

@@ -1,0 +1,166 @@
+"""Progress of long work: a line on a terminal, nothing anywhere else, and nothing left of it."""
+
+import argparse
+import fcntl
+import io
+import os
+import pty
+import re
+import struct
+import termios
+from pathlib import Path
+
+import pytest
+
+from twind.ctl.progress import BAR, ProgressLine
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class Told:
+    """A progress under a clock that the test moves."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, json: bool = False, **how: float) -> None:
+        monkeypatch.setenv("TERM", "xterm")
+        self.out, self.time = Terminal(), 100.0
+        options = argparse.Namespace(json=json)
+        self.progress = ProgressLine(options, "scan", out=self.out, now=lambda: self.time, **how)
+
+    def after(self, seconds: float, text: str, share: float | None = None) -> str:
+        """What is written when this is told so much later."""
+        self.time += seconds
+        place = self.out.tell()
+        self.progress.tell(text, share)
+        return self.out.getvalue()[place:]
+
+
+def test_a_line_says_what_how_much_how_long_and_how_long_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told(monkeypatch)
+    bar = "━" * (BAR // 4) + "─" * (BAR - BAR // 4)
+    assert told.after(1.0, "57600 baud", 0.25) == f"\rscan  {bar}  25%  0:01  57600 baud\x1b[K"
+    assert told.after(2.0, "1 Mbaud", 0.25) == f"\rscan  {bar}  25%  0:03, about 0:09 left  1 Mbaud\x1b[K"
+
+
+def test_a_step_with_escapes_in_its_name_moves_no_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Told(monkeypatch).after(0.0, "bus\x1b[2J\n").endswith("bus?[2J?\x1b[K")
+
+
+def test_what_nobody_can_tell_is_not_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Told(monkeypatch).after(65.0, "asking") == "\rscan  1:05  asking\x1b[K"
+    assert "25%" in Told(monkeypatch, seconds=40.0).after(10.0, "asking")
+
+
+@pytest.mark.parametrize(("share", "shown"), [(-1.0, "   0%"), (7.0, " 100%")])
+def test_a_share_beyond_the_whole_breaks_no_bar(
+    monkeypatch: pytest.MonkeyPatch, share: float, shown: str
+) -> None:
+    line = Told(monkeypatch).after(0.0, "", share)
+    assert shown in line
+    assert line.count("━") + line.count("─") == BAR
+
+
+def test_a_step_is_drawn_ten_times_a_second_at_most_and_a_new_one_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told = Told(monkeypatch)
+    assert told.after(0.0, "one")
+    assert told.after(0.05, "one", 0.9) == ""
+    assert "two" in told.after(0.0, "two")
+    assert "two" in told.after(0.15, "two")
+    told.progress.clear()
+    assert told.out.getvalue().endswith("\r\x1b[K")
+    assert "two" in told.after(0.0, "two")
+
+
+def test_clearing_what_is_not_shown_writes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told(monkeypatch)
+    with told.progress as progress:
+        progress.clear()
+    assert told.out.getvalue() == ""
+
+
+def test_whatever_ends_the_work_nothing_of_the_line_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told(monkeypatch)
+
+    def interrupted() -> None:
+        with told.progress as progress:
+            progress.tell("half", 0.5)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert told.out.getvalue().endswith("\r\x1b[K")
+    assert "\x1b[?" not in told.out.getvalue()  # neither a hidden cursor nor another screen
+
+
+def test_in_a_pipe_with_json_and_on_a_terminal_that_moves_no_cursor_it_is_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert Told(monkeypatch, json=True).after(0.0, "x", 0.5) == ""
+    pipe = io.StringIO()
+    ProgressLine(argparse.Namespace(json=False), "scan", out=pipe).tell("x", 0.5)
+    assert pipe.getvalue() == ""
+    monkeypatch.setenv("TERM", "dumb")
+    terminal = Terminal()
+    ProgressLine(argparse.Namespace(json=False), "scan", out=terminal).tell("x", 0.5)
+    assert terminal.getvalue() == ""
+
+
+def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    ours, theirs = pty.openpty()
+    with open(theirs, "w", encoding="utf-8") as out:
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
+        ProgressLine(argparse.Namespace(json=False), "scan", out=out).tell("a" * 100, 0.5)
+        shown = os.read(ours, 4096).decode()
+    os.close(ours)
+    assert len(shown.strip("\r").removesuffix("\x1b[K")) == 39
+
+
+def test_things_are_told_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told(monkeypatch)
+    taken = []
+    for thing in told.progress.each("abcd", "letter {}".format):
+        taken.append(thing)
+        told.time += 1.0
+    assert taken == list("abcd")
+    shown = told.out.getvalue().split("\r")[1:]
+    assert [line.split()[2] for line in shown] == ["0%", "25%", "50%", "75%"]
+    assert [line.split()[-1] for line in shown] == [f"{letter}\x1b[K" for letter in "abcd"]
+
+
+TOLD = {  # which verbs each file with a progress serves
+    "calibrating/endstop_command.py": ("calibrate endstop",),
+    "calibrating/calibrate_scan_command.py": ("calibrate scan",),
+    "ctl/check_command.py": ("check robot",),
+    "ctl/device_commands.py": ("scan",),
+    "ctl/motion_commands.py": ("move", "play"),
+    "doctor/__init__.py": ("doctor",),
+    "observe/export.py": ("export",),
+    "writing/recorder.py": ("record",),
+    "observe/recover.py": ("recover",),
+    "proving/prove_command.py": ("calibrate prove",),
+    "twind_calibration/port_scan.py": ("scan",),
+    "dataset/dataset_command.py": ("dataset",),
+    "policy/policy_run_command.py": ("policy run",),
+    "streaming/stream_runner.py": ("stream",),
+    "streaming/ingest.py": ("ingest",),
+    "training/trainer.py": ("train",),
+    "training/train_command.py": ("train",),
+}
+
+
+def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> None:
+    root = Path(__file__).parents[2]
+    files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
+    telling = [file for file in files if "import ProgressLine\n" in file.read_text(encoding="utf-8")]
+    found = {"/".join(file.parts[-2:]) for file in telling}
+    assert found - {"calibrating/sweep_display.py"} == set(TOLD)  # the board has a progress of another kind
+    page = (root / "docs" / "observe.md").read_text(encoding="utf-8")
+    said = page.split("## Progress of long work\n")[1].split("\n\n")[1]
+    assert sorted(re.findall(r"`([^`]+)`", said)) == sorted(
+        {verb for verbs in TOLD.values() for verb in verbs}
+    )

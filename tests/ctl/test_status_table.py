@@ -1,0 +1,102 @@
+"""The text of `twindctl status`: a port that works, and with which something is wrong all the same."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from tests.support.loop_stand_in import briefing, overview, tick
+from twind.ctl.status_table import joint_lines, render, status_lines
+from twind.front.state_cache import StateCache
+from twind.link import BusInfo
+
+SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"
+LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
+
+
+def status(*warnings: str | None) -> dict[str, Any]:
+    """What the front answers when the loop tells so of its buses."""
+    buses = [
+        BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
+        for place, warning in enumerate(warnings)
+    ]
+    world = StateCache(briefing())
+    world.take(msgspec.structs.replace(overview(100.0), buses=buses))
+    world.take(tick(100.0, 1))
+    answer: dict[str, Any] = msgspec.json.decode(world.status())
+    return answer
+
+
+def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
+    lines = status_lines(status(SLOW, None, LONG))
+    starts = [line.split()[:2] for line in lines]
+    first = starts.index(["bus", "bus_0"])
+    assert [line.split()[0] for line in lines[first : first + 5]] == [
+        "bus",
+        "warning",
+        "bus",
+        "bus",
+        "warning",
+    ]
+    assert lines[first + 1] == f"warning  bus_0: {SLOW}"
+    assert lines[first + 4] == f"warning  bus_2: {LONG}"
+
+
+@pytest.mark.parametrize("warning", [None, ""])
+def test_where_nothing_is_wrong_with_a_port_nothing_is_said(warning: str | None) -> None:
+    assert not [line for line in status_lines(status(warning)) if line.startswith("warning")]
+    assert not [line for line in status_lines(status()) if line.startswith("warning")]
+
+
+def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
+    answer = status(SLOW)
+    lines = status_lines(answer)
+    assert lines[-1].startswith("fault")
+    assert lines.index(f"warning  bus_0: {SLOW}") < len(lines) - 1
+    assert render(answer).splitlines() == lines
+
+
+def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first() -> None:
+    world = StateCache(briefing())
+    world.take(overview(100.0))
+    world.take(tick(100.0, 1))
+    joints = msgspec.json.decode(world.joints())
+    assert [joint["verified"] for joint in joints] == [True] * 23 + [False]
+    rows = joint_lines(joints)
+    assert [place for place, row in enumerate(rows) if "unverified" in row] == [24]
+    assert "silent, unverified" in rows[24]
+    (alone,) = joint_lines([joints[-1] | {"calibrated": False}])[1:]
+    assert "uncalibrated" in alone
+    assert "unverified" not in alone
+
+
+def test_where_no_robot_is_looked_at_nobody_says_who_is_verified() -> None:
+    world = StateCache(briefing())
+    world.take(msgspec.structs.replace(overview(100.0), verified=b""))
+    world.take(tick(100.0, 1))
+    joints = msgspec.json.decode(world.joints())
+    assert {joint["verified"] for joint in joints} == {None}
+    assert not any("verified" in row for row in joint_lines(joints))
+
+
+STREAM: dict[str, Any] = {
+    "name": "a1",
+    "endpoint": "http://x/in",
+    "rate_hz": 99.6,
+    "sent": 12,
+    "waiting": 3,
+    "dropped": 0,
+    "dead": 0,
+    "failures": 0,
+    "error": None,
+}
+
+
+def test_who_streams_has_a_line_that_says_what_was_lost_and_what_is_in_the_way() -> None:
+    wrong = {**STREAM, "dropped": 2, "failures": 7, "error": "Connection refused"}
+    lines = status_lines({**status(), "streams": [STREAM, wrong]})
+    assert [line for line in lines if line.startswith("stream")] == [
+        "stream   http://x/in: 99.6 Hz, 12 sent, 3 waiting",
+        "stream   http://x/in: 99.6 Hz, 12 sent, 3 waiting, 2 DROPPED, 7 failures; Connection refused",
+    ]
+    assert not [line for line in status_lines(status()) if line.startswith("stream")]

@@ -1,0 +1,117 @@
+"""Buses, hops and the lateness of ticks."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+from tests.support.picture_messages import HOPS, bus, loop, told, view, watched
+from twind.ctl.picture.picture_renderer import plain
+from twind.ctl.picture.picture_state import MonitorCollector
+from twind.ctl.picture.styled_lines import Line
+from twind.ctl.picture.timing_blocks import BARS, buses, hops, lateness, merged
+
+
+def said(**different: Any) -> tuple[str, set[str], bool]:
+    shown = buses(view(buses=[bus("upper", **different)]), 100).rows[0]
+    return plain([shown.line]), {style for _, style in shown.line}, shown.urgent
+
+
+def test_a_bus_says_where_it_is_how_often_how_long_and_how_full() -> None:
+    assert said() == (
+        "upper  /dev/twind/upper          connected          100   2.1   3.4   41%        0",
+        {""},
+        False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("different", "word", "style"),
+    [
+        ({"connected": False}, "NOT CONNECTED", "bad"),
+        ({"utilisation": 0.93}, "!93%", "warn"),
+        ({"errors": 12}, " 12", "warn"),
+        ({"warning": "a slow timer"}, " !", "warn"),
+        ({"port": ""}, "no port", ""),
+        ({"latency_ms": None, "latency_p99_ms": None}, "-     -", ""),
+    ],
+)
+def test_what_is_wrong_with_a_bus_is_a_word_or_a_sign(
+    different: dict[str, Any], word: str, style: str
+) -> None:
+    text, styles, _ = said(**different)
+    assert word in text
+    assert style in styles
+
+
+def test_a_bus_that_is_read_less_often_than_the_loop_runs_catches_the_eye_but_not_in_sim() -> None:
+    one = view(buses=[bus("upper")])
+    slow = dataclasses.replace(one, rates={"upper": 49.0})
+    assert "! 49" in plain([buses(slow, 100).rows[0].line])
+    assert one.status is not None
+    sim = dataclasses.replace(slow, status={**one.status, "mode": "sim"})
+    assert "!" not in plain([buses(sim, 100).rows[0].line])
+
+
+def test_a_bus_that_a_simulation_never_opens_is_no_trouble() -> None:
+    (row,) = buses(view(mode="sim", buses=[bus("upper", connected=False, port="")]), 100).rows
+    assert "not opened" in plain([row.line])
+    assert not row.urgent
+
+
+def test_every_hop_has_its_numbers_and_what_took_too_long_comes_first_where_room_is_short() -> None:
+    block = hops(view(), 100)
+    rows = [plain([row.line]).split() for row in block.rows]
+    assert [row[0] for row in rows if row[0] != "!"] == [name for name in HOPS if name != "moved"]
+    assert rows[1] == ["request", *["1.00", "1.10", "1.20", "1.30", "1.40", "1.50", "1.60", "0"]]
+    assert rows[8] == ["!", "moved", *["8.00", "8.10", "8.20", "8.30", "8.40", "8.50", "8.60", "3"]]
+    assert plain(block.shown(4)).splitlines()[2].startswith("! moved")
+
+
+def test_ticks_are_bars_whose_length_is_logarithmic_so_that_one_of_many_is_seen() -> None:
+    rows = [plain([row.line]) for row in lateness(view(), 100).rows]
+    long = {row.split("ms")[0].split()[-1]: row.count("█") for row in rows}
+    assert long["0.05"] == 40
+    assert 1 <= long["5"] < long["0.2"] < long["0.1"] < 40
+    assert "90.000% 9000" in rows[1]
+
+
+def test_a_tick_later_than_two_milliseconds_is_marked() -> None:
+    rows = [row.line for row in lateness(view(), 100).rows]
+    assert [plain([row]).endswith("!") for row in rows] == [False] * 7 + [True]
+    assert "warn" in styles(rows[-1])
+    assert "warn" not in styles(rows[0])
+
+
+def styles(of: Line) -> set[str]:
+    return {style for _, style in of}
+
+
+def test_buckets_without_anything_at_the_ends_are_left_out_and_many_are_joined() -> None:
+    assert merged([], 8) == []
+    assert merged([{"upper_ms": 1.0, "count": 0}, {"upper_ms": None, "count": 0}], 8) == []
+    many = [{"upper_ms": float(k), "count": int(3 <= k < 50)} for k in range(100)]
+    rows = merged(many, BARS)
+    assert len(rows) <= BARS
+    assert sum(count for _, count in rows) == 47
+    assert rows[0][0] is not None and rows[0][0] >= 3.0
+    assert rows[-1][0] == 49.0
+    assert merged([{"upper_ms": 1.0, "count": 2}, {"upper_ms": None, "count": 1}], 8) == [(1.0, 2), (None, 1)]
+
+
+def test_what_was_not_told_yet_has_no_block() -> None:
+    one = MonitorCollector()
+    assert (
+        hops(one.view(0.0), 80).whole
+        == lateness(one.view(0.0), 80).whole
+        == buses(one.view(0.0), 80).whole
+        == 0
+    )
+    known = watched()
+    told(known, "latency", [], 101.0)
+    assert hops(known.view(101.0), 80).whole == 0
+    assert "longer, unknown" in plain([row.line for row in lateness(view(loop=odd()), 80).rows])
+
+
+def odd() -> dict[str, Any]:
+    return loop(lateness=[{"upper_ms": 1.0, "count": 5}, {"upper_ms": None, "count": 1}])

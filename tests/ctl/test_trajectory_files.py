@@ -1,0 +1,61 @@
+"""Trajectory files are read strictly; ROS shapes become the socket's."""
+
+from pathlib import Path
+
+import pytest
+
+from twind.ctl.trajectory_files import load_motion, motion_names
+from twind.ctl.verb import Rejected, UsageError
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "path.json"
+    path.write_text(text)
+    return str(path)
+
+
+def test_built_in_motions_are_found_by_name() -> None:
+    assert "wave" in motion_names()
+    for name in motion_names():
+        assert load_motion(name)["points"]
+
+
+def test_motions_beside_a_robot_file_come_first(tmp_path: Path) -> None:
+    (tmp_path / "wave.json").write_text('{"joint_names": ["x"], "points": []}')
+    assert load_motion("wave", tmp_path)["joint_names"] == ["x"]
+    assert motion_names(tmp_path) == ("wave",)
+    assert load_motion("squat", tmp_path)["points"]
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("1.5", 1.5), ("2", 2), ('{"sec": 1, "nanosec": 250000000}', 1.25), ('{"nanosec": 5}', 5e-9), ("{}", 0)],
+)
+def test_time_may_be_seconds_or_sec_and_nanosec(tmp_path: Path, text: str, seconds: float) -> None:
+    point = f'{{"positions": [0], "accelerations": [], "time_from_start": {text}}}'
+    motion = load_motion(written(tmp_path, f'{{"header": 1, "joint_names": ["a"], "points": [{point}]}}'))
+    assert motion == {"joint_names": ["a"], "points": [{"positions": [0], "time_from_start": seconds}]}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('{"points": [\n  {"positions": [1,]}]}', ":2:20: Expecting value"),
+        ('{"points": [], "points": []}', "stands twice"),
+        ('{"points": [NaN]}', "NaN"),
+        ("[]", "expected an object with joint_names and points"),
+        ('{"points": [1]}', r"points\[0\]: expected an object"),
+        ('{"points": [{"positions": []}]}', r"points\[0\]"),
+        ('{"points": [{"time_from_start": {"sec": 1.5}}]}', "whole sec and nanosec"),
+        ('{"points": [{"time_from_start": {"secs": 1}}]}', "whole sec and nanosec"),
+        (" " * (5 << 20), "larger than 4 MiB"),
+    ],
+)
+def test_what_is_no_trajectory_is_rejected_with_its_place(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(Rejected, match=reason):
+        load_motion(written(tmp_path, text))
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(UsageError, match="wave"):
+        load_motion("wvae")

@@ -1,0 +1,324 @@
+"""Channels against another end: ptys, virtual motors, python-can's slcan and its bus without a wire."""
+
+import os
+from collections.abc import Callable, Iterator
+from math import inf
+
+import can
+import numpy as np
+import pytest
+
+from tests.support.can_channels_rig import Terminal
+from tests.support.can_frames import cycle, heard, messages_of, mixed, same
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can import can_ports
+from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
+from twind_drivers.can.channel import CanErrorState
+from twind_drivers.can.frame import frames
+from twind_drivers.can.python_can_channel import PythonCanChannel
+from twind_drivers.can.slcan_channel import SlcanChannel
+from twind_drivers.can.slcan_codec import encode
+from twind_drivers.clock import FakeClock, MonotonicClock
+from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.virtual.can.can_motor_physics import FirstOrderCanPhysics
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.can.virtual_can_bus import VirtualCanBus
+from twind_drivers.virtual.serial_loopback import Loopback
+
+OPENING = b"\r\rC\rS8\rO\r"
+NOWHERE = "can-none"
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    terminal = Terminal()
+    yield terminal
+    terminal.unplug()
+
+
+# ------------------------------------------------------------------------------------- slcan on a pty
+
+
+def test_a_serial_adapter_opens_by_its_name_and_speaks_both_ways(terminal: Terminal) -> None:
+    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
+    assert channel.name == terminal.path
+    assert terminal.told(len(OPENING)) == OPENING
+    channel.send(mixed(), 0.0)
+    assert terminal.told(len(encode(mixed()))) == encode(mixed())
+    os.write(terminal.master, encode(mixed()))
+    assert heard(channel, 12).tobytes() == mixed().tobytes()
+    assert terminal.told(2) == b"F\r"  # has it flags to tell?
+    channel.close()
+    assert terminal.told(4) == b"\r\rC\r"
+    assert channel.fileno() == -1
+
+
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_frames_that_come_in_pieces_come_whole(terminal: Terminal, size: int) -> None:
+    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
+    text, parts = encode(cycle(24)), []
+    for begin in range(0, len(text), size):
+        os.write(terminal.master, text[begin : begin + size])
+        if begin % (3 * size) == 0:
+            parts.append(channel.receive(0.0))
+    parts.append(heard(channel, 24 - sum(map(len, parts))))
+    assert np.concatenate(parts).tobytes() == cycle(24).tobytes()
+    channel.close()
+
+
+def test_an_unplugged_adapter_is_lost_by_reading_and_by_writing_and_closes_quietly(
+    terminal: Terminal,
+) -> None:
+    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
+    terminal.unplug()
+    clock = MonotonicClock()
+    begin = clock.now()
+    clock.wait([channel], begin + 60.0)
+    assert clock.now() < begin + 30.0  # a hang-up wakes
+    acts: list[Callable[[], object]] = [
+        lambda: channel.receive(0.0),
+        lambda: channel.send(cycle(1), 0.0),
+        channel.purge,
+    ]
+    for act in acts:
+        with pytest.raises(PortError, match="unplugged") as lost:
+            act()
+        assert lost.value.lost
+    channel.close()
+
+
+def test_an_adapter_that_reads_nothing_fills_up_and_is_lost_after_a_second(terminal: Terminal) -> None:
+    channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
+    full = []
+    for tick in range(1000):
+        try:
+            channel.send(cycle(24), tick * 0.01)
+        except PortError as error:
+            full.append((tick, error))
+            if error.lost:
+                break
+    first, last = full[0], full[-1]
+    assert isinstance(first[1], OutputQueueFull)
+    assert last[1].lost
+    assert 100 <= last[0] - first[0] <= 150
+    channel.close()
+
+
+# ------------------------------------------------------------------------------------- slcan in process
+
+
+class Body:
+    """Four virtual motors behind a serial adapter in this process, and our channel to them."""
+
+    def __init__(self) -> None:
+        self.clock = FakeClock()
+        nodes = [NodeSpec(id=id, model="DM4340", feedback_id=0x10 + id) for id in range(1, 5)]
+        self.bus = VirtualCanBus("arm", nodes, FirstOrderCanPhysics(np.zeros(4)))
+        self.channel = SlcanChannel(Loopback(self.bus, self.clock), 1_000_000)
+
+    def tick(self) -> list[int]:
+        """10 ms: all are told to be limp, and who answers is given by id."""
+        begin = self.clock.now()
+        limp = np.frombuffer(bytes.fromhex("7FFF7FF0000007FF"), np.uint8)
+        self.channel.send(frames(np.arange(1, 5), limp), begin)
+        found = []
+        while self.clock.now() < begin + 0.01:
+            self.clock.wait([self.channel], begin + 0.01)
+            found += self.channel.receive(self.clock.now())["id"].tolist()
+        return sorted(found)
+
+
+def test_a_virtual_adapter_in_process_answers_under_a_fake_clock() -> None:
+    body = Body()
+    assert [body.tick() for _ in range(50)] == [[0x11, 0x12, 0x13, 0x14]] * 50
+    assert (body.channel.condition.line, body.channel.condition.refused) == (CanErrorState.ACTIVE, 0)
+    body.channel.close()
+
+
+def test_motors_without_power_are_a_line_that_is_off_and_come_back_when_they_answer() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.power(False)
+    began = body.clock.now()
+    while body.channel.condition.line is not CanErrorState.OFF:
+        assert not body.tick()
+        assert body.clock.now() < began + 1.0
+    body.channel.purge()
+    body.bus.faults.power(True)
+    while not body.tick():
+        assert body.clock.now() < began + 3.0
+    assert body.channel.condition.line is CanErrorState.PASSIVE  # as its flags said while nobody was there
+    ticks = [body.tick() for _ in range(30)]  # what waited while they started is answered first
+    assert ticks[-1] == [0x11, 0x12, 0x13, 0x14]
+    assert body.channel.condition.line is CanErrorState.ACTIVE
+
+
+def test_a_virtual_adapter_that_is_pulled_out_is_lost() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.unplug()
+    with pytest.raises(PortError, match="unplugged") as lost:
+        body.tick()
+    assert lost.value.lost
+    body.channel.close()
+
+
+def test_a_virtual_adapter_that_hangs_is_lost_after_a_second() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.stall()
+    began, lost = body.clock.now(), False
+    while not lost and body.clock.now() < began + 3.0:
+        try:
+            body.tick()
+        except PortError as error:
+            lost = error.lost
+            body.clock.sleep_until(body.clock.now() + 0.01)
+    assert lost
+    assert 1.0 <= body.clock.now() - began <= 1.2
+
+
+# ------------------------------------------------------------------------------------- python-can, virtual
+
+
+@pytest.fixture
+def pair(request: pytest.FixtureRequest) -> Iterator[tuple[PythonCanChannel, can.BusABC]]:
+    name = request.node.name
+    channel = open_channel(f"can:virtual:{name}", 1_000_000)
+    assert isinstance(channel, PythonCanChannel)
+    with can.Bus(name, interface="virtual", ignore_config=True) as other:
+        yield channel, other
+    channel.close()
+
+
+def test_frames_of_every_kind_pass_to_python_can_and_back(
+    pair: tuple[PythonCanChannel, can.BusABC],
+) -> None:
+    channel, other = pair
+    channel.send(mixed(), 0.0)
+    for wanted in messages_of(mixed()):
+        message = other.recv(timeout=0)
+        assert message is not None
+        assert same(message, wanted)
+    for message in messages_of(mixed()):
+        other.send(message)
+    assert channel.receive(0.0).tobytes() == mixed().tobytes()
+    assert not len(channel.receive(0.0))
+    assert (channel.condition.errors, channel.condition.refused) == (0, 0)
+
+
+def test_what_is_no_classic_frame_is_counted_and_not_given(
+    pair: tuple[PythonCanChannel, can.BusABC],
+) -> None:
+    channel, other = pair
+    other.send(can.Message(arbitration_id=1, is_fd=True, data=bytes(12), is_extended_id=False))
+    short = can.Message(arbitration_id=2, data=b"\1\2", is_extended_id=False)
+    short.dlc = 8  # as python-can's slcan gives a line that was cut
+    other.send(short)
+    other.send(can.Message(arbitration_id=3, data=b"\3", is_extended_id=False))
+    assert channel.receive(0.0)["id"].tolist() == [3]
+    assert channel.condition.errors == 2
+
+
+def test_what_is_no_frame_is_not_sent_and_neither_are_those_before_it(
+    pair: tuple[PythonCanChannel, can.BusABC],
+) -> None:
+    channel, other = pair
+    wrong = cycle(3)
+    wrong[2]["id"] = 0x800
+    with pytest.raises(ValueError, match="00000800 with 8 bytes"):
+        channel.send(wrong, 0.0)
+    assert other.recv(timeout=0) is None
+
+
+def test_a_bus_without_descriptor_wakes_both_clocks(pair: tuple[PythonCanChannel, can.BusABC]) -> None:
+    channel, other = pair
+    assert channel.fileno() == -1
+    fake = FakeClock()
+    fake.wait([channel], 0.5)
+    assert fake.now() == 0.5  # nothing there: time goes on
+    assert channel.arrival() == inf
+    other.send(messages_of(cycle(1))[0])
+    fake.wait([channel], 1.0)
+    assert fake.now() == 0.5
+    clock = MonotonicClock()
+    begin = clock.now()
+    clock.wait([channel], begin + 60.0)
+    assert clock.now() < begin + 30.0
+    assert channel.receive(0.5).tobytes() == cycle(1).tobytes()  # looking has not eaten it
+
+
+def test_a_closed_channel_is_lost_and_wakes_whoever_waits(
+    pair: tuple[PythonCanChannel, can.BusABC],
+) -> None:
+    channel, _ = pair
+    channel.close()
+    channel.close()
+    assert channel.arrival() == -inf
+    for act in (lambda: channel.send(cycle(1), 0.0), lambda: channel.receive(0.0)):
+        with pytest.raises(PortError, match="closed") as lost:
+            act()
+        assert lost.value.lost
+
+
+def test_a_purged_channel_hears_nothing_of_before_and_works(
+    pair: tuple[PythonCanChannel, can.BusABC],
+) -> None:
+    channel, other = pair
+    other.send(messages_of(cycle(1))[0])
+    assert channel.arrival() == -inf
+    channel.purge()
+    assert not len(channel.receive(0.0))
+    other.send(messages_of(cycle(1))[0])
+    assert len(channel.receive(0.0)) == 1
+
+
+# ------------------------------------------------------------------------------------- names of ports
+
+
+@pytest.mark.parametrize(
+    ("port", "parts"),
+    [
+        ("can:socketcan:can0", CanPort("socketcan", "can0")),
+        ("can:slcan:/dev/ttyACM0", CanPort("slcan", "/dev/ttyACM0")),
+        ("can:slcan:/dev/serial/by-path/pci-0:1:2", CanPort("slcan", "/dev/serial/by-path/pci-0:1:2")),
+        ("can:slcan:/dev/ttyUSB0@2000000", CanPort("slcan", "/dev/ttyUSB0", 2_000_000)),
+        ("can:udp_multicast:ff15:7079::1", CanPort("udp_multicast", "ff15:7079::1")),
+        ("can:virtual:a@b", CanPort("virtual", "a@b")),
+    ],
+)
+def test_a_ports_name_says_interface_and_channel(port: str, parts: CanPort) -> None:
+    assert can_ports.is_can(port)
+    assert parse(port) == parts
+
+
+@pytest.mark.parametrize(
+    "port", ["can:", "can:can0", "can::can0", "can:slcan:", "/dev/ttyACM0", "", "CAN:socketcan:can0"]
+)
+def test_another_name_is_refused_with_the_form(port: str) -> None:
+    with pytest.raises(ValueError, match="a CAN port is can:INTERFACE:CHANNEL, such as can:socketcan:can0"):
+        parse(port)
+    with pytest.raises(PortError, match="a CAN port is can:INTERFACE:CHANNEL"):
+        open_channel(port, 1_000_000)
+
+
+@pytest.mark.parametrize("rate", ["", "fast", "0", "-5", "²"])
+def test_a_baud_rate_that_is_none_is_refused(rate: str) -> None:
+    with pytest.raises(ValueError, match="after @ stands the adapter's baud rate"):
+        parse(f"can:slcan:/dev/ttyUSB0@{rate}")
+
+
+def test_what_is_plugged_in_is_present(terminal: Terminal) -> None:
+    assert present(f"can:slcan:{terminal.path}")
+    assert not present("can:slcan:/dev/ttyACM99")
+    assert present("can:socketcan:lo")  # the kernel has it; what it is, opening tells
+    assert not present(f"can:socketcan:{NOWHERE}")
+    assert present("can:pcan:PCAN_USBBUS1")  # nobody can say
+
+
+def test_a_serial_port_that_cannot_be_had_says_why(terminal: Terminal) -> None:
+    with pytest.raises(PortError, match="no such port"):
+        open_channel("can:slcan:/dev/ttyACM99", 1_000_000)
+    with pytest.raises(PortError, match="bitrate 123 is not one that slcan knows"):
+        open_channel(f"can:slcan:{terminal.path}", 123)
+    SerialTransport(terminal.path, 115_200).close()  # and the port is free again

@@ -1,0 +1,128 @@
+"""Torque over CAN, on and off: nobody runs after a place that changed, nobody who held is let go, no late
+answer counts."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from tests.support.can_driver_rig import CanRig
+from twind_drivers.bus import DeviceRefused, NoReply
+
+
+@pytest.mark.parametrize("models", [("DM4310",) * 4, ("RS01",) * 3])
+def test_who_held_before_keeps_its_torque_when_one_stays_silent(models: Sequence[str]) -> None:
+    rig = CanRig(models)
+    here = rig.arm()
+    rig.ticks(5, here)
+    rig.open()  # another daemon finds them holding
+    rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.silence(2)
+    with pytest.raises(NoReply):
+        rig.beside(rig.writer.torque(True))
+    assert rig.energised().all()
+    rig.ticks(5)
+    assert rig.energised()[[0, 2]].all()
+
+
+def test_who_was_limp_is_let_go_again_when_one_stays_silent() -> None:
+    rig = CanRig(("DM4310",) * 3)
+    here = rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.silence(2)
+    with pytest.raises(NoReply):
+        rig.beside(rig.writer.torque(True))
+    rig.ticks(3)
+    assert not rig.energised()[[0, 2]].any()
+
+
+@pytest.mark.parametrize("turns", [1.0, 0.15, -0.02])
+def test_a_place_that_changes_at_torque_on_by_a_part_of_a_turn_ends_it_before_anybody_is_stiff(
+    turns: float,
+) -> None:
+    """An encoder before a gear of 6 or 9 changes by a sixth or a ninth of a turn of the output."""
+    rig = CanRig(("DM4310",) * 3)
+    here = rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.wrap(2, turns)
+    before = rig.places()
+    with pytest.raises(DeviceRefused, match="turn changed"):
+        rig.beside(rig.writer.torque(True))
+    rig.ticks(5)
+    assert not rig.energised().any()
+    assert abs(rig.places() - before).max() <= 8
+
+
+def test_one_late_answer_is_no_acknowledgement_of_torque_off() -> None:
+    """A CubeMars does not say whether its torque is on: only both answers to both orders count."""
+    rig = CanRig(("AK70-10",) * 2)
+    rig.ticks(3, rig.arm())
+    script = rig.writer.torque(False)
+    rig.read()
+    order = next(script)
+    rig.faults.drop(1, 2)  # of two answers of node 2 one is missing
+    reply = rig.transact(order)
+    assert int(rig.reader.line.heard.count[1]) == 1
+    again = script.send(reply)
+    assert rig.registers.torque.tolist() == [0, -1]
+    with suppress(StopIteration):
+        script.send(rig.transact(again))
+    assert np.array_equal(rig.registers.torque, [0, 0])
+
+
+def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulled() -> None:
+    """It answers commands alone, so whoever wants to hear it takes its stiffness: damping stays."""
+    rig = CanRig(("AK70-10",) * 2)
+    rig.ticks(5, rig.arm())
+    rig.open()  # another daemon
+    rig.ticks(150)
+    knocks = [train for train in rig.channel.trains if len(train)]
+    assert knocks
+    for train in knocks:
+        data = train["data"].astype(int)
+        kp, kd = (data[:, 3] & 15) << 8 | data[:, 4], data[:, 5] << 4 | data[:, 6] >> 4
+        assert not kp.any()
+        assert (kd > 0).all()
+        assert (data[:, 2] << 4 | data[:, 3] >> 4 == 0x7FF).all(), "a speed"
+        assert ((data[:, 6] & 15) << 8 | data[:, 7] == 0x7FF).all(), "a torque"
+
+
+def test_a_loop_too_slow_for_the_watchdogs_is_told_so_before_torque_and_a_slow_one_holds() -> None:
+    slow = CanRig(("DM4310",) * 2, rate_hz=10.0)
+    here = slow.heard()
+    with pytest.raises(DeviceRefused, match=r"at 10 Hz a command comes every 0\.100 s: 20 Hz are needed"):
+        slow.beside(slow.writer.prepare(here))
+    enough = CanRig(("DM4310",) * 2, rate_hz=20.0)
+    enough.ticks(20, enough.arm())
+    assert enough.energised().all()
+    assert (enough.registers.watchdog == 100).all()
+
+
+@pytest.mark.parametrize("models", [("DM4310",) * 3, ("RS01",) * 3])
+def test_who_is_silent_while_the_others_are_prepared_follows_nothing_until_he_is_too(
+    models: Sequence[str],
+) -> None:
+    """He is soft, or was away: stiffness towards a place that nobody knows would be a jerk."""
+    rig = CanRig(models)
+    here = rig.arm()
+    rig.ticks(5, here)
+    rig.beside(rig.writer.damp())
+    rig.faults.silence(2)
+    with pytest.raises(NoReply, match=r"\[2\]"):
+        rig.beside(rig.writer.prepare(here))
+    rig.faults.silence(2, False)
+    before = rig.places()
+    for step in range(30):
+        rig.tick(here + 10 * step)
+    moved = rig.places() - before
+    assert (moved[[0, 2]] > 100).all()
+    assert abs(moved[1]) < 20  # it coasts, damped
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.torque(True))
+    rig.ticks(30, here + 100)
+    assert abs(rig.places() - here - 100).max() < 80

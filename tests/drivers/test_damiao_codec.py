@@ -1,0 +1,297 @@
+"""Damiao: golden frames, every status, registers that never pass for feedback, strangers left alone."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from twind_drivers.bus import WireClamp
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can.damiao_codec import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
+from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
+
+IDS, MASTERS = (1, 2, 0x15), (0x11, 0x12, 0x11)  # the third shares a master id, not a low nibble
+MIDDLE = "7F FF 7F F7 FF"  # D1 to D5: nothing moves, nothing pulls
+
+
+def damiao() -> DamiaoCodec:
+    return DamiaoCodec("can0", IDS, ranges(3), MASTERS)
+
+
+def reply(
+    master: int, status: int, id: int, fields: str = MIDDLE, heat: tuple[int, int] = (30, 40)
+) -> Frames:
+    return frame(master, bytes([status << 4 | id & 0xF, *bytes.fromhex(fields), *heat]))
+
+
+def test_the_command_has_the_bytes_of_the_manual() -> None:
+    made = damiao().command(
+        column(0, 1, -np.pi), column(0, 0, 5), column(0, 50, 100), column(0, 1, 2.5), column(0, 0, -3.5)
+    )
+    assert wire(made) == [
+        (1, "7F FF 7F F0 00 00 07 FF"),
+        (2, "8A 3C 7F F1 99 33 37 FF"),
+        (0x15, "5F D4 95 43 33 7F F5 32"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("what", "last"), [("ENABLE", "FC"), ("DISABLE", "FD"), ("ZERO", "FE"), ("CLEAR", "FB")]
+)
+def test_special_frames(what: str, last: str) -> None:
+    assert wire(damiao().special(2, ValuelessCommand[what])) == [(0x15, "FF FF FF FF FF FF FF " + last)]
+
+
+def test_there_is_no_reboot() -> None:
+    with pytest.raises(ValueError, match="id 2: a Damiao actuator has no reboot"):
+        damiao().special(1, ValuelessCommand.REBOOT)
+
+
+def test_the_question_asks_each_for_one_frame() -> None:
+    assert wire(damiao().question()) == [
+        (0x7FF, "01 00 CC 00 00 00 00 00"),
+        (0x7FF, "02 00 CC 00 00 00 00 00"),
+        (0x7FF, "15 00 CC 00 00 00 00 00"),
+    ]
+
+
+def test_requests_of_registers() -> None:
+    motor = damiao()
+    assert wire(motor.read(2, TIMEOUT)) == [(0x7FF, "15 00 33 09 00 00 00 00")]
+    assert wire(motor.write(0, TIMEOUT, (2000).to_bytes(4, "little"))) == [(0x7FF, "01 00 55 09 D0 07 00 00")]
+    assert TIMEOUT.unit * 2000 == pytest.approx(0.1)
+
+
+def test_only_what_may_be_written_is_written() -> None:
+    for name in ("esc_id", "master_id", "position_range", "serial_number", "can_rate"):
+        with pytest.raises(ValueError, match=name):
+            damiao().write(0, PARAMETERS[name], bytes(4))
+    with pytest.raises(ValueError, match="2 bytes"):
+        damiao().write(0, TIMEOUT, bytes(2))
+
+
+def test_identity_is_of_the_parameters_and_holds_what_the_checks_need() -> None:
+    assert set(IDENTITY) <= set(PARAMETERS)
+    numbers = {PARAMETERS[name].address for name in IDENTITY}
+    assert numbers == {0, 2, 7, 8, 9, 10, 13, 14, 15, 21, 22, 23, 29}
+    whole = {7, 8, 9, 10, 13, 14, 15, 35}
+    for parameter in PARAMETERS.values():
+        assert (parameter.kind is RegisterType.U32) == (parameter.address in whole)
+
+
+STATUS = {
+    0x0: (0, 0),
+    0x1: (1, 0),
+    0x8: (0, bits.VOLTAGE),
+    0x9: (0, bits.VOLTAGE),
+    0xA: (0, bits.ELECTRICAL),
+    0xB: (0, bits.HEAT),
+    0xC: (0, bits.HEAT),
+    0xD: (-1, bits.SILENCE),
+    0xE: (0, bits.OVERLOAD),
+}
+
+
+@pytest.mark.parametrize("status", range(16))
+def test_every_status_says_torque_and_fault(status: int) -> None:
+    feedback, told = damiao().feedback(reply(0x12, status, 2))
+    assert told.all()
+    assert (feedback.enabled[0], feedback.fault[0]) == STATUS.get(status, (-1, bits.UNKNOWN))
+
+
+def test_feedback_is_read_field_by_field() -> None:
+    received = np.concatenate(
+        [reply(0x11, 1, 0x15, "FF FF 00 00 00", (55, 44)), reply(0x11, 0, 1, "00 00 FF FF FF", (1, 200))]
+    )
+    feedback, told = damiao().feedback(received)
+    assert told.all()
+    assert list(feedback.rows) == [2, 0]
+    assert feedback.position == pytest.approx([12.5, -12.5])
+    assert feedback.velocity == pytest.approx([-30.0, 30.0])
+    assert feedback.effort == pytest.approx([-10.0, 10.0])
+    assert list(feedback.temperature) == [55.0, 200.0]  # the hotter of power stage and winding
+    assert np.isnan(feedback.voltage).all()
+
+
+def test_of_several_of_one_actuator_the_last_stands_last() -> None:
+    received = np.concatenate([reply(0x12, 1, 2, "90 00 7F F7 FF"), reply(0x12, 1, 2, "A0 00 7F F7 FF")])
+    feedback, _ = damiao().feedback(received)
+    assert list(feedback.rows) == [1, 1]
+    assert feedback.position[1] > feedback.position[0]
+
+
+@pytest.mark.parametrize("order", [0x33, 0x55, 0xAA, 0xCC])
+@pytest.mark.parametrize("register", [0, 9, 23, 81])
+def test_register_traffic_never_passes_for_feedback(order: int, register: int) -> None:
+    received = frame(0x12, bytes([2, 0, order, register, 1, 2, 3, 4]))
+    feedback, told = damiao().feedback(received)
+    assert not told.any()
+    assert len(feedback.rows) == 0
+    answers, answered = damiao().answered(received)
+    assert answered.all() == (order in (0x33, 0x55))
+    if answered.all():
+        assert answers[0] == (1, register, bytes([1, 2, 3, 4]), order == 0x55)
+
+
+def test_the_traps_that_were_met_would_otherwise_be_places() -> None:
+    motor = damiao()
+    acknowledged = motor._scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
+    assert acknowledged[0, 0] == pytest.approx(-12.468, abs=1e-3)
+    asked = motor._scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
+    assert asked[0, 0] == pytest.approx(-12.422, abs=1e-3)
+    assert not motor.feedback(frame(0x11, "01 00 55 09 00 00 00 00"))[1].any()
+    assert not motor.feedback(frame(0x7FF, "01 00 CC 00 00 00 00 00"))[1].any()
+
+
+def test_an_actuator_that_stands_at_that_place_is_still_heard() -> None:
+    at_rest = frame(0x12, "12 00 55 7F F7 FF 1E 1E")  # velocity 0: D3 is no register
+    feedback, told = damiao().feedback(at_rest)
+    assert told.all()
+    assert feedback.position[0] == pytest.approx(-12.468, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        reply(0x13, 1, 3),  # another master id
+        reply(0x12, 1, 3),  # our master id, another actuator
+        reply(0x11, 1, 2),  # of actuator 2, but not on its id
+        reply(0x12 | EXTENDED, 1, 2),
+        reply(0x12 | ERROR, 1, 2),
+        frame(0x12 | REMOTE, b"", 8),
+        frame(0x12, "12 7F FF 7F F7 FF 1E"),  # too short
+        reply(2, 1, 2),  # its command id
+        reply(0x7FF, 1, 2),
+    ],
+    ids=range(9),
+)
+def test_strangers_are_left_alone(stranger: Frames) -> None:
+    assert not damiao().feedback(stranger)[1].any()
+    assert not damiao().answered(stranger)[1].any()
+
+
+def test_an_answer_must_name_its_sender_in_full() -> None:
+    for id in ("05 00", "15 01", "25 00"):
+        assert not damiao().answered(frame(0x11, f"{id} 33 09 00 00 00 00"))[1].any()
+    assert damiao().answered(frame(0x11, "15 00 33 09 00 00 00 00"))[1].all()
+
+
+@given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
+@settings(max_examples=30)
+def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
+    decode_all(damiao(), frames)
+
+
+@given(noise((*IDS, *MASTERS)))
+@settings(max_examples=30)
+def test_nothing_is_both_feedback_and_a_register(frames: Frames) -> None:
+    motor = damiao()
+    assert not (motor.feedback(frames)[1] & motor.answered(frames)[1]).any()
+
+
+def test_everything_of_ours_that_can_do_something_is_known() -> None:
+    motor = damiao()
+    zero = np.zeros(3)
+    assert list(motor.commands_to(motor.command(zero, zero, zero, zero, zero))) == [0, 1, 2]
+    for row in range(3):
+        for what in (
+            ValuelessCommand.ENABLE,
+            ValuelessCommand.DISABLE,
+            ValuelessCommand.ZERO,
+            ValuelessCommand.CLEAR,
+        ):
+            assert list(motor.commands_to(motor.special(row, what))) == [row]
+        for parameter in PARAMETERS.values():
+            assert list(motor.commands_to(motor.read(row, parameter))) == [-1]
+            if parameter.writable:
+                assert list(motor.commands_to(motor.write(row, parameter, bytes(4)))) == [row]
+    assert (motor.commands_to(motor.question()) == -1).all()
+    stored = frame(0x7FF, "15 00 AA 01 00 00 00 00")
+    others = np.concatenate([frame(base + 2, bytes(8)) for base in (0x100, 0x200, 0x300)])
+    assert list(motor.commands_to(np.concatenate([stored, others]))) == [2, 1, 1, 1]
+    foreign = np.concatenate([frame(3, bytes(8)), frame(0x7FF, "03 00 55 09 00 00 00 00")])
+    assert (motor.commands_to(foreign) == -1).all()
+
+
+def test_the_position_of_a_command_is_read_back() -> None:
+    motor = damiao()
+    zero, wanted = np.zeros(3), column(-12.5, 0.3, 12.5)
+    made = motor.command(wanted, zero, zero, zero, zero)
+    assert motor.commanded(made) == pytest.approx(wanted, abs=25 / 65535)
+    assert np.isnan(motor.commanded(motor.special(0, ValuelessCommand.ENABLE))).all()
+    assert np.isnan(motor.commanded(motor.question())).all()
+    assert np.isnan(motor.commanded(frame(0x101, bytes(8)))).all()  # another mode: no MIT fields
+
+
+def test_ranges_that_were_read_replace_those_that_were_given() -> None:
+    motor = damiao()
+    motor.learn(1, {"position_range": 3.0, "velocity_range": 8.0, "torque_range": 28.0, "timeout": 0.0})
+    feedback, _ = motor.feedback(
+        np.concatenate([reply(0x12, 1, 2, "FF FF FF FF FF"), reply(0x11, 1, 1, "FF FF FF FF FF")])
+    )
+    assert feedback.position == pytest.approx([3.0, 12.5])
+    assert feedback.velocity == pytest.approx([8.0, 30.0])
+    assert feedback.effort == pytest.approx([28.0, 10.0])
+    assert list(motor.ranges.position) == [12.5, 3.0, 12.5]
+    zero = np.zeros(3)
+    with pytest.raises(WireClamp, match=r"id 2: position 3.1 outside -3.0..3.0"):
+        motor.command(column(0, 3.1, 0), zero, zero, zero, zero)
+
+
+@pytest.mark.parametrize("told", [0.0, -12.5, float("nan"), float("inf")])
+def test_a_range_that_is_none_is_refused_and_changes_nothing(told: float) -> None:
+    motor = damiao()
+    with pytest.raises(ValueError, match="position"):
+        motor.learn(1, {"position_range": told})
+    assert list(motor.ranges.position) == [12.5, 12.5, 12.5]
+
+
+def test_the_mode_is_register_10() -> None:
+    motor = damiao()
+    assert [motor.operating_mode({"mode": float(mode)}) for mode in (1, 2, 3, 4)] == [1, 2, 3, 4]
+    assert motor.operating_mode({}) == 0
+
+
+def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
+    for ids, masters, why in (
+        ((1, 1), (0x11, 0x12), "twice"),
+        ((0, 2), (0x11, 0x12), "outside"),
+        ((1, 0x100), (0x11, 0x12), "outside"),
+        ((1, 0x11), (0x20, 0x20), "look alike"),
+        ((1, 2), (0x11, 1), "no id of its own"),
+        ((1, 2), (0x11, 0x7FF), "no id of its own"),
+        ((1, 2), (0x11,), "1 master ids for 2"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            DamiaoCodec("can0", ids, ranges(2), masters)
+
+
+@given(st.floats(-1e6, 1e6, width=32))
+@settings(max_examples=40)
+def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
+    made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
+    (answer,), _ = damiao().answered(made)
+    parameter: FamilyRegister = PARAMETERS["position_range"]
+    assert answer.address == parameter.address
+    assert struct.unpack(parameter.kind.value, answer.data)[0] == value
+
+
+def test_no_gains_go_out_beside_the_commands() -> None:
+    assert len(damiao().gains(np.ones(3), np.ones(3))) == 0
+
+
+@pytest.mark.parametrize(
+    ("data", "traffic"),
+    [
+        ("02 0F 33 51 00 00 00 00", True),  # the last id and the last register that there are
+        ("02 10 33 51 00 00 00 00", False),
+        ("02 0F 33 52 00 00 00 00", False),
+        ("02 0F 34 51 00 00 00 00", False),
+    ],
+)
+def test_where_register_traffic_ends(data: str, traffic: bool) -> None:
+    assert damiao().feedback(frame(0x12, data))[1].all() != traffic

@@ -1,0 +1,73 @@
+"""Every driver and every family of actuators, by the one contract (`driver_contract`)."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.support.can_driver_rig import CanRig
+from tests.support.driver_contract_claims import DriverContract
+from tests.support.driver_rig import DriverRig
+from tests.support.virtual_serial_host import Host
+from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWriter
+from twind_drivers.virtual.serial_loopback import Loopback
+
+
+class Counted(Loopback):
+    """Counts what is written."""
+
+    written = 0
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        super().write(data)
+        self.written += len(data)
+
+
+class DynamixelRig(DriverRig):
+    """Four servos at tick 2048."""
+
+    def __init__(self) -> None:
+        self.name = "dynamixel2"
+        self.host = Host((1, 2, 3, 4))
+        self.clock, self.faults = self.host.clock, self.host.bus.faults
+        self.port = Counted(self.host.bus, self.clock)
+        self.lower, self.upper = np.zeros(4, np.int64), np.full(4, 4095, np.int64)
+        self.reader: DynamixelReader = DynamixelReader(
+            "arm", self.port, (1, 2, 3, 4), [1020] * 4, baud=2_000_000, return_delay_us=0
+        )
+        self.writer: DynamixelWriter = DynamixelWriter(self.reader, lower=self.lower, upper=self.upper)
+
+    def places(self) -> np.ndarray:
+        return np.rint(self.host.muscles.position).astype(np.int64)
+
+    def energised(self) -> np.ndarray:
+        return np.array([bool(on) for on in self.host.servos["torque_enable"]])
+
+    def sent(self) -> int:
+        return self.port.written
+
+
+RIGS: dict[str, Callable[[], DriverRig]] = {
+    "dynamixel": DynamixelRig,
+    "damiao": lambda: CanRig(("DM4310", "DM4340", "DM8009")),
+    "robstride": lambda: CanRig(("RS01", "RS02", "RS00")),
+    "cubemars": lambda: CanRig(("AK80-9", "AK70-10")),
+    "odrive": lambda: CanRig(("ODrive", "ODrive")),
+    "mixed": lambda: CanRig(("DM4310", "RS02", "AK70-10", "ODrive")),
+}
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=pytest.mark.slow if name == "mixed" else ()) for name in RIGS]
+)
+def fresh(request: pytest.FixtureRequest) -> Callable[[], DriverRig]:
+    return RIGS[request.param]
+
+
+@pytest.fixture
+def rig(fresh: Callable[[], DriverRig]) -> DriverRig:
+    return fresh()
+
+
+class TestContract(DriverContract):
+    pass

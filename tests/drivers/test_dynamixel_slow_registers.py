@@ -1,0 +1,62 @@
+"""The turns of the slow registers: what is lost is asked again, and nobody waits for it."""
+
+import numpy as np
+import pytest
+
+from twind_drivers.bus import ReadRequest
+from twind_drivers.dynamixel.control_tables import table
+from twind_drivers.dynamixel.device_layout import layout_of
+from twind_drivers.dynamixel.dynamixel_slow_registers import DynamixelSlowRegisters
+from twind_drivers.dynamixel.serial_cycle_budget import upkeep
+
+IDS = tuple(range(1, 25))
+TICK = 0.01  # s
+HEALTH = 120  # the first register of a health slice
+
+
+def registers(fast: bool) -> DynamixelSlowRegisters:
+    tables = [table(1020)] * len(IDS)
+    made = DynamixelSlowRegisters(IDS, tables, [layout_of(each) for each in tables])
+    made.schedule(IDS, upkeep([len(IDS)], 100.0, fast=fast))
+    return made
+
+
+def answer(slow: DynamixelSlowRegisters, query: ReadRequest, ids: tuple[int, ...], now: float) -> None:
+    slow.fold(query, ids, np.zeros((len(ids), query.size), np.uint8), now)
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("phase", range(20))
+def test_what_fails_every_fifth_of_a_second_leaves_nobody_unread(fast: bool, phase: int) -> None:
+    """Health has a round of a fifth of a second: else it would be the same slice that is lost each time."""
+    slow = registers(fast)
+    for tick in range(400):
+        now, query = tick * TICK, slow.next()
+        if tick % 20 != phase:
+            answer(slow, query, query.ids, now)
+        if tick > 60:
+            assert (now - slow.registers.health_time).max() <= 0.46
+
+
+@pytest.mark.parametrize("fast", [True, False])
+def test_who_never_answers_costs_the_others_a_turn_of_health_and_none_of_status(fast: bool) -> None:
+    slow, dead = registers(fast), 7
+    others = np.array(IDS) != dead
+    for tick in range(200):
+        now, query = tick * TICK, slow.next()
+        answer(slow, query, tuple(id for id in query.ids if id != dead), now)
+        if tick > 50:
+            assert (now - slow.registers.status_time)[others].max() <= 0.051
+            assert (now - slow.registers.health_time)[others].max() <= 0.251
+    assert not np.isfinite(slow.registers.health_time[~others]).any()
+
+
+def test_a_slice_that_was_never_sent_is_asked_again_in_the_next_round_and_once_only() -> None:
+    slow, asked = registers(True), []
+    for tick in range(40):
+        query = slow.next()
+        if query.address == HEALTH:
+            asked.append(query.ids[0])
+            continue  # no answer of anybody
+        answer(slow, query, query.ids, tick * TICK)
+    assert asked == [1, 1, 7, 7, 13, 13, 19, 19]

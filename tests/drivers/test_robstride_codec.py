@@ -1,0 +1,277 @@
+"""RobStride by its own protocol: golden frames, faults and modes in the id, parameters, error echoes."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from twind_drivers.bus import WireClamp
+from twind_drivers.can import actuator_family as bits
+from twind_drivers.can.actuator_family import RegisterType, ValuelessCommand
+from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
+from twind_drivers.can.robstride_codec import (
+    IDENTITY,
+    PARAMETERS,
+    POSITION,
+    TIMEOUT,
+    VELOCITY,
+    RobStrideCodec,
+)
+
+IDS, HOST = (0x7F, 1), 0xFD
+MIDDLE = "7F FF 7F FF 7F FF 01 2C"  # nothing moves, 30.0 °C
+
+
+def motors() -> RobStrideCodec:
+    return RobStrideCodec("can0", IDS, ranges(2, 12.57, 33.0, 14.0))
+
+
+def told(id: int, data: str = MIDDLE, faults: int = 0, mode: int = 2, host: int = HOST) -> Frames:
+    return frame(EXTENDED | 2 << 24 | mode << 22 | faults << 16 | id << 8 | host, data)
+
+
+def answer(id: int, index: int, value: bytes, flag: int = 0) -> Frames:
+    return frame(
+        EXTENDED | 0x11 << 24 | flag << 16 | id << 8 | HOST, index.to_bytes(2, "little") + bytes(2) + value
+    )
+
+
+def test_the_command_carries_its_torque_in_the_id() -> None:
+    made = motors().command(column(1, 0), column(0, 0), column(50, 0), column(1, 0), column(0, 14))
+    assert wire(made) == [
+        (0x017FFF7F, "8A 2E 7F FF 19 99 33 33"),
+        (0x01FFFF01, "7F FF 7F FF 00 00 00 00"),
+    ]
+    assert (made["id"] & EXTENDED == EXTENDED).all()
+
+
+@pytest.mark.parametrize(
+    ("what", "id", "first"),
+    [
+        (ValuelessCommand.ENABLE, 0x0300FD7F, "00"),
+        (ValuelessCommand.DISABLE, 0x0400FD7F, "00"),
+        (ValuelessCommand.CLEAR, 0x0400FD7F, "01"),
+        (ValuelessCommand.ZERO, 0x0600FD7F, "01"),
+    ],
+)
+def test_special_frames(what: ValuelessCommand, id: int, first: str) -> None:
+    made = motors().special(0, what)
+    assert wire(made) == [(id, first + " 00" * 7)]
+    assert int(made["id"][0]) & EXTENDED
+
+
+def test_there_is_no_reboot() -> None:
+    with pytest.raises(ValueError, match="id 127: a RobStride has no reboot"):
+        motors().special(0, ValuelessCommand.REBOOT)
+
+
+def test_requests_of_parameters() -> None:
+    motor = motors()
+    assert wire(motor.read(0, PARAMETERS["run_mode"])) == [(0x1100FD7F, "05 70 00 00 00 00 00 00")]
+    ticks = (20000).to_bytes(4, "little")
+    assert wire(motor.write(0, TIMEOUT, ticks)) == [(0x1200FD7F, "28 70 00 00 20 4E 00 00")]
+    assert TIMEOUT.unit * 20000 == pytest.approx(1.0)
+    assert wire(motor.read(1, PARAMETERS["mcu_low"])) == [(0x0000FD01, "00" + " 00" * 7)]
+    with pytest.raises(ValueError, match="mechanical_position"):
+        motor.write(0, POSITION, bytes(4))
+
+
+def test_the_question_reads_place_and_speed_of_each() -> None:
+    motor = motors()
+    assert [(id, data[:5]) for id, data in wire(motor.question())] == [
+        (0x1100FD7F, "19 70"),
+        (0x1100FD01, "19 70"),
+        (0x1100FD7F, "1B 70"),
+        (0x1100FD01, "1B 70"),
+    ]
+    assert len(motor.question()) == motor.answers * len(IDS)
+
+
+def test_answers_to_the_question_are_feedback_and_parameters() -> None:
+    both = np.concatenate(
+        [
+            answer(1, POSITION.address, struct.pack("<f", -1.5)),
+            answer(0x7F, VELOCITY.address, struct.pack("<f", 2.5)),
+        ]
+    )
+    feedback, found = motors().feedback(both)
+    assert found.all()
+    assert list(feedback.rows) == [1, 0]
+    assert feedback.position[0] == -1.5
+    assert math.isnan(feedback.velocity[0])
+    assert math.isnan(feedback.position[1])
+    assert feedback.velocity[1] == 2.5
+    assert np.isnan(feedback.effort).all()
+    assert list(feedback.enabled) == list(feedback.fault) == [-1, -1]
+    answers, found = motors().answered(both)
+    assert found.all()
+    assert [each[:3] for each in answers] == [
+        (1, 0x7019, struct.pack("<f", -1.5)),
+        (0, 0x701B, struct.pack("<f", 2.5)),
+    ]
+
+
+@pytest.mark.parametrize("raw", ["00 00 C0 7F", "01 00 80 7F", "00 00 80 FF", "FF FF 7F 7F", "20 BC BE 4C"])
+def test_a_float_that_is_no_reading_says_nothing(raw: str) -> None:
+    feedback, found = motors().feedback(answer(1, POSITION.address, bytes.fromhex(raw)))
+    assert found.all()
+    assert math.isnan(feedback.position[0])
+
+
+def test_feedback_is_read_field_by_field() -> None:
+    feedback, found = motors().feedback(told(1, "FF FF 00 00 FF FF 01 2C"))
+    assert found.all()
+    assert list(feedback.rows) == [1]
+    assert (feedback.position[0], feedback.velocity[0], feedback.effort[0]) == pytest.approx(
+        (12.57, -33.0, 14.0)
+    )
+    assert (feedback.temperature[0], feedback.enabled[0], feedback.fault[0]) == (30.0, 1, 0)
+    cold, _ = motors().feedback(told(1, "7F FF 7F FF 7F FF FF CE"))
+    assert cold.temperature[0] == -5.0
+
+
+FAULTS = (bits.VOLTAGE, bits.ELECTRICAL, bits.HEAT, bits.ENCODER, bits.OVERLOAD, bits.UNCALIBRATED)
+
+
+def test_every_pattern_of_fault_and_mode_bits() -> None:
+    for faults in range(64):
+        for mode, enabled in ((0, 0), (1, 1), (2, 1), (3, -1)):
+            feedback, _ = motors().feedback(told(0x7F, faults=faults, mode=mode))
+            wanted = sum(meaning for bit, meaning in enumerate(FAULTS) if faults >> bit & 1)
+            assert feedback.fault[0] == wanted | (bits.UNKNOWN if mode == 3 else 0)
+            assert feedback.enabled[0] == enabled
+
+
+@pytest.mark.parametrize("bit", range(32))
+def test_every_bit_of_a_fault_frame_is_a_fault(bit: int) -> None:
+    named = {0: bits.HEAT, 1: bits.ELECTRICAL, 2: bits.VOLTAGE, 3: bits.ENCODER}
+    named |= {7: bits.UNCALIBRATED, 14: bits.OVERLOAD}
+    made = frame(EXTENDED | 0x15 << 24 | 1 << 8 | HOST, (1 << bit).to_bytes(4, "little") + bytes(4))
+    feedback, found = motors().feedback(made)
+    assert found.all()
+    assert (feedback.rows[0], feedback.fault[0]) == (1, named.get(bit, bits.UNKNOWN))
+    assert feedback.enabled[0] == -1
+    assert math.isnan(feedback.position[0])
+
+
+def test_an_error_echo_is_no_value() -> None:
+    for index in (POSITION.address, TIMEOUT.address):
+        echo = answer(1, index, bytes(4), flag=1)
+        assert not motors().feedback(echo)[1].any()
+        assert not motors().answered(echo)[1].any()
+
+
+def test_the_number_of_the_processor_comes_in_two_halves() -> None:
+    made = frame(EXTENDED | 1 << 8 | 0xFE, "01 02 03 04 05 06 07 08")
+    answers, found = motors().answered(made)
+    assert found.all()
+    assert [each[:3] for each in answers] == [(1, 0, bytes([1, 2, 3, 4])), (1, 4, bytes([5, 6, 7, 8]))]
+    assert not motors().feedback(made)[1].any()
+
+
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        told(2),
+        told(1, host=0xFE),
+        told(1, host=0x1F),
+        frame(0x0200FD01 & 0x7FF, MIDDLE),  # a standard frame
+        frame(EXTENDED | ERROR | 2 << 24 | 1 << 8 | HOST, MIDDLE),
+        frame(EXTENDED | REMOTE | 2 << 24 | 1 << 8 | HOST, b"", 8),
+        frame(EXTENDED | 2 << 24 | 1 << 8 | HOST, "7F FF 7F FF 7F FF 01"),
+        frame(EXTENDED | 0x18 << 24 | 1 << 8 | HOST, MIDDLE),  # its report: not documented
+        frame(EXTENDED | 0x12 << 24 | 1 << 8 | HOST, MIDDLE),
+    ],
+    ids=range(9),
+)
+def test_strangers_are_left_alone(stranger: Frames) -> None:
+    assert not motors().feedback(stranger)[1].any()
+    assert not motors().answered(stranger)[1].any()
+
+
+KINDS = [0, 1, 2, 3, 4, 6, 0x11, 0x12, 0x15, 0x18]
+NEAR = [EXTENDED | kind << 24 | id << 8 | HOST for kind in KINDS for id in IDS]
+NEAR += [EXTENDED | kind << 24 | HOST << 8 | id for kind in KINDS for id in IDS]
+
+
+@given(noise(NEAR))
+@settings(max_examples=30)
+def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
+    decode_all(motors(), frames)
+
+
+def test_everything_of_ours_that_can_do_something_is_known() -> None:
+    motor, zero = motors(), np.zeros(2)
+    made = motor.command(column(-12.57, 0.25), zero, zero, zero, column(14, -14))
+    assert list(motor.commands_to(made)) == [0, 1]
+    assert motor.commanded(made) == pytest.approx([-12.57, 0.25], abs=2 * 12.57 / 65535)
+    for row in range(2):
+        for what in (
+            ValuelessCommand.ENABLE,
+            ValuelessCommand.DISABLE,
+            ValuelessCommand.CLEAR,
+            ValuelessCommand.ZERO,
+        ):
+            order = motor.special(row, what)
+            assert list(motor.commands_to(order)) == [row]
+            assert np.isnan(motor.commanded(order)).all()
+        for parameter in PARAMETERS.values():
+            assert list(motor.commands_to(motor.read(row, parameter))) == [-1]
+            if parameter.writable:
+                assert list(motor.commands_to(motor.write(row, parameter, bytes(4)))) == [row]
+    for kind in (7, 22, 23, 24, 25):  # new id, save, rate, report, another protocol
+        assert list(motor.commands_to(frame(EXTENDED | kind << 24 | HOST << 8 | 1, bytes(8)))) == [1]
+    assert (motor.commands_to(told(1)) == -1).all()
+    assert (motor.commands_to(frame(1, bytes(8))) == -1).all()
+
+
+@given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
+@settings(max_examples=50)
+def test_what_was_told_can_be_commanded_again_within_one_count(position: int, torque: int) -> None:
+    motor = RobStrideCodec("can0", [1], ranges(1, 12.57, 33.0, 14.0))
+    data = struct.pack(">HHHH", position, 0, torque, 300)
+    feedback, _ = motor.feedback(frame(EXTENDED | 2 << 24 | 2 << 22 | 1 << 8 | HOST, data))
+    zero = np.zeros(1)
+    made = motor.command(feedback.position, zero, zero, zero, feedback.effort)
+    assert position - 1 <= int.from_bytes(made["data"][0, :2].tobytes(), "big") <= position
+    assert torque - 1 <= int(made["id"][0]) >> 8 & 0xFFFF <= torque
+
+
+def test_what_a_field_cannot_hold_is_refused() -> None:
+    zero = np.zeros(2)
+    with pytest.raises(WireClamp, match=r"can0: id 1: torque 14.1 outside -14.0..14.0"):
+        motors().command(zero, zero, zero, zero, column(0, 14.1))
+
+
+def test_the_mode_is_motion_control_or_its_number_above_100() -> None:
+    motor = motors()
+    assert motor.operating_mode({"run_mode": 0.0}) == 1
+    assert [motor.operating_mode({"run_mode": float(mode)}) for mode in (1, 2, 3, 5)] == [101, 102, 103, 105]
+    assert motor.operating_mode({}) == 0
+
+
+def test_identity_is_of_the_parameters() -> None:
+    assert set(IDENTITY) <= set(PARAMETERS)
+    assert len({parameter.address for parameter in PARAMETERS.values()}) == len(PARAMETERS)
+    assert PARAMETERS["run_mode"].kind is RegisterType.U8
+    assert motors().watchdog is TIMEOUT
+
+
+@pytest.mark.parametrize(
+    ("ids", "host", "why"),
+    [((1, 1), HOST, "twice"), ((0, 1), HOST, "outside"), ((0xFD, 1), HOST, "host"), ((1, 2), 0xFE, "host")],
+)
+def test_ids_that_cannot_be_told_apart_are_refused(ids: tuple[int, int], host: int, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        RobStrideCodec("can0", ids, ranges(2), host)
+
+
+def test_another_host_id_is_used_both_ways() -> None:
+    motor = RobStrideCodec("can0", IDS, ranges(2), host=0x1F)
+    assert wire(motor.special(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
+    assert motor.feedback(told(1, host=0x1F))[1].all()
+    assert not motor.feedback(told(1))[1].any()

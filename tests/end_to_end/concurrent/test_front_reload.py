@@ -1,0 +1,125 @@
+"""A real front whose loop grants changes, refuses them or says nothing: it goes by the loop's word alone."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from tests.config.test_hot_changes import files
+from tests.end_to_end.concurrent.test_front_server import Raw, code
+from tests.front.test_reload_worker import briefed
+from tests.support.loop_stand_in import StandIn
+from twind import link
+from twind.briefing import Briefing
+from twind.front import reload_queue
+from twind.robot.finding import Finding, ReasonCode
+
+LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
+NARROW = {LINE: "head_yaw:         {id: 1, limits_rad: [-0.3, 0.3]"}
+KEY = "joints.head_yaw.limits_rad"
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> Iterator[StandIn]:
+    told = briefed(files(tmp_path))
+    stand_in = StandIn(tmp_path, told=told, goal=np.zeros(24).tobytes())
+    stand_in.await_lookahead()
+    yield stand_in
+    assert stand_in.close() == 0
+    assert "_BROKE" not in stand_in.log.read_text()
+
+
+def granted(command: link.Inward) -> list[link.Reply]:
+    assert isinstance(command, link.ApplyChanges)
+    return [
+        link.Reply(
+            ticket=command.ticket, parameters={"applied": sorted(command.changes), "needs_restart": []}
+        )
+    ]
+
+
+def path(points: int) -> dict[str, Any]:
+    rows = [
+        {"positions": [-0.3 * (place % 2), 0.3 * (place % 3)], "time_from_start": (place + 1) * 0.02}
+        for place in range(points)
+    ]
+    return {"joint_names": ["l_elbow", "l_shoulder_yaw"], "points": rows}
+
+
+def limits(client: Raw) -> list[float]:
+    joints = client.call("GetRobot")["parameters"]["robot"]["joints"]
+    return next([joint["lower"], joint["upper"]] for joint in joints if joint["name"] == "head_yaw")
+
+
+def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_back(
+    loop: StandIn, tmp_path: Path
+) -> None:
+    loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
+    files(tmp_path, robot=NARROW)
+    with Raw(loop) as busy, Raw(loop) as other:
+        other.send("Reload", parameters={})
+        adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
+        busy.send("Check", parameters={"trajectory": path(2000)})
+        time.sleep(0.05)
+        loop.send(*granted(adopt))
+        assert other.receive()["parameters"] == {"applied": [KEY], "needs_restart": []}
+        assert code(busy.receive()) == "CMD_EXPIRED"
+        assert not [command for command in loop.commands if isinstance(command, link.Submit)]
+        assert limits(other) == [-0.3, 0.3]
+        busy.call("Check", trajectory=path(2))
+    assert isinstance(adopt, link.ApplyChanges)
+    assert (adopt.generation, adopt.changes) == (1, {KEY: [-0.3, 0.3]})
+    told = [msgspec.msgpack.decode(data, type=Briefing) for data in loop.paths if b"generation" in data]
+    assert [each.generation for each in told] == [1]
+    last = [command for command in loop.commands if isinstance(command, link.Submit)][-1]
+    assert last.generation == 1
+
+
+def test_without_the_loop_s_word_the_front_goes_by_the_old_values(loop: StandIn, tmp_path: Path) -> None:
+    finding = Finding(ReasonCode.BUSY, message="torque is on")
+    loop.answers[link.ApplyChanges] = lambda command: [
+        link.Reply(
+            ticket=command.ticket, error="Refused", parameters={"findings": [msgspec.to_builtins(finding)]}
+        )
+    ]
+    files(tmp_path, "log_level: debug\n", NARROW)
+    with Raw(loop) as client:
+        before = client.call("GetRobot"), client.call("GetParameters")
+        answer = client.call("Reload")
+        assert [each["code"] for each in answer["parameters"]["findings"]] == ["BUSY"]
+        assert (client.call("GetRobot"), client.call("GetParameters")) == before
+        client.call("Check", trajectory=path(2))
+    submit = loop.await_command(link.Submit)
+    assert isinstance(submit, link.Submit)
+    assert submit.generation == 0
+
+
+def test_a_bad_file_is_told_to_the_loop_and_to_who_asked(loop: StandIn, tmp_path: Path) -> None:
+    files(tmp_path, "mode: fast\n")
+    with Raw(loop) as client:
+        answer = client.call("Reload")
+    assert [each["code"] for each in answer["parameters"]["findings"]] == ["CONFIG_REFUSED"]
+    failed = loop.await_command(link.ReloadFailed)
+    assert isinstance(failed, link.ReloadFailed)
+    assert f"{tmp_path}/twind.yaml:3:1: " in failed.message
+    kinds = [type(command) for command in loop.commands]
+    assert kinds.index(link.ReloadStarted) < kinds.index(link.ReloadFailed)
+    assert link.ApplyChanges not in kinds
+
+
+@pytest.mark.slow
+def test_a_loop_that_says_nothing_gets_another_front(tmp_path: Path) -> None:
+    """It may have taken the values: a front that does not know goes; the next is told what is in force."""
+    stand_in = StandIn(tmp_path, told=briefed(files(tmp_path)))
+    stand_in.answers[link.ApplyChanges] = lambda _: []
+    stand_in.await_lookahead()
+    files(tmp_path, "log_level: debug\n")
+    stand_in.send(link.ReloadWanted())
+    stand_in.await_message(lambda command: isinstance(command, link.ApplyChanges), 10.0)
+    assert stand_in.front.wait(reload_queue.ANSWER + 5.0) == 0
+    assert "LOOP_SILENT" in stand_in.log.read_text()
+    stand_in.close()

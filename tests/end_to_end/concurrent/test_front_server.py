@@ -1,0 +1,542 @@
+"""The control socket, on real bytes of a real front process; the loop behind it is a stand-in."""
+
+import contextlib
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import varlink
+
+from tests.support.loop_stand_in import NAMES, StandIn
+from twind import link
+from twind.protocol import CONTROL, SERVICE, load
+
+CONTRACT = load(CONTROL)
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    stand_in = StandIn(tmp_path_factory.mktemp("front"))
+    yield stand_in
+    assert stand_in.close() == 0
+
+
+@pytest.fixture
+def loop(shared: StandIn) -> Iterator[StandIn]:
+    """The shared loop with a clean memory, and nothing broken afterwards."""
+    shared.commands.clear()
+    shared.paths.clear()
+    shared.answers.clear()
+    yield shared
+    assert shared.front.poll() is None
+    assert "CALL_BROKE" not in shared.log.read_text()
+
+
+class Raw:
+    """A connection that sends what it is told, byte for byte."""
+
+    def __init__(self, loop: StandIn, name: str = "control", end: bytes = b"\0") -> None:
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(loop.directory / f"{name}.sock"))
+        self.socket.settimeout(5.0)
+        self.end, self._buffer = end, b""
+
+    def __enter__(self) -> "Raw":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def send(self, method: str, **keys: Any) -> None:
+        interface = SERVICE if method in ("GetInfo", "GetInterfaceDescription") else CONTROL
+        self.bytes(json.dumps({"method": f"{interface}.{method}", **keys}).encode() + self.end)
+
+    def bytes(self, data: bytes) -> None:
+        self.socket.sendall(data)
+
+    def receive(self) -> Any:
+        while self.end not in self._buffer:
+            data = self.socket.recv(1 << 18)
+            if not data:
+                raise EOFError
+            self._buffer += data
+        message, _, self._buffer = self._buffer.partition(self.end)
+        return json.loads(message)
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        self.send(method, parameters=parameters)
+        return self.receive()
+
+    def ended(self) -> bool:
+        """The front hung up; what it said before is thrown away."""
+        with contextlib.suppress(ConnectionResetError):
+            while self.socket.recv(1 << 18):
+                pass
+        return True
+
+
+def code(answer: dict[str, Any]) -> str:
+    assert answer["error"] == f"{CONTROL}.Refused"
+    return str(answer["parameters"]["findings"][0]["code"])
+
+
+# --------------------------------------------------------------------------- an independent client
+
+
+def test_varlink_introspects_calls_and_streams(loop: StandIn) -> None:
+    with varlink.Client(f"unix:{loop.directory}/control.sock") as client:
+        info = client.get_interfaces()
+        assert set(info) == {SERVICE, CONTROL}
+        assert client.get_interface(CONTROL).description == CONTRACT.description
+        with client.open(CONTROL) as robot:
+            assert robot.GetStatus()["status"]["state"] == "armed"
+            assert [joint["name"] for joint in robot.GetStatus(True)["joints"]] == NAMES
+            sequences = [
+                news["sequence"]
+                for news, _ in zip(robot.Monitor(["state"], 100.0, _more=True), range(5), strict=False)
+            ]
+            assert sequences == sorted(set(sequences))
+
+
+def test_varlink_understands_our_errors(loop: StandIn) -> None:
+    with varlink.Client(f"unix:{loop.directory}/observe.sock") as client, client.open(CONTROL) as robot:
+        with pytest.raises(varlink.VarlinkError) as caught:
+            robot.Arm()
+        assert caught.value.error() == f"{CONTROL}.NotAllowed"
+        assert caught.value.parameters() == {"role": "observer", "method": "Arm"}
+        with pytest.raises(varlink.VarlinkError) as caught:
+            robot.Monitor(topics=["rough"])
+        known = ["state", "latency", "status", "raw", "events", "verdicts", "trajectories", "stream"]
+        assert caught.value.parameters()["known"] == known
+
+
+# --------------------------------------------------------------------------- what is answered here
+
+
+@pytest.mark.parametrize("name", ["control", "observe"])
+@pytest.mark.parametrize(
+    ("method", "parameters"),
+    [("GetStatus", {}), ("GetStatus", {"joints": True}), ("GetRobot", {}), ("GetParameters", {})],
+)
+def test_reading_methods_answer_as_the_interface_says(
+    loop: StandIn, name: str, method: str, parameters: dict[str, Any]
+) -> None:
+    with Raw(loop, name) as client:
+        answer = client.call(method, **parameters)
+        assert set(answer) == {"parameters"}
+        CONTRACT.methods[method].results.check(answer["parameters"], "")
+    assert not [command for command in loop.commands if isinstance(command, link.Command)]
+
+
+def test_what_is_not_known_is_null_and_never_a_number(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        answer = client.call("GetStatus", joints=True)["parameters"]
+    last, first = answer["joints"][-1], answer["joints"][0]
+    assert (last["position"], last["age_ms"], last["heard"], last["torque"]) == (None, None, False, None)
+    assert (last["faults"], first["faults"]) == ([], ["overheating", "overload"])
+    assert (first["effort"], first["age_ms"], first["torque"]) == (None, 10.0, True)
+    assert answer["status"]["latency_max_ms"] is None
+    assert answer["status"]["faults"][0]["joint"] == NAMES[3]
+
+
+@pytest.mark.parametrize("topic", ["state", "latency", "status", "raw"])
+def test_a_topic_comes_at_its_rate_and_as_the_interface_says(loop: StandIn, topic: str) -> None:
+    with Raw(loop) as client:
+        client.send("Monitor", parameters={"topics": [topic], "rate": 10.0}, more=True)
+        times = []
+        for _ in range(4):
+            message = client.receive()
+            assert message["continues"] is True
+            CONTRACT.methods["Monitor"].results.check(message["parameters"], "")
+            assert message["parameters"]["dropped"] == 0
+            times.append(message["parameters"]["time"])
+    steps = [after - before for before, after in pairwise(times)]
+    assert 0.05 < sum(steps) / len(steps) < 0.2
+
+
+def test_how_far_apart_the_buses_were_read_is_in_status_and_state(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        status = client.call("GetStatus")["parameters"]["status"]
+        state = client.call("Monitor", topics=["state"])["parameters"]
+    assert (status["skew_ms"], status["skew_max_ms"]) == (1.5, 2.5)
+    assert state["skew_ms"] == 1.5 and state["mode"] == "live"
+    assert len(state["joints"]) == 24
+
+
+def test_events_and_verdicts_reach_those_who_watch_them(loop: StandIn) -> None:
+    finding = {"code": "POS_LIMIT", "joint": 2, "value": 2.0, "bound": 1.0}
+    with Raw(loop) as client:
+        client.send("Monitor", parameters={"topics": ["events", "verdicts"]}, more=True)
+        time.sleep(0.05)
+        loop.send(link.Event(time=1.0, sequence=7, level="info", code="TEST", message="hello"))
+        loop.send(link.VerdictReport(time=2.0, sequence=8, id="x", verdict={"refusals": [finding]}))
+        event, verdict = client.receive()["parameters"], client.receive()["parameters"]
+    assert (event["topic"], event["sequence"], event["event"]["message"]) == ("events", 7, "hello")
+    assert verdict["verdict"]["refusals"][0]["joint"] == NAMES[2]
+
+
+def test_without_more_a_monitor_gives_one_message(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        answer = client.call("Monitor", topics=["state"])
+        assert "continues" not in answer
+        assert answer["parameters"]["topic"] == "state"
+        assert client.call("GetInfo")["parameters"]["product"] == "twind"
+
+
+@pytest.mark.parametrize(("rate", "topics"), [(0.0, ["state"]), (-1.0, ["state"]), (1.0, [])])
+def test_a_monitor_of_nothing_is_refused(loop: StandIn, rate: float, topics: list[str]) -> None:
+    with Raw(loop) as client:
+        answer = client.call("Monitor", topics=topics, rate=rate)
+    assert answer["error"] == f"{SERVICE}.InvalidParameter"
+
+
+# --------------------------------------------------------------------------- what goes to the loop
+
+
+def test_a_command_carries_who_asked_and_its_answer_comes_back(loop: StandIn) -> None:
+    loop.answers[link.SetMode] = lambda c: [link.Reply(ticket=c.ticket, parameters={"mode": "sim"})]
+    with Raw(loop) as client:
+        assert client.call("SetMode", mode="sim") == {"parameters": {"mode": "sim"}}
+        command = loop.await_command(link.SetMode)
+        assert isinstance(command, link.SetMode)
+        assert (command.uid, command.holder) == (os.getuid(), f"uid {os.getuid()}, pid {os.getpid()}")
+        assert command.client > 0
+    loop.await_message(lambda message: message == link.ConnectionClosed(client=command.client))
+
+
+def test_an_error_of_the_loop_comes_back_with_joints_named(loop: StandIn) -> None:
+    finding = {"code": "POS_LIMIT", "joint": 1, "point": 0, "value": 2.0, "bound": 1.0, "message": ""}
+    loop.answers[link.Arm] = lambda c: [
+        link.Reply(ticket=c.ticket, error="Refused", parameters={"findings": [finding]})
+    ]
+    with Raw(loop) as client:
+        answer = client.call("Arm")
+    CONTRACT.errors["Refused"].check(answer["parameters"], "")
+    assert (
+        answer["parameters"]["findings"][0]["message"] == f"{NAMES[1]}, point 0: position 2 rad, bound 1 rad"
+    )
+
+
+def test_a_trajectory_travels_as_arrays_and_its_progress_comes_back(loop: StandIn) -> None:
+    def run(command: link.Command) -> list[link.Reply]:
+        assert isinstance(command, link.Submit)
+        steps = [("accepted", 0.0, True), ("running", 0.5, True), ("succeeded", 1.0, False)]
+        return [
+            link.Reply(
+                ticket=command.ticket,
+                continues=goes_on,
+                parameters={"id": command.id, "phase": phase, "progress": progress},
+            )
+            for phase, progress, goes_on in steps
+        ]
+
+    loop.answers[link.Submit] = run
+    path = {"joint_names": [NAMES[3], NAMES[0]], "points": [{"positions": [0.3, 1], "time_from_start": 1.0}]}
+    with Raw(loop) as client:
+        client.send("SubmitTrajectory", parameters={"trajectory": path}, more=True)
+        answers = [client.receive() for _ in range(3)]
+    assert [a["parameters"]["phase"] for a in answers] == ["accepted", "running", "succeeded"]
+    assert [a.get("continues") for a in answers] == [True, True, None]
+    command = loop.await_command(link.Submit)
+    assert isinstance(command, link.Submit)
+    there = link.unpack_path(loop.paths[0], command, len(NAMES))
+    assert (there.position[0, 3], there.position[0, 0]) == (0.3, 1.0)
+
+
+def test_a_trajectory_of_bad_form_never_reaches_the_loop(loop: StandIn) -> None:
+    path = {"joint_names": ["joint_99"], "points": [{"positions": [0.0, 1.0], "time_from_start": 1.0}]}
+    with Raw(loop) as client:
+        assert code(client.call("SubmitTrajectory", trajectory=path)) == "UNKNOWN_JOINT"
+        verdict = client.call("Check", trajectory=path)["parameters"]["verdict"]
+        assert {finding["code"] for finding in verdict["refusals"]} == {"UNKNOWN_JOINT", "BAD_SHAPE"}
+    assert not [command for command in loop.commands if isinstance(command, link.Submit)]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"joint_names": [], "positions": []}, "NO_JOINTS"),
+        ({"joint_names": ["nose"], "positions": [0.0]}, "UNKNOWN_JOINT"),
+        ({"joint_names": ["joint_1", "joint_1"], "positions": [0.0, 0.0]}, "DUP_JOINT"),
+        ({"joint_names": ["joint_1"], "positions": [0.0, 0.0]}, "BAD_SHAPE"),
+        ({"joint_names": ["joint_1"], "positions": [0.0], "velocities": []}, "BAD_SHAPE"),
+    ],
+)
+def test_a_setpoint_of_bad_form_is_refused(loop: StandIn, parameters: dict[str, Any], expected: str) -> None:
+    with Raw(loop) as client:
+        assert code(client.call("Setpoint", **parameters)) == expected
+
+
+def test_more_than_twenty_trajectories_a_second_are_refused(own: StandIn) -> None:
+    path = {"joint_names": [NAMES[0]], "points": [{"positions": [0.0], "time_from_start": 1.0}]}
+    own.await_lookahead()  # the first would wait for it, and the others come a second later
+    with Raw(own) as client:
+        answers = [client.call("Check", trajectory=path) for _ in range(25)]
+        assert ["error" in answer for answer in answers] == [False] * 20 + [True] * 5
+        assert code(answers[-1]) == "RATE_LIMIT"
+        time.sleep(1.05)
+        assert "error" not in client.call("Check", trajectory=path)
+
+
+def test_a_stop_overtakes_what_the_connection_waits_for(loop: StandIn) -> None:
+    loop.answers[link.Arm] = lambda c: []
+    with Raw(loop) as client:
+        client.send("Arm")
+        client.send("EStop", parameters={"level": "cut", "reason": "x" * 500})
+        stop = loop.await_command(link.EStop)
+        assert isinstance(stop, link.EStop)
+        assert (stop.level, len(stop.reason)) == ("cut", 200)
+
+
+def test_oneway_is_carried_and_not_answered(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        client.send("Cancel", oneway=True)
+        client.send("NoSuchMethod", oneway=True)
+        client.send("GetInfo")
+        assert client.receive()["parameters"]["product"] == "twind"
+        loop.await_command(link.Cancel)
+
+
+# --------------------------------------------------------------------------- bytes
+
+
+@pytest.mark.parametrize("end", [b"\0", b"\n"])
+def test_the_first_terminator_decides_and_answers_end_with_it(loop: StandIn, end: bytes) -> None:
+    with Raw(loop, end=end) as client:
+        for _ in range(3):
+            assert client.call("GetInfo")["parameters"]["vendor"] == "twind"
+
+
+def test_with_newlines_blank_lines_and_carriage_returns_do_no_harm(loop: StandIn) -> None:
+    with Raw(loop, end=b"\n") as client:
+        client.bytes(b'\r\n\n{"method":"org.varlink.service.GetInfo"}\r\n')
+        assert client.receive()["parameters"]["vendor"] == "twind"
+
+
+def test_with_nul_a_message_may_span_lines_after_the_first(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        assert client.call("GetInfo")
+        client.bytes(b'{\n"method":"org.varlink.service.GetInfo"\n}\0')
+        assert client.receive()["parameters"]["vendor"] == "twind"
+
+
+def test_a_message_in_pieces_and_several_in_one_piece_are_the_same(loop: StandIn) -> None:
+    message = b'{"method":"org.varlink.service.GetInfo"}\0'
+    with Raw(loop) as client:
+        for place in range(len(message)):
+            client.bytes(message[place : place + 1])
+        assert client.receive()["parameters"]["vendor"] == "twind"
+        client.bytes(message * 200)
+        for _ in range(200):
+            assert client.receive()["parameters"]["vendor"] == "twind"
+
+
+@pytest.mark.parametrize("parameters", [b"", b',"parameters":null', b',"parameters":{}'])
+def test_no_parameters_come_in_three_shapes(loop: StandIn, parameters: bytes) -> None:
+    with Raw(loop) as client:
+        client.bytes(b'{"method":"io.twind.Control.GetParameters"' + parameters + b"}\0")
+        assert "error" not in client.receive()
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        (b'{"method":"a","method":"b"}', "BAD_JSON"),
+        (b'{"method":"io.twind.Control.Setpoint","parameters":{"positions":[NaN]}}', "BAD_JSON"),
+        (b'{"method":"io.twind.Control.Setpoint","parameters":{"positions":[1e999]}}', "BAD_JSON"),
+        (b"[" * 20 + b"]" * 20, "BAD_JSON"),
+        (b"\xff\xfe", "BAD_JSON"),
+        (b"[]", "BAD_SCHEMA"),
+        (b"{}", "BAD_SCHEMA"),
+        (b'{"method":1}', "BAD_SCHEMA"),
+        (b'{"method":"a.B","id":1}', "BAD_SCHEMA"),
+        (b'{"method":"a.B","parameters":[]}', "BAD_SCHEMA"),
+        (b'{"method":"a.B","more":1}', "BAD_SCHEMA"),
+        (b'{"method":"a.B","more":true,"oneway":true}', "BAD_SCHEMA"),
+        (b'{"method":"a.B","upgrade":true}', "BAD_SCHEMA"),
+    ],
+)
+def test_what_is_no_call_is_refused_and_the_next_call_answered(
+    loop: StandIn, message: bytes, expected: str
+) -> None:
+    with Raw(loop) as client:
+        client.bytes(message + b"\0")
+        assert code(client.receive()) == expected
+        assert client.call("GetInfo")["parameters"]["vendor"] == "twind"
+    assert not [command for command in loop.commands if isinstance(command, link.Command)]
+
+
+def test_who_never_sends_a_call_is_closed(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        client.bytes(b"?\0" * 10)
+        assert [code(client.receive()) for _ in range(10)] == ["BAD_JSON"] * 10
+        assert client.ended()
+
+
+@pytest.mark.parametrize(
+    ("method", "parameters", "name"),
+    [
+        ("SetMode", {"mode": 1}, "mode"),
+        ("SetMode", {}, "mode"),
+        ("GetStatus", {"joints": 1}, "joints"),
+        ("Disarm", {"now": True}, "now"),
+        ("Scan", {"bauds": [57600]}, "bauds"),
+        ("GetInterfaceDescription", {"interface": None}, "interface"),
+    ],
+)
+def test_a_wrong_parameter_is_named(
+    loop: StandIn, method: str, parameters: dict[str, Any], name: str
+) -> None:
+    with Raw(loop) as client:
+        answer = client.call(method, **parameters)
+    assert answer["error"] == f"{SERVICE}.InvalidParameter"
+    assert answer["parameters"]["parameter"] == name
+    assert answer["parameters"]["message"]
+
+
+def test_unknown_methods_and_interfaces_are_told(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        assert client.call("Fly") == {
+            "error": f"{SERVICE}.MethodNotFound",
+            "parameters": {"method": f"{CONTROL}.Fly"},
+        }
+        answer = client.call("GetInterfaceDescription", interface="io.other")
+        assert answer["error"] == f"{SERVICE}.InterfaceNotFound"
+        client.bytes(b'{"method":"Status"}\0')
+        assert client.receive()["parameters"] == {"method": "Status"}
+
+
+@pytest.mark.parametrize(("name", "limit"), [("observe", 64 << 10), ("control", 4 << 20)])
+def test_a_message_too_large_is_refused_and_the_connection_closed(
+    loop: StandIn, name: str, limit: int
+) -> None:
+    with Raw(loop, name) as client:
+        fitting = b'{"method":"org.varlink.service.GetInfo"' + b" " * (limit - 40) + b"}"
+        assert len(fitting) == limit
+        client.bytes(fitting + b"\0")
+        assert client.receive()["parameters"]["vendor"] == "twind"
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            client.bytes(b"x" * (limit + 1))
+        assert code(client.receive()) == "FRAME_TOO_LARGE"
+        assert client.ended()
+
+
+def test_who_has_said_all_it_has_to_say_is_still_answered(loop: StandIn) -> None:
+    loop.answers[link.Disarm] = lambda c: [link.Reply(ticket=c.ticket, parameters={"state": "connected"})]
+    with Raw(loop, end=b"\n") as client:
+        client.send("Disarm")
+        client.socket.shutdown(socket.SHUT_WR)
+        assert client.receive()["parameters"] == {"state": "connected"}
+        assert client.ended()
+
+
+# --------------------------------------------------------------------------- many, slow and broken clients
+
+
+def test_a_slow_reader_loses_the_oldest_telemetry_and_is_told_how_much(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        client.send("Monitor", parameters={"topics": ["state"], "rate": 100.0}, more=True)
+        time.sleep(1.3)  # more than the kernel and the queue keep, less than the front's patience
+        last, lost, gap, end = 0, 0, 0, time.monotonic() + 5.0
+        while not lost and time.monotonic() < end:
+            message = client.receive()["parameters"]
+            lost, gap = message["dropped"], message["sequence"] - last - 1
+            last = message["sequence"]
+    assert lost
+    assert gap == lost
+
+
+def test_a_reader_that_takes_nothing_is_closed_and_others_are_served(loop: StandIn) -> None:
+    with Raw(loop) as frozen, Raw(loop) as other:
+        frozen.send("Monitor", parameters={"topics": ["state"], "rate": 100.0}, more=True)
+        assert "error" not in other.call("GetStatus")
+        end = time.monotonic() + 10.0
+        while "SLOW_READER" not in loop.log.read_text() and time.monotonic() < end:
+            assert "error" not in other.call("GetStatus")
+            time.sleep(0.05)
+        assert "SLOW_READER" in loop.log.read_text()
+        assert frozen.ended()
+        assert "error" not in other.call("GetStatus")
+
+
+def test_when_all_places_are_taken_an_estop_still_gets_through(loop: StandIn) -> None:
+    with contextlib.ExitStack() as stack:
+        taken = [stack.enter_context(Raw(loop, "observe")) for _ in range(16)]
+        for client in taken:
+            assert "error" not in client.call("GetStatus")
+        late = [stack.enter_context(Raw(loop, "observe")) for _ in range(6)]
+        assert late[-1].call("GetStatus")["error"] == f"{CONTROL}.Busy"
+        assert late[0].ended()  # the oldest of them made room
+        assert "error" not in late[-1].call("EStop")
+        loop.await_command(link.EStop)
+
+
+def test_a_connection_that_closes_in_the_middle_of_everything_hurts_nobody(loop: StandIn) -> None:
+    loop.answers[link.Arm] = lambda c: []
+    for message in (
+        b"",
+        b"{",
+        b'{"method":"io.twind.Control.Arm"}\0',
+        b'{"method":"io.twind.Control.GetRobot"}\0' * 50,
+    ):
+        with Raw(loop) as client:
+            client.bytes(message)
+    with Raw(loop) as client:
+        assert "error" not in client.call("GetStatus")
+
+
+# --------------------------------------------------------------------------- a loop of one's own
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[StandIn]:
+    stand_in = StandIn(tmp_path)
+    yield stand_in
+    stand_in.close()
+
+
+def test_a_full_link_is_busy_for_commands_and_owed_for_stops(own: StandIn) -> None:
+    with Raw(own) as client:
+        assert "error" not in client.call("GetStatus")
+        own.deaf = True
+        time.sleep(0.05)
+        busy, flood = None, [Raw(own) for _ in range(3)]
+        with contextlib.ExitStack() as stack:
+            for one in flood:
+                stack.enter_context(one)
+            end = time.monotonic() + 5.0
+            parameters = {"bus": "y" * 30000, "id": 1, "name": "x"}
+            for one in flood:
+                for _ in range(30):
+                    one.send("ReadRegister", parameters=parameters, oneway=True)
+            while busy is None and time.monotonic() < end:
+                client.send("ReadRegister", parameters=parameters)
+                client.socket.settimeout(0.5)
+                with contextlib.suppress(TimeoutError):
+                    busy = client.receive()
+        assert busy is not None
+        assert busy["error"] == f"{CONTROL}.Busy"
+        assert "full" in busy["parameters"]["what"]
+        client.socket.settimeout(5.0)
+        client.send("EStop")
+        own.deaf = False
+        own.await_command(link.EStop)
+        assert "error" not in client.receive()
+
+
+def test_sigterm_and_sigint_leave_the_front_alone_and_the_loops_end_ends_it(own: StandIn) -> None:
+    with Raw(own) as client:
+        assert "error" not in client.call("GetStatus")
+        own.front.terminate()
+        own.front.send_signal(2)
+        time.sleep(0.1)
+        assert "error" not in client.call("GetStatus")
+        assert own.heartbeats > 0
+        assert own.close() == 0
+        assert client.ended()

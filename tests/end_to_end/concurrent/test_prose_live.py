@@ -1,0 +1,42 @@
+"""With each text of the daemon replaced by an `x`, bridge and uplink know a stop and the end of a motion.
+
+`pytest --blank-messages` does the same with any other test.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parents[2]
+PATIENCE = 300.0  # s
+TESTS = (
+    "bridge/test_motion_session.py",
+    "bridge/test_lease_keeper.py",
+    "bridge/test_trajectory_dispatcher.py",
+    "end_to_end/concurrent/test_ros_command_zenoh.py::test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_told",
+    "end_to_end/concurrent/test_ros_command_zenoh.py::test_a_stop_by_service_ends_a_motion",
+    "end_to_end/concurrent/test_uplink_command_live.py::test_a_goal_runs_once_however_often_it_is_asked_and_says_what_became_of_it",
+    "end_to_end/concurrent/test_uplink_command_live.py::test_who_has_no_lease_stops_it_all_the_same",
+    "end_to_end/concurrent/test_uplink_losses.py::test_a_sender_that_is_killed_lets_go",
+    "end_to_end/concurrent/test_uplink_losses.py::test_a_goal_that_waits_while_the_robot_is_stopped_does_not_begin_after_the_stop",
+)
+
+
+def test_without_a_word_bridge_and_uplink_stop_and_tell_how_a_motion_ended() -> None:
+    tests = [str(HERE / each) for each in TESTS]
+    options = ["-p", "no:cacheprovider", "-p", "no:xdist", "--blank-messages", "-m", "not slow", "--tb=short"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *tests],
+        cwd=HERE.parent,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-6000:]
+
+
+def test_the_texts_are_blank_in_every_process_that_a_test_starts() -> None:
+    code = "from twind.robot.finding import Finding, ReasonCode; print(Finding(ReasonCode.BUSY, message='why').message)"
+    environment = {"PYTHONPATH": str(HERE / "support" / "blanked")}
+    assert subprocess.check_output([sys.executable, "-c", code], env=environment, text=True) == "x\n"

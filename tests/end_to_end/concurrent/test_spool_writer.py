@@ -1,0 +1,82 @@
+"""From memory to the disk: a disk that takes nothing holds up nobody, and what it costs is counted."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.learn.test_spool import WIDE, folder
+from tests.learn.test_stream_samples import ROBOT, some
+from tests.support.processes import until
+from twind.client.clock_pair import clocks
+from twind.learn.streaming.sample_batcher import SampleBatcher
+from twind.learn.streaming.spool import Spool
+from twind.learn.streaming.spool_writer import SpoolWriter
+
+ROOM = 3
+
+
+@pytest.fixture
+def spool() -> Iterator[Spool]:
+    with folder() as place, Spool(place, WIDE, time.monotonic(), time.time()) as found:
+        yield found
+
+
+def numbers(spool: Spool) -> list[int]:
+    found, after = [], 0
+    while (kept := spool.oldest(after)) is not None:
+        after = kept.sequence
+        found.append(after)
+    return found
+
+
+def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -> None:
+    lines: list[str] = []
+    basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
+    keeping = SpoolWriter(basket, spool, lambda: None, lines.append, patience=0.02)
+    pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
+    spool._base.execute(f"PRAGMA max_page_count={pages}")
+    wide = [some(tick)._replace(names=["x" * 20_000]) for tick in range(40)]
+    keeping.start()
+    began = time.monotonic()
+    for each in wide:
+        basket.put(each, ROBOT)
+    assert time.monotonic() - began < 2.0, "who listens waited for the disk"
+    until(lambda: keeping.error, 10.0, "it is told")
+    assert "full" in lines[0]
+    lost = keeping.lost
+    assert lost >= len(wide) // 2 - ROOM - 1
+    spool._base.execute("PRAGMA max_page_count=1000000")
+    keeping.finish(10.0)
+    assert keeping.error == "" and len(lines) == 2 and "again" in lines[1]
+    assert (keeping.lost, spool.tally.dropped) == (0, basket.dropped)
+    assert spool.tally.waiting + spool.tally.dropped == len(wide) // 2
+    assert numbers(spool) == list(range(1, spool.tally.waiting + 1))
+
+
+def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> None:
+    basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
+    keeping = SpoolWriter(basket, spool, lambda: None, lambda line: None, patience=0.02)
+    pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
+    spool._base.execute(f"PRAGMA max_page_count={pages}")
+    keeping.start()
+    for tick in range(3):
+        basket.put(some(tick)._replace(names=["x" * 20_000]), ROBOT)
+    until(lambda: keeping.error, 10.0, "it is told")
+    keeping.finish(0.1)
+    until(lambda: basket.left == 2, 10.0, "both are there still")
+    spool._base.execute("PRAGMA max_page_count=1000000")
+    keeping.finish(10.0)
+    assert (basket.left, spool.tally.waiting, spool.tally.dropped) == (0, 2, 0)
+
+
+def test_what_is_open_at_the_end_is_written(spool: Spool) -> None:
+    woken: list[None] = []
+    basket = SampleBatcher(32, 60.0, time.monotonic, clocks)
+    keeping = SpoolWriter(basket, spool, lambda: woken.append(None), lambda line: None, patience=0.02)
+    keeping.start()
+    basket.put(some(1), ROBOT)
+    keeping.finish(10.0)
+    kept = spool.oldest()
+    assert kept is not None and kept.message.samples == 1
+    assert woken == [None]

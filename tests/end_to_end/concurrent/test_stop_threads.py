@@ -1,0 +1,89 @@
+"""The viewer's stop buttons: whatever hangs, answers rubbish or may not be asked."""
+
+import queue
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.support.daemon_stand_ins import Daemons, answering, told
+from twind.observe.viewing.robot_connections import local
+from twind.observe.viewing.stop_threads import StopOutcome, StopThreads
+
+
+@pytest.fixture
+def daemons(tmp_path: Path) -> Iterator[Daemons]:
+    with answering(tmp_path) as make:
+        yield make
+
+
+def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path) -> None:
+    daemons("control", lambda method: None)
+    daemons("observe", lambda method: {"parameters": {"state": "estop", "torque_off": True, "done": True}})
+    stops, stop, estop = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue(), queue.Queue()
+    stops.stop.ask(stop.put)
+    stops.estop.ask(estop.put)
+    assert told(estop, 0.9) == StopOutcome(True, "e-stop", "state estop, torque is off")
+    assert stop.empty()
+    late = told(stop)
+    assert not late.done
+    assert "no answer from the daemon within 1 s" in late.text
+
+
+def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
+    daemons: Daemons, tmp_path: Path
+) -> None:
+    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
+    stops.estop.ask(outcomes.put)
+    none = told(outcomes)
+    assert (none.done, none.title) == (False, "e-stop NOT confirmed") and "own switch" in none.text
+    control = daemons("control", lambda method: {"parameters": {"state": "estop", "torque_off": None}})
+    stops.estop.ask(outcomes.put)
+    assert told(outcomes).done
+    assert control.asked == ["EStop"]
+
+
+@pytest.mark.parametrize("observe", [{"parameters": {}}, {"error": 7}, {"error": "x.y.Busy"}, [1]])
+def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
+    daemons: Daemons, tmp_path: Path, observe: Any
+) -> None:
+    daemons("observe", lambda method: observe)
+    daemons("control", lambda method: {"parameters": {"state": "estop", "torque_off": False}})
+    outcomes: queue.Queue[StopOutcome] = queue.Queue()
+    StopThreads(local(str(tmp_path)), bound=1.0).estop.ask(outcomes.put)
+    assert told(outcomes) == StopOutcome(True, "e-stop", "state estop, torque is on")
+
+
+def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
+    daemons: Daemons, tmp_path: Path
+) -> None:
+    answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
+    daemons("control", answers.get)
+    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
+
+    def no_tab(outcome: StopOutcome) -> None:
+        raise RuntimeError("the tab was closed")
+
+    for errand in (stops.stop, stops.estop):
+        errand.ask(no_tab)
+        errand.ask(outcomes.put)
+        failed = told(outcomes)
+        assert not failed.done and failed.title == f"{errand.name} NOT confirmed"
+        assert "use its own switch" in failed.text
+    answers |= {method: {"parameters": {"state": "estop"}} for method in answers}
+    for errand in (stops.stop, stops.estop):
+        errand.ask(outcomes.put)
+        assert told(outcomes).done
+
+
+def test_who_may_not_stop_is_told_what_may(daemons: Daemons, tmp_path: Path) -> None:
+    refusal = {
+        "error": "io.twind.Control.NotAllowed",
+        "parameters": {"role": "observer", "method": "Cancel"},
+    }
+    daemons("control", lambda method: refusal)
+    outcomes: queue.Queue[StopOutcome] = queue.Queue()
+    StopThreads(local(str(tmp_path))).stop.ask(outcomes.put)
+    answer = told(outcomes)
+    assert not answer.done and "e-stop needs no operator" in answer.text

@@ -1,0 +1,310 @@
+"""`twindctl stream` and `twindctl ingest` as processes, beside a daemon: killed, restarted, cut off."""
+
+import argparse
+import hashlib
+import json
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from tests.end_to_end.concurrent.test_spool_sender import Odd
+from tests.support.processes import Daemon, until
+from twind.client import Client, ClientError
+from twind.ctl.verb import UsageError
+from twind.learn.streaming import stream_command as verb
+from twind.learn.streaming.spool import dead_letters
+
+PATIENCE = 30.0  # s that a busy machine may take
+
+
+@contextmanager
+def simulated(folder: Path) -> Iterator[Daemon]:
+    daemon = Daemon(folder, "--mode", "sim")
+    try:
+        daemon.reach(mode="sim")
+        yield daemon
+    finally:
+        daemon.kill()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of a daemon's sockets."""
+    with simulated(tmp_path_factory.mktemp("run")) as daemon:
+        yield daemon.sockets
+
+
+def ctl(*words: str) -> list[str]:
+    return [sys.executable, "-m", "twind.ctl.ctl_main", *words]
+
+
+class Process:
+    """A verb that goes on, and what it says. `begun` has all of them, until a test is over."""
+
+    begun: ClassVar[list["Process"]] = []
+
+    def __init__(self, *words: str) -> None:
+        self.begun.append(self)
+        self._process = subprocess.Popen(
+            ctl("--json", *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.pid = self._process.pid
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def first(self) -> Any:
+        assert self._process.stdout is not None
+        return json.loads(self._process.stdout.readline())
+
+    def end(self, number: int = signal.SIGTERM) -> tuple[int, str, str]:
+        """Its exit code, and what it said at last on both."""
+        if self._process.poll() is None:
+            self._process.send_signal(number)
+        out, err = self._process.communicate(timeout=PATIENCE)
+        return self._process.returncode, out, err
+
+    def gone(self) -> None:
+        """End it at once, if it has not ended."""
+        if self._process.poll() is None:
+            self._process.kill()
+        for pipe in (self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+        self._process.wait(PATIENCE)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left() -> Iterator[None]:
+    """Whoever a failed test left running ends with it."""
+    yield
+    while Process.begun:
+        Process.begun.pop().gone()
+
+
+def begun(out: Path, *more: str, at: str = "http://127.0.0.1:0/") -> tuple[Process, str]:
+    """An ingest server that serves, and its address."""
+    process = Process("ingest", "--listen", at.split("/")[2], "--out", str(out), *more)
+    return process, process.first()["url"]
+
+
+def streamer(run: Path, url: str, spool: Path, *more: str) -> Process:
+    return Process("--socket", str(run), "stream", "--url", url, "--spool", str(spool), *more)
+
+
+def reported(run: Path) -> dict[str, Any] | None:
+    """What the daemon says of the only streamer."""
+    with suppress(ClientError), Client(run, name="observe") as client:
+        streams: list[dict[str, Any]] = client.call("GetStatus")["status"]["streams"]
+        return streams[0] if streams else None
+    return None
+
+
+def caught_up(run: Path) -> bool:
+    """Nothing waits, as reported within the last second."""
+    told = reported(run)
+    return told is not None and told["waiting"] == 0
+
+
+def kept(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / "messages.ndjson").read_text().splitlines()]
+
+
+def check_all_samples(lines: list[dict[str, Any]]) -> int:
+    """Every number of the stream once, in any order, and in their order every tick of the loop; how many."""
+    keys = [line["key"] for line in lines]
+    assert len(set(keys)) == len(keys)
+    lines = sorted(lines, key=lambda line: int(line["key"].partition("-")[2]))
+    assert [int(line["key"].partition("-")[2]) for line in lines] == list(range(1, len(lines) + 1))
+    ticks = [sample["tick"] for line in lines for sample in line["body"]["samples"]]
+    lost = [line["body"]["lost"] for line in lines]
+    assert all(not any(each.values()) for each in lost), lost
+    missing = set(range(ticks[0], ticks[-1] + 1)) - set(ticks)
+    assert not missing and len(ticks) == len(set(ticks)), sorted(missing)
+    return len(ticks)
+
+
+def killed_at_random(
+    run: Path, folder: Path, seconds: float, seed: int, up: float = 1.0, down: float = 0.5
+) -> tuple[int, int, dict[str, Any]]:
+    """Endpoints of which a fifth of the attempts fails, each killed after at most `up` s, for so long.
+
+    Kills, samples, each of which arrived once, and what the streamer says at its end.
+    """
+    rng, out, kills = random.Random(seed), folder / "in", 0
+    ingest, url = begun(out, "--fail", "0.2")
+    stream = streamer(run, url, folder / "spool")
+    until(lambda: (out / "messages.ndjson").read_bytes(), PATIENCE, "it has begun")
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        time.sleep(rng.uniform(0.1, up))
+        ingest.end(signal.SIGKILL)
+        kills += 1
+        time.sleep(rng.uniform(0.0, down))
+        ingest, _ = begun(out, "--fail", "0.2", at=url)
+    ingest.end(signal.SIGKILL)
+    ingest, _ = begun(out, at=url)
+    until(lambda: caught_up(run), PATIENCE + seconds, "it catches up")
+    code, said, _ = stream.end()
+    assert ingest.end()[0] == 0
+    told: dict[str, Any] = json.loads(said)
+    assert (code, told["waiting"], told["dropped"], told["dead"]) == (0, 0, 0, 0), told
+    lines = kept(out)
+    assert told["sent"] == len(lines)
+    return kills + 1, check_all_samples(lines), told
+
+
+def test_an_endpoint_that_is_killed_at_random_gets_every_sample_once(run: Path, tmp_path: Path) -> None:
+    """Longer: `python tests/support/stream_sigkill_runs.py SECONDS`."""
+    _, samples, told = killed_at_random(run, tmp_path, 7.0, seed=9)
+    assert samples > 500
+    assert told["failures"] >= 3, told
+
+
+class Ledger:
+    """An endpoint that remembers every message that it was sent, and answers some of them."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[str, str, list[int]]] = []  # key, digest, ticks
+        ledger = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def do_POST(self) -> None:
+                body = self.rfile.read(int(self.headers["Content-Length"]))
+                ticks = [each["tick"] for each in json.loads(body)["samples"]]
+                key = self.headers["Idempotency-Key"]
+                ledger.seen.append((key, hashlib.sha256(body).hexdigest(), ticks))
+                if len(ledger.seen) % 3 == 0:
+                    self.close_connection = True
+                    return
+                self.send_response(200)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+
+            def log_message(self, format: str, *given: Any) -> None:
+                pass
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server.daemon_threads = True
+        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.02,))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._server.shutdown()
+        self._thread.join()
+        self._server.server_close()
+
+
+def test_a_streamer_that_is_killed_goes_on_and_no_key_comes_back_for_other_data(
+    run: Path, tmp_path: Path
+) -> None:
+    rng, endpoint, spool = random.Random(4), Ledger(), tmp_path / "spool"
+    try:
+        for _ in range(4):
+            before = len(endpoint.seen)
+            stream = streamer(run, endpoint.url, spool, "--batch", "2")
+            until(lambda: len(endpoint.seen) > before + 3, PATIENCE, "it sends")  # noqa: B023
+            time.sleep(rng.uniform(0.0, 0.4))
+            assert stream.end(signal.SIGKILL)[0] == -signal.SIGKILL
+        stream = streamer(run, endpoint.url, spool, "--batch", "2", "--seconds", "1")
+        code, said, _ = stream.end(0)
+    finally:
+        endpoint.close()
+    assert code == 0 and json.loads(said)["dropped"] == 0
+    digests: dict[str, set[str]] = {}
+    for key, digest, _ in endpoint.seen:
+        digests.setdefault(key, set()).add(digest)
+    assert all(len(each) == 1 for each in digests.values()), "one key for two messages"
+    stream_name = endpoint.seen[0][0].partition("-")[0]
+    numbers = sorted(int(key.removeprefix(f"{stream_name}-")) for key in digests)
+    assert numbers == list(range(1, len(numbers) + 1)), "a number that was given never came"
+    ticks = [tick for key, each in {key: ticks for key, _, ticks in endpoint.seen}.items() for tick in each]
+    assert len(ticks) == len(set(ticks)), "a sample in two messages"
+
+
+def test_a_daemon_that_restarts_a_second_streamer_and_what_people_are_told(tmp_path: Path) -> None:
+    run, spool = tmp_path / "run", tmp_path / "spool"
+    endpoint = Odd()
+    with simulated(run) as daemon:
+        stream = streamer(run, endpoint.url, spool, "--batch", "4")
+        told = until(lambda: reported(run), PATIENCE, "it reports")
+        assert (told["endpoint"], told["dropped"], told["error"]) == (endpoint.url.partition("?")[0], 0, None)
+        monitor = [*ctl("--json", "--socket", str(run), "monitor"), "--topics", "stream", "--count", "2"]
+        heard = subprocess.run(monitor, capture_output=True, text=True, timeout=PATIENCE).stdout
+        first, second = [json.loads(line)["stream"] for line in heard.splitlines()]
+        assert first["name"] == second["name"] == told["name"]
+        assert second["sent"] > first["sent"]
+        other = subprocess.run(
+            ctl("--socket", str(run), "stream", "--spool", str(spool)),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        assert other.returncode == 1 and f"process {stream.pid} streams from it" in other.stderr
+        shown = subprocess.run(ctl("--socket", str(run), "status"), capture_output=True, text=True).stdout
+        assert f"\nstream   {told['endpoint']}: " in shown
+        daemon.end(signal.SIGKILL)
+    with simulated(run):
+        count = len(endpoint.seen)
+        until(lambda: len(endpoint.seen) > count + 10, PATIENCE, "it goes on with the next daemon")
+        code, _, said = stream.end()
+        assert code == 0
+        assert said.count("waiting for the daemon") == said.count("the daemon is there again") == 1, said
+        until(lambda: reported(run) is None, PATIENCE, "one that is gone is not told of")
+    endpoint.close()
+
+
+def test_dead_letters_are_listed_and_sent_again_when_somebody_asks(run: Path, tmp_path: Path) -> None:
+    spool, out = tmp_path / "spool", tmp_path / "in"
+    ingest, url = begun(out, "--refuse", "1")
+    code, said, told = streamer(run, url, spool, "--gzip", "--seconds", "2").end(0)
+    assert code == 0 and json.loads(said)["dead"] >= 3
+    assert told.count("dead letter") == 1 and "refused on purpose" in told
+    ingest.end()
+    listed = subprocess.run(ctl("--json", "stream", "--spool", str(spool), "--dead"), capture_output=True)
+    rows = [json.loads(line) for line in listed.stdout.splitlines()]
+    assert len(rows) == json.loads(said)["dead"] == len(dead_letters(spool))
+    assert rows[0]["sequence"] == 1 and rows[0]["reason"].startswith("422")
+    ingest, _ = begun(out, at=url)
+    again = streamer(run, url, spool, "--gzip", "--dead-again")
+    until(lambda: len(kept(out)) > len(rows), PATIENCE, "they arrive")
+    code, said, _ = again.end()
+    ingest.end()
+    assert (code, json.loads(said)["dead"]) == (0, 0)
+    assert [line["key"].partition("-")[2] for line in kept(out)][:3] == ["1", "2", "3"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--url", "ftp://x/"), "http://HOST"),
+        (("--url", "http://user:secret@x/"), "--token-file"),
+        (("--rate", "nan"), "above 0"),
+        (("--batch", "0"), "from 1"),
+        (("--header", "Idempotency-Key: 1"), "'Name: value'"),
+        (("--header", "X: a\nY: b"), "'Name: value'"),
+        (("--token-file", "/nowhere"), "No such file"),
+    ],
+)
+def test_wrong_words_are_told_before_anything_is_made(
+    tmp_path: Path, words: tuple[str, str], said: str
+) -> None:
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    with pytest.raises(UsageError, match=said):
+        verb.run(parser.parse_args(["--spool", str(tmp_path / "spool"), *words]))
+    assert not (tmp_path / "spool").exists()

@@ -1,0 +1,167 @@
+"""What streamers say of themselves: told to whoever watches, in the status, and forgotten with them."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.end_to_end.concurrent.test_front_server import CONTRACT, Raw
+from tests.support.loop_stand_in import StandIn
+from twind.ctl.status_table import stream_text
+from twind.front.streamer_reports import (
+    COUNTS,
+    GONE,
+    HANGS,
+    MOST,
+    MOST_HZ,
+    SILENCE,
+    TEXT,
+    StreamerReports,
+    wrong,
+)
+
+REPORT = {
+    "name": "a1b2",
+    "endpoint": "http://localhost:8000/ingest",
+    "rate_hz": 100.0,
+    "sent": 12,
+    "waiting": 1,
+    "dropped": 0,
+    "dead": 0,
+    "failures": 2,
+    "error": None,
+}
+
+
+class Watchers:
+    def __init__(self) -> None:
+        self.told: list[dict[str, Any]] = []
+        self.streams: list[dict[str, Any]] = []
+
+    def tell(self, streaming: dict[str, Any], time: float) -> None:
+        self.told.append(streaming)
+
+    def now(self, streams: list[dict[str, Any]]) -> None:
+        self.streams = streams
+
+
+def streams() -> tuple[StreamerReports, Watchers]:
+    watchers: Any = Watchers()
+    world, telemetry = SimpleNamespace(stream=watchers.now), SimpleNamespace(stream=watchers.tell)
+    return StreamerReports(world, telemetry), watchers  # type: ignore[arg-type]
+
+
+def test_the_last_word_of_each_connection_counts() -> None:
+    kept, watchers = streams()
+    kept.take(1, REPORT, 0.0)
+    kept.take(2, {**REPORT, "name": "other"}, 0.1)
+    kept.take(1, {**REPORT, "sent": 13}, 1.0)
+    assert [each["sent"] for each in watchers.told] == [12, 12, 13]
+    assert [(each["name"], each["sent"]) for each in watchers.streams] == [("a1b2", 13), ("other", 12)]
+
+
+def test_who_hangs_up_and_who_hangs_is_told_of_once_more_and_no_longer_there() -> None:
+    kept, watchers = streams()
+    kept.take(1, REPORT, 0.0)
+    kept.take(2, REPORT, 5.0)
+    kept.forget(3, 6.0)
+    kept.forget(2, 6.0)
+    kept.tend(SILENCE)
+    assert [each["error"] for each in watchers.told] == [None, None, GONE]
+    kept.tend(SILENCE + 0.1)
+    assert watchers.told[-1]["error"] == HANGS
+    assert watchers.streams == []
+
+
+def test_no_text_reaches_a_terminal_as_more_than_a_short_line() -> None:
+    kept, watchers = streams()
+    kept.take(1, {**REPORT, "name": "\x1b[2J", "endpoint": "\u202e" * 999, "error": "x" * 999}, 0.0)
+    (told,) = watchers.streams
+    assert told["name"] == "\\x1b[2J"
+    assert all(len(each) <= TEXT and each.isprintable() for each in (told["endpoint"], told["error"]))
+
+
+# ------------------------------------------------------------------------------------------ on the socket
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    stand_in = StandIn(tmp_path_factory.mktemp("front"))
+    yield stand_in
+    assert "CALL_BROKE" not in stand_in.log.read_text()
+    assert stand_in.close() == 0
+
+
+def test_an_observer_reports_and_everybody_is_told_but_the_loop(loop: StandIn) -> None:
+    loop.commands.clear()
+    with Raw(loop, "observe") as watcher, Raw(loop, "observe") as streamer:
+        watcher.send("Monitor", parameters={"topics": ["stream"]}, more=True)
+        assert "error" not in streamer.call("GetStatus")
+        assert streamer.call("ReportStream", stream=REPORT) == {"parameters": {}}
+        told = watcher.receive()["parameters"]
+        CONTRACT.methods["Monitor"].results.check(told, "")
+        assert (told["topic"], told["stream"]) == ("stream", REPORT)
+        status = streamer.call("GetStatus")["parameters"]["status"]
+        CONTRACT.methods["GetStatus"].results.check({"status": status}, "")
+        assert status["streams"] == [REPORT]
+        streamer.socket.close()
+        assert watcher.receive()["parameters"]["stream"] == {**REPORT, "error": GONE}
+    with Raw(loop, "observe") as other:
+        assert other.call("GetStatus")["parameters"]["status"]["streams"] == []
+    assert not loop.commands
+
+
+def test_who_reports_without_pause_is_refused_and_then_hung_up_on(loop: StandIn) -> None:
+    with Raw(loop, "observe") as client:
+        answers = []
+        with suppress(EOFError, OSError):
+            for _ in range(200):
+                answers.append(client.call("ReportStream", stream=REPORT))
+        assert client.ended()
+    refused = [each for each in answers if "error" in each]
+    assert len(answers) < 60
+    assert {each["parameters"]["findings"][0]["code"] for each in refused} == {"RATE_LIMIT"}
+
+
+@given(
+    st.floats() | st.sampled_from([0.0, 100.0, MOST_HZ]),
+    st.sampled_from(COUNTS),
+    st.integers(-2, 2) | st.integers(MOST - 1, MOST + 1) | st.integers(),
+)
+def test_a_number_that_nobody_can_have_measured_or_counted_is_named(
+    rate: float, key: str, count: int
+) -> None:
+    found = wrong({**REPORT, "rate_hz": rate, key: count})
+    if 0.0 <= rate <= MOST_HZ:
+        assert (found and found[0]) == (None if 0 <= count <= MOST else key)
+    else:
+        assert found is not None and found[0] == "rate_hz"
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.25, 99.97, MOST_HZ])
+def test_what_may_be_reported_fits_a_line(rate: float) -> None:
+    text = stream_text(
+        {**REPORT, "rate_hz": rate, **dict.fromkeys(COUNTS, MOST), "endpoint": "", "error": ""}
+    )
+    assert len(text) < 160
+
+
+@pytest.mark.parametrize("wrong", [{"sent": -5}, {"dropped": -1}, {"waiting": 2**62}, {"rate_hz": 1e300}])
+def test_a_report_with_such_a_number_is_refused_by_its_name(loop: StandIn, wrong: dict[str, Any]) -> None:
+    [key] = wrong
+    with Raw(loop, "observe") as client:
+        answer = client.call("ReportStream", stream={**REPORT, **wrong})
+        assert answer["parameters"]["parameter"] == f"stream.{key}"
+        assert client.call("GetStatus")["parameters"]["status"]["streams"] == []
+
+
+@pytest.mark.parametrize(
+    "wrong", [{}, {"stream": {}}, {"stream": {**REPORT, "sent": 1.5}}, {"stream": {**REPORT, "x": 1}}]
+)
+def test_what_is_no_report_is_refused(loop: StandIn, wrong: dict[str, Any]) -> None:
+    with Raw(loop, "observe") as client:
+        assert client.call("ReportStream", **wrong)["error"].endswith("InvalidParameter")

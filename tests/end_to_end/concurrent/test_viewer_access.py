@@ -1,0 +1,149 @@
+"""Who is let in to the viewer, by a real viser server: other pages, other names, other users are not."""
+
+import http.client
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+pytest.importorskip("viser", reason="the extra `view` is not installed")
+
+import viser
+from viser import _messages
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from twind.observe.viewing.viewer_access import ViewerAccess, ViewerServerError, ViewerSite, opened
+
+
+@pytest.fixture(scope="module")
+def site() -> Iterator[ViewerSite]:
+    os.environ["_VISER_PORT_OVERRIDE"] = "1"  # of another program that uses viser
+    with opened(None, "test") as found:
+        yield found
+
+
+def asked(site: ViewerSite, path: str | None = None, **headers: str) -> tuple[int, http.client.HTTPMessage]:
+    """Status and headers of an answer."""
+    parts = urlsplit(site.url)
+    assert parts.hostname is not None
+    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=5.0)
+    connection.request("GET", parts.path if path is None else path, headers=headers)
+    answer = connection.getresponse()
+    answer.read()
+    connection.close()
+    return answer.status, answer.headers
+
+
+def socket(site: ViewerSite, path: str | None = None, **headers: str | None) -> None:
+    """A WebSocket as the page opens it, but for what is named. Raises InvalidStatus."""
+    parts = urlsplit(site.url)
+    where = parts.path if path is None else path
+    asked = {"Origin": f"http://{parts.netloc}"} | headers
+    told = {key: value for key, value in asked.items() if value is not None and key != "Origin"}
+    protocol = [f"viser-v{viser.__version__}"]
+    with connect(
+        f"ws://{parts.netloc}{where}",
+        origin=asked["Origin"],  # type: ignore[arg-type]
+        additional_headers=told,
+        subprotocols=protocol,  # type: ignore[arg-type]
+        open_timeout=5.0,
+    ):
+        pass
+
+
+def test_the_page_comes_by_its_address_alone(site: ViewerSite) -> None:
+    assert asked(site)[0] == 200
+    for path in ("/", "/index.html", "/wrong/", "//", site_path(site)[:-2] + "/", "/a" + site_path(site)):
+        assert asked(site, path)[0] == 403, path
+
+
+def site_path(site: ViewerSite) -> str:
+    return urlsplit(site.url).path
+
+
+def test_a_foreign_page_opens_no_socket(site: ViewerSite) -> None:
+    port = urlsplit(site.url).port
+    socket(site)
+    for origin in ("http://evil.example", "null", f"http://localhost:{port}", "http://127.0.0.1", None):
+        with pytest.raises(InvalidStatus, match="403"):
+            socket(site, Origin=origin)
+
+
+def test_a_socket_needs_the_secret(site: ViewerSite) -> None:
+    for path in ("/", "/wrong"):
+        with pytest.raises(InvalidStatus, match="403"):
+            socket(site, path)
+
+
+def test_a_name_that_was_bound_anew_is_another_host(site: ViewerSite) -> None:
+    assert asked(site, Host=f"evil.example:{urlsplit(site.url).port}")[0] == 403
+    assert asked(site, Host="127.0.0.1.evil.example")[0] == 403
+    assert asked(site, Host="[::1")[0] == 403
+    assert asked(site, Host="localhost:9000")[0] == 200  # by ssh -L 9000:127.0.0.1:PORT
+
+
+def test_what_asks_for_another_protocol_is_no_way_round(site: ViewerSite) -> None:
+    assert asked(site, Upgrade="WebSocket", Origin="http://evil.example")[0] == 403
+    assert asked(site, Upgrade="WebSocket")[0] == 403
+
+
+def test_the_page_may_ask_no_other_host_and_stands_in_no_frame(site: ViewerSite) -> None:
+    _, headers = asked(site)
+    policy = dict(each.strip().split(" ", 1) for each in headers["Content-Security-Policy"].split(";"))
+    own = urlsplit(site.url).netloc
+    assert policy["default-src"] == "'none'" and policy["frame-ancestors"] == "'none'"
+    assert policy["connect-src"].split() == ["'self'", "data:", "blob:", f"ws://{own}"]
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert asked(site, "/../../../etc/passwd")[0] == 403
+    assert asked(site, site_path(site) + "../../_viser.py")[0] == 404
+
+
+def test_no_page_can_have_it_published(site: ViewerSite) -> None:
+    """One message of viser's protocol would make it dial out and serve this server on the internet."""
+    handlers = site.server._websock_server._incoming_handlers
+    assert _messages.ShareUrlRequest not in handlers and _messages.ShareUrlDisconnect not in handlers
+    assert _messages.GuiUpdateMessage in handlers  # the table is the one that counts
+
+
+def test_it_listens_on_this_machine_alone_and_no_variable_moves_it(site: ViewerSite) -> None:
+    port = urlsplit(site.url).port
+    assert port != 1
+
+    def listening(table: str) -> list[str]:
+        rows = [line.split() for line in Path(table).read_text().splitlines()[1:]]
+        return [row[1] for row in rows if row[3] == "0A" and row[1].endswith(f":{port:04X}")]
+
+    assert listening("/proc/net/tcp") == [f"0100007F:{port:04X}"]
+    assert not Path("/proc/net/tcp6").exists() or listening("/proc/net/tcp6") == []
+
+
+def test_a_port_that_is_taken_is_said(site: ViewerSite) -> None:
+    with pytest.raises(ViewerServerError, match="is taken"), opened(urlsplit(site.url).port, "second"):
+        pass
+
+
+def test_two_viewers_have_two_secrets() -> None:
+    assert ViewerAccess().secret != ViewerAccess().secret
+    assert len(ViewerAccess().secret) >= 32
+
+
+def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one place that is not its interface: how it starts its server."""
+    import websockets.asyncio.server as websockets
+
+    from twind.observe.viewing import viewer_access
+
+    before = websockets.serve
+
+    @contextmanager
+    def unguarded(_: ViewerAccess) -> Iterator[list[bool]]:
+        assert websockets.serve is before
+        yield []
+
+    monkeypatch.setattr(viewer_access, "_guarded", unguarded)
+    with pytest.raises(ViewerServerError, match="cannot be guarded"), opened(None, "test"):
+        pass

@@ -1,0 +1,392 @@
+"""Who may do what, and how much of it: with raw bytes on a real front process (S01-S05, rows 33-36, 40)."""
+
+import contextlib
+import fcntl
+import os
+import resource
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from tests.end_to_end.concurrent.test_front_server import Raw, code
+from tests.support.loop_stand_in import NAMES, StandIn
+from twind import link
+from twind.front.methods import METHODS, OBSERVER
+from twind.protocol import CONTROL
+
+PATH = {"joint_names": [NAMES[0]], "points": [{"positions": [0.0], "time_from_start": 1.0}]}
+ARGUMENTS = {
+    "SetMode": {"mode": "live"},
+    "SubmitTrajectory": {"trajectory": PATH},
+    "Check": {"trajectory": PATH},
+    "Setpoint": {"joint_names": [NAMES[0]], "positions": [0.0]},
+    "ReadRegister": {"bus": "main", "id": 1, "name": "x"},
+    "WriteRegister": {"bus": "main", "id": 1, "name": "x", "value": 1},
+    "Reboot": {"bus": "main", "id": 1},
+    "SetParameters": {"parameters": {}},
+}
+BOUND = 1.0  # s within which an e-stop is answered, whatever the others do
+
+
+def begun(folder: Path) -> Iterator[StandIn]:
+    stand_in = StandIn(folder)
+    yield stand_in
+    assert stand_in.front.poll() is None
+    assert stand_in.close() == 0
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[StandIn]:
+    yield from begun(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def unheard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    """One for all calls that never leave the front."""
+    yield from begun(tmp_path_factory.mktemp("unheard"))
+
+
+def said(loop: StandIn, event: str, patience: float = 2.0) -> str:
+    """The log, once it speaks of an event."""
+    end = time.monotonic() + patience
+    while event not in loop.log.read_text() and time.monotonic() < end:
+        time.sleep(0.01)
+    text = loop.log.read_text()
+    assert event in text, text
+    return text
+
+
+def stopped(loop: StandIn, name: str = "observe") -> float:
+    """Connect, say EStop, be answered: how long it took, s."""
+    began = time.monotonic()
+    with Raw(loop, name) as client:
+        answer = client.call("EStop")
+    assert "error" not in answer, answer
+    return time.monotonic() - began
+
+
+# --------------------------------------------------------------------------- roles
+
+
+@pytest.mark.parametrize("method", sorted(METHODS.keys() - OBSERVER))
+def test_an_observer_may_not_and_the_loop_never_hears_of_it(unheard: StandIn, method: str) -> None:
+    with Raw(unheard, "observe") as client:
+        answer = client.call(method, **ARGUMENTS.get(method, {}))
+    assert answer["error"] == f"{CONTROL}.NotAllowed"
+    assert answer["parameters"] == {"role": "observer", "method": method}
+    assert not unheard.commands
+
+
+def test_a_wrong_role_is_told_once_with_its_code_who_it_was_and_to_those_who_watch(own: StandIn) -> None:
+    with Raw(own, "observe") as watcher, Raw(own, "observe") as client:
+        watcher.send("Monitor", parameters={"topics": ["verdicts"]}, more=True)
+        assert "error" not in client.call("GetStatus")
+        time.sleep(0.05)
+        for _ in range(50):
+            assert client.call("Disarm")["error"] == f"{CONTROL}.NotAllowed"
+        message = watcher.receive()["parameters"]
+        (finding,) = message["verdict"]["refusals"]
+        assert (finding["code"], message["sequence"]) == ("AUTH_ROLE", 0)
+        assert "control.sock" in finding["message"]
+        watcher.socket.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            watcher.receive()
+    text = said(own, "AUTH_ROLE")
+    assert text.count("AUTH_ROLE") == 1
+    assert f"uid {os.getuid()}, pid {os.getpid()}" in text
+
+
+def test_who_asks_is_known_from_the_kernel_and_not_from_what_it_says(own: StandIn) -> None:
+    with Raw(own) as client:
+        assert "error" not in client.call("AcquireLease")
+        command = own.await_command(link.AcquireLease)
+    assert isinstance(command, link.AcquireLease)
+    assert (command.uid, command.holder) == (os.getuid(), f"uid {os.getuid()}, pid {os.getpid()}")
+
+
+def test_two_connections_of_one_process_are_two_and_a_copy_of_a_descriptor_is_the_same(own: StandIn) -> None:
+    with Raw(own) as one, Raw(own) as two:
+        for client in (one, two):
+            assert "error" not in client.call("AcquireLease")
+        copy = os.dup(one.socket.fileno())
+        one.socket.close()
+        with socket.socket(fileno=copy) as again:
+            again.sendall(b'{"method":"io.twind.Control.RenewLease"}\0')
+            own.await_command(link.RenewLease)
+            assert not [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
+        own.await_command(link.ConnectionClosed)
+        first, second, renewal, gone = own.commands[:4]
+    assert first.client == renewal.client == gone.client != second.client  # type: ignore[union-attr]
+
+
+def test_the_loop_hears_of_the_end_of_those_only_who_asked_something_of_it(own: StandIn) -> None:
+    for _ in range(100):
+        with Raw(own, "observe") as client:
+            assert "error" not in client.call("GetStatus")
+    with Raw(own) as client:
+        assert "error" not in client.call("AcquireLease")
+    own.await_command(link.ConnectionClosed)
+    assert [type(command) for command in own.commands] == [link.AcquireLease, link.ConnectionClosed]
+
+
+# --------------------------------------------------------------------------- rates
+
+
+def test_who_never_waits_between_trajectories_is_hung_up_on_and_others_are_not(own: StandIn) -> None:
+    with Raw(own) as hasty, Raw(own) as other:
+        assert "error" not in other.call("GetStatus")
+        for _ in range(60):
+            hasty.send("Check", parameters={"trajectory": PATH})
+        answers = []
+        with contextlib.suppress(EOFError, ConnectionResetError):
+            while True:
+                answers.append("error" in hasty.receive())
+        assert answers == [False] * 20 + [True] * 10
+        assert (
+            code(other.call("Check", trajectory=PATH)) == "RATE_LIMIT"
+        )  # of one process, not one connection
+        assert "error" not in other.call("GetStatus")
+        time.sleep(1.05)
+        assert "error" not in other.call("Check", trajectory=PATH)
+
+
+def test_who_is_a_little_too_fast_is_refused_and_kept(own: StandIn) -> None:
+    with Raw(own) as client:
+        refused = 0
+        for _ in range(60):  # some 29 a second
+            refused += "error" in client.call("Check", trajectory=PATH)
+            time.sleep(0.035)
+        assert 5 <= refused < 40
+        assert "error" not in client.call("GetStatus")
+
+
+# --------------------------------------------------------------------------- what breaks
+
+
+@pytest.mark.parametrize("number", ["-9223372036854775809", "18446744073709551616", "1" * 400])
+def test_a_number_beyond_64_bits_is_refused_before_anything_breaks(own: StandIn, number: str) -> None:
+    with Raw(own) as client:
+        call = '{"method":"%s.ReadRegister","parameters":{"bus":"main","id":%s,"name":"x"}}'
+        client.bytes((call % (CONTROL, number)).encode() + b"\0")
+        assert code(client.receive()) == "BAD_JSON"
+        for edge in (-(2**63), 2**63 - 1):
+            assert "error" not in client.call("ReadRegister", bus="main", id=edge, name="x")
+    assert "CALL_BROKE" not in own.log.read_text()
+
+
+BROKEN = """
+import twind.front.methods as methods
+def broken(front, call):
+    raise ZeroDivisionError("injected")
+def starved(front, call):
+    raise MemoryError("injected")
+methods.METHODS["GetRobot"], methods.METHODS["GetParameters"] = broken, starved
+from twind.front.__main__ import main
+main()
+"""
+
+
+def test_a_call_that_breaks_ends_its_own_connection_and_no_other(tmp_path: Path) -> None:
+    own = StandIn(tmp_path, program=("-c", BROKEN))
+    try:
+        with Raw(own, "observe") as watcher, Raw(own) as holder, Raw(own, "observe") as breaker:
+            watcher.send("Monitor", parameters={"topics": ["state"], "rate": 50.0}, more=True)
+            assert "error" not in holder.call("AcquireLease")
+            assert breaker.call("GetParameters")["error"] == f"{CONTROL}.Busy"
+            breaker.send("GetRobot")
+            assert breaker.ended()
+            assert "error" not in holder.call("RenewLease")
+            watcher.receive()
+            own.answers[link.EStop] = lambda c: [link.Reply(ticket=c.ticket)]
+            assert stopped(own) < BOUND
+            ends = [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
+            renewed = own.await_command(link.RenewLease)
+            assert renewed.client not in [end.client for end in ends]  # type: ignore[union-attr]
+        text = said(own, "CALL_BROKE")
+        assert "injected" in text
+        assert "place=broken:" in text
+        assert "Traceback" not in text
+        assert own.front.poll() is None
+    finally:
+        own.close()
+
+
+# --------------------------------------------------------------------------- floods
+
+
+def flood(client: Raw, data: bytes, ended: list[bool]) -> None:
+    client.socket.settimeout(0.5)
+    while not ended:
+        try:
+            client.bytes(data)
+            client.socket.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                client.socket.recv(1 << 16)
+            client.socket.settimeout(0.5)
+        except OSError:
+            return
+
+
+FLOODS = {
+    "oneway": ("control", b'{"method":"io.twind.Control.RenewLease","oneway":true}\0' * 200),
+    "calls": ("control", b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0' * 50),
+    "stops": ("observe", b'{"method":"io.twind.Control.EStop","oneway":true}\0' * 200),
+    "nonsense": ("observe", b"\xff" * 60000),
+    "huge": ("control", b"[" * (1 << 20)),
+    "refused": ("observe", b'{"method":"io.twind.Control.Arm"}\0' * 200),
+}
+
+
+@pytest.mark.parametrize("kind", sorted(FLOODS))
+def test_a_stop_is_answered_in_time_while_others_flood(own: StandIn, kind: str) -> None:
+    name, data = FLOODS[kind]
+    ended: list[bool] = []
+    with contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(Raw(own, name)) for _ in range(3)]
+        threads = [Thread(target=flood, args=(client, data, ended)) for client in clients]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.2)
+        times = [stopped(own, where) for where in ("observe", "control") * 5]
+        ended.append(True)
+        for thread in threads:
+            thread.join()
+    print(f"{kind}: e-stop answered within {max(times) * 1e3:.0f} ms")
+    assert max(times) < BOUND
+    assert "CALL_BROKE" not in own.log.read_text()
+
+
+def test_a_stop_is_answered_in_time_among_a_hundred_connections_that_come_and_go(own: StandIn) -> None:
+    ended: list[bool] = []
+
+    def knock() -> None:
+        while not ended:
+            with contextlib.ExitStack() as stack:
+                for _ in range(25):
+                    one = stack.enter_context(socket.socket(socket.AF_UNIX))
+                    one.connect(str(own.directory / "observe.sock"))
+
+    threads = [Thread(target=knock) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    try:
+        time.sleep(0.2)
+        times = []
+        for _ in range(10):
+            began = time.monotonic()
+            while True:  # one that is pushed out by newcomers comes again
+                with contextlib.suppress(EOFError, OSError):
+                    stopped(own)
+                    break
+            times.append(time.monotonic() - began)
+    finally:
+        ended.append(True)
+        for thread in threads:
+            thread.join()
+    print(f"e-stop answered within {max(times) * 1e3:.0f} ms")
+    assert max(times) < BOUND
+
+
+# --------------------------------------------------------------------------- exhaustion
+
+
+def descriptors(pid: int) -> int:
+    return len(os.listdir(f"/proc/{pid}/fd"))
+
+
+def test_without_free_descriptors_newcomers_may_only_stop_and_those_who_are_in_go_on(own: StandIn) -> None:
+    with Raw(own, "observe") as watcher, Raw(own) as holder, contextlib.ExitStack() as stack:
+        watcher.send("Monitor", parameters={"topics": ["state"], "rate": 50.0}, more=True)
+        assert "error" not in holder.call("AcquireLease")
+        used = {int(number) for number in os.listdir(f"/proc/{own.front.pid}/fd")}
+        most = next(n for n in range(1024) if n - len([fd for fd in used if fd < n]) == 2)  # two are free
+        resource.prlimit(own.front.pid, resource.RLIMIT_NOFILE, (most, 1024))
+        late = [stack.enter_context(Raw(own, "observe")) for _ in range(20)]
+        assert late[-1].call("GetStatus")["error"] == f"{CONTROL}.Busy"
+        assert "error" not in late[-1].call("EStop")
+        assert stopped(own) < BOUND
+        assert stopped(own, "control") < BOUND
+        time.sleep(0.4)  # what the two left is taken back
+        # A trajectory needs one too: it is refused, and nobody is hung up on.
+        assert holder.call("SubmitTrajectory", trajectory=PATH)["error"] == f"{CONTROL}.Busy"
+        assert "error" not in holder.call("RenewLease")
+        for _ in range(20):
+            assert watcher.receive()["parameters"]["dropped"] == 0
+        resource.prlimit(own.front.pid, resource.RLIMIT_NOFILE, (1024, 1024))
+    said(own, "DESCRIPTORS")
+    time.sleep(0.6)
+    with Raw(own, "observe") as client:
+        assert "error" not in client.call("GetStatus")
+    with Raw(own) as client:
+        assert "error" not in client.call("SubmitTrajectory", trajectory=PATH)
+
+
+def test_connections_leave_no_descriptor_behind(own: StandIn) -> None:
+    with Raw(own) as client:
+        assert "error" not in client.call("GetStatus")
+    time.sleep(0.1)
+    before = descriptors(own.front.pid)
+    for _ in range(200):
+        with Raw(own, "observe") as client:
+            client.bytes(b'{"method":"io.twind.Control.GetStatus"}\0')
+    time.sleep(0.5)
+    assert descriptors(own.front.pid) <= before
+
+
+def test_a_log_that_nobody_reads_holds_nobody_up_and_what_was_lost_is_counted(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    own = StandIn(tmp_path, stderr=writer)
+    os.close(writer)
+    try:
+        with Raw(own, "observe") as client:
+            assert "error" not in client.call("GetStatus")
+        began = time.monotonic()
+        for number in range(120):  # events of 4 KiB: the pipe is full at once, the queue after a while
+            for copy in range(25):
+                text = "x" * 2000
+                own.send(
+                    link.Event(time=began + 2.0 * number, sequence=copy, level="info", code="E", message=text)
+                )
+            if number % 4 == 0:
+                assert stopped(own) < BOUND
+            time.sleep(0.01)  # the link takes so much at a time
+        text_read = b""
+        os.set_blocking(reader, False)
+        end = time.monotonic() + 5.0
+        while b"lines lost" not in text_read and time.monotonic() < end:
+            with contextlib.suppress(BlockingIOError):
+                text_read += os.read(reader, 1 << 16)
+            with contextlib.suppress(BlockingIOError):
+                own.send(link.Event(time=began + 1e4, sequence=1, level="info", code="LATER", message="x"))
+        assert b"lines lost" in text_read
+        assert own.front.poll() is None
+    finally:
+        own.inner.close()
+        os.close(reader)
+        own.close()
+
+
+def test_a_peer_that_says_nothing_is_hung_up_on_after_five_seconds(own: StandIn) -> None:
+    with Raw(own) as silent, Raw(own) as speaking:
+        assert "error" not in speaking.call("GetStatus")
+        began = time.monotonic()
+        silent.socket.settimeout(8.0)
+        assert silent.ended()
+        assert 4.5 <= time.monotonic() - began <= 6.0
+        assert "error" not in speaking.call("GetStatus")
+
+
+def test_a_hang_up_by_reset_is_only_a_hang_up(own: StandIn) -> None:
+    client = Raw(own)
+    client.send("AcquireLease")
+    own.await_command(link.AcquireLease)
+    client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    client.socket.close()  # an answer lies unread: the other end finds a reset
+    own.await_command(link.ConnectionClosed)
+    assert stopped(own) < BOUND

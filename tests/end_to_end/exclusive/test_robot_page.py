@@ -1,0 +1,112 @@
+"""The viewer's page in a real browser: what it shows, and what it asks for. The messages are made up."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from tests.support.browser import browser, changed, missing, opened, picture
+from tests.support.viewer_messages import h24, other, state, status
+from twind.observe.viewing.robot_page import RobotPage
+from twind.observe.viewing.robot_viewer import RobotViewer, run
+from twind.observe.viewing.viewer_access import ViewerSite
+from twind.observe.viewing.viewer_access import opened as served
+from twind.observe.viewing.viewer_state import RobotAnnounced, ViewerState
+
+pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
+SEEN = 150  # cells of 12,800 that a robot has at least
+NOISE = 8  # that differ between two looks at the same
+
+
+@dataclass
+class Shown:
+    """A viewer of made-up messages, and the page that shows it."""
+
+    site: ViewerSite
+    known: ViewerState
+    page: Any
+
+    def robot(self, visible: bool) -> None:
+        """All but what stands in the world."""
+        for body in range(1, 40):
+            handle = self.site.server.scene.get_handle_by_name(f"/robots/0/solid/{body}")
+            if handle is not None:
+                handle.visible = visible
+
+    def against_floor(self) -> int:
+        """Cells that the robot has."""
+        whole = picture(self.page)
+        self.robot(visible=False)
+        floor = picture(self.page)
+        self.robot(visible=True)
+        return int(changed(whole, floor).sum())
+
+
+@pytest.fixture(scope="module")
+def shown() -> Iterator[Shown]:
+    known, ended = ViewerState(), threading.Event()
+    with browser() as found, served(None, "test") as site:
+        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
+        drawing = threading.Thread(target=run, args=(viewer, known, (), ended))
+        drawing.start()
+        try:
+            yield Shown(site, known, opened(found, site.url))
+        finally:
+            ended.set()
+            drawing.join(10.0)
+
+
+def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
+    told = h24()
+    for news in (RobotAnnounced(told), status(), state(told)):
+        shown.known.take(news)
+    before = picture(shown.page)
+    assert shown.against_floor() > SEEN
+
+    shown.known.take(state(told, 1.0, l_shoulder_roll=1.5))
+    raised = changed(before, picture(shown.page))
+    middle = raised.shape[1] // 2  # its left is on our right
+    assert raised[:, middle + 8 :].sum() > 40
+    assert raised[:, : middle - 8].sum() < NOISE
+
+    shown.known.take(state(told, 2.0))
+    assert changed(before, picture(shown.page)).sum() < NOISE
+
+
+def test_a_joint_that_is_not_heard_is_drawn_in_red(shown: Shown) -> None:
+    told = h24()
+    shown.known.take(RobotAnnounced(told))
+    shown.known.take(state(told, 3.0))
+    usual = picture(shown.page)
+    shown.known.take(state(told, 4.0, head_pitch={"heard": False, "age_ms": 900.0}))
+    marked = picture(shown.page)
+    red = changed(usual, marked) & (marked[:, :, 0] > marked[:, :, 1] + 40)
+    assert red.sum() > 20
+    assert shown.page.get_by_text("head_pitch").count() > 0
+
+
+def test_a_goal_elsewhere_is_a_translucent_figure(shown: Shown) -> None:
+    told = h24()
+    shown.known.take(RobotAnnounced(told))
+    shown.known.take(state(told, 5.0))
+    usual = picture(shown.page)
+    shown.known.take(state(told, 6.0, r_shoulder_roll={"goal": -1.5}))
+    blue = picture(shown.page)
+    ghost = changed(usual, blue) & (blue[:, :, 2] > blue[:, :, 0] + 30)
+    assert ghost.sum() > 20
+
+
+def test_a_model_whose_shapes_are_all_in_group_three_is_seen(shown: Shown) -> None:
+    told = other()
+    shown.known.take(RobotAnnounced(told))
+    shown.known.take(state(told, 7.0))
+    assert shown.against_floor() > SEEN
+
+
+def test_the_page_asks_nothing_of_any_other_host(shown: Shown) -> None:
+    here = shown.site.url.removeprefix("http://").rstrip("/")
+    own = (f"http://{here}", f"ws://{here}", f"blob:http://{here.partition('/')[0]}/", "data:")
+    assert len(shown.page.asked) >= 2
+    assert [url for url in shown.page.asked if not url.startswith(own)] == []

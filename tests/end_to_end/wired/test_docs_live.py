@@ -1,0 +1,233 @@
+"""Real-time tests of docs."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from tests.support import rclpy_environment as ros_peer
+from tests.support.dds_domain import free_domain
+from tests.support.doc_pages_text import README, ROOT, fenced
+from tests.support.docs_rig import readme_lines, run
+from tests.support.processes import until
+from tests.support.zenoh_router import free_port
+from twind.client import Client, ClientError
+
+BIN = Path(sys.executable).parent
+# What a test cannot run as it stands, and why.
+NEEDS = {
+    "make": "runs the tests themselves; checked to be a target",
+    "sudo": "root",
+    ".": "the environment of the clone; the tests run in theirs",
+    "export": "goes with the lines behind it",
+    "twind": "a real robot; its options are checked",
+}
+
+
+@contextmanager
+def daemon(runtime: Path, *options: str) -> Iterator[dict[str, str]]:
+    """A daemon where the examples look for one; the environment in which they find it."""
+    environment = {
+        **os.environ,
+        "XDG_RUNTIME_DIR": str(runtime),
+        "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}",
+    }
+    command = [sys.executable, "-m", "twind.cli", *options, "--socket", str(runtime / "twind")]
+    with (runtime / "log").open("wb") as log:
+        process = subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL, env=environment)
+    try:
+        yield environment
+        process.terminate()
+        assert process.wait(20.0) == 0, (runtime / "log").read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait(10.0)
+
+
+def wait_for(runtime: Path, **wanted: object) -> None:
+    def there() -> bool:
+        try:
+            with Client(runtime / "twind") as client:
+                status = client.call("GetStatus")["status"]
+        except ClientError:
+            return False
+        return all(status[key] == value for key, value in wanted.items())
+
+    until(there, 30.0, f"{wanted}: {(runtime / 'log').read_text()}")
+
+
+def looking_on() -> list[str]:
+    """Commands of the section on observing."""
+    section = README.partition("## Observe")[2].partition("\n## ")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
+def learning() -> list[str]:
+    """Commands of the section on learning: parsed here, and run where each verb is tested."""
+    section = README.partition("## Learn")[2].partition("\n## ")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
+def beyond() -> list[str]:
+    """Commands that connect to a ROS graph and to other machines."""
+    section = README.partition("## Connect")[2].partition("\n## ")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
+def test_who_looks_on_sees_what_the_readme_says(tmp_path: Path) -> None:
+    lines = {line.split()[1]: line for line in looking_on()}
+    assert list(lines) == ["monitor", "view", "record", "mark", "metrics", "dump", "replay", "plot"]
+    state = {"STATE_DIRECTORY": str(tmp_path / "state"), "XDG_STATE_HOME": str(tmp_path)}
+    with pytest.MonkeyPatch.context() as patch:
+        for key, value in state.items():
+            patch.setenv(key, value)
+        with daemon(tmp_path, "--mode", "sim") as environment:
+            wait_for(tmp_path, mode="sim")
+            goes_on = ["monitor", "record"] + (["view"] if find_spec("mjviser") else [])
+            going = {verb: begin(lines[verb], tmp_path, environment) for verb in goes_on}
+            until(lambda: len(list(tmp_path.rglob("*.mcap"))) == 1, 20.0, "no recording was begun")
+            for verb in ("mark", "metrics"):
+                assert run(lines[verb], tmp_path, environment)
+            dumped = run(lines["dump"], tmp_path, environment).strip()
+            time.sleep(1.0)
+            told = {verb: ended(process) for verb, process in going.items()}
+        assert "h24" in told["monitor"] and "nothing dropped" in told["record"]
+        assert "http://127.0.0.1:" in told.get("view", "http://127.0.0.1:")
+        shutil.copy(dumped, tmp_path / "odd.flight")
+        assert "the same" in run(lines["replay"], tmp_path, environment)
+        if find_spec("matplotlib"):
+            run(lines["plot"], tmp_path, environment)
+            assert (tmp_path / "odd.flight.png").read_bytes().startswith(b"\x89PNG")
+
+
+def begin(line: str, folder: Path, environment: dict[str, str]) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        ["bash", "-c", f"exec {line}"],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def ended(process: "subprocess.Popen[str]") -> str:
+    """What it said, told to end as by Ctrl-C."""
+    process.send_signal(signal.SIGINT)
+    return process.communicate(timeout=20.0)[0]
+
+
+def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp_path: Path) -> None:
+    ros, uplink, fleet, move = [line for line in beyond() if line.startswith("twindctl ")]
+    assert {line.split()[0] for line in beyond()} == {"export", "twindctl"}
+    pytest.importorskip("zenoh", reason="the extra `ros` is not installed")
+    port = free_port()
+    assert "tcp/0.0.0.0:7448" in uplink and "export TWIND_ZENOH=tcp/ROBOT:7448" in "\n".join(beyond())
+    uplink = uplink.replace("0.0.0.0:7448", f"127.0.0.1:{port}")
+    with free_domain() as domain, daemon(tmp_path, "--mode", "sim") as environment:
+        wait_for(tmp_path, mode="sim")
+        graph = ros_peer.environment(tmp_path, domain) | environment
+        going = [begin(ros, tmp_path, graph), begin(uplink, tmp_path, environment)]
+        desk = environment | {"TWIND_ZENOH": f"tcp/127.0.0.1:{port}"}
+
+        def listed() -> bool:
+            told = subprocess.run(
+                ["bash", "-c", fleet], cwd=tmp_path, env=desk, capture_output=True, text=True
+            )
+            return told.returncode == 0 and told.stdout.count("h24") == 2
+
+        until(listed, 30.0, "not both here and elsewhere")
+        run(move, tmp_path, desk)
+        said = [ended(process) for process in going]
+    assert "domain" in said[0] and "h24 is up" in said[1], said
+
+
+def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
+    left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
+    apart = ("check", "scan", "calibrate", "wiggle")  # need no daemon, or ask a person
+    verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
+    verbs = [line for line in verbs if line not in (*looking_on(), *learning(), *beyond())]
+    assert [line.split()[1] for line in verbs] == [
+        "status",
+        "arm",
+        "move",
+        "play",
+        "estop",
+        "reset",
+        "disarm",
+    ]
+    with daemon(tmp_path, "--virtual", "--mode", "live") as environment:
+        wait_for(tmp_path, state="connected")
+        for line in verbs:
+            verb = line.split()[1]
+            if verb == "play":  # long: what comes next, the e-stop, ends it
+                playing = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=tmp_path, env=environment)
+                wait_for(tmp_path, motion="active")
+                continue
+            if verb == "reset":  # it says: once torque is off
+                assert playing.wait(10.0) == 1
+                wait_for(tmp_path, armed=False)
+            run(line, tmp_path, environment)
+        wait_for(tmp_path, state="connected", armed=False)
+
+
+def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None:
+    scan, check = [line for line in readme_lines() if line.split()[1] in ("scan", "check")]
+    (doctor,) = re.findall(r"`(twindctl doctor [^`]+)`", README)
+    servos = fenced((ROOT / "docs" / "virtual.md").read_text(), "sh")[0].splitlines()[0]
+    robots = Path(str(resources.files("twind.robots")))
+    shutil.copy(robots / "h24.yaml", tmp_path / "my_robot.yaml")
+    shutil.copy(robots / "h24.xml", tmp_path)
+    environment = {**os.environ, "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}"}
+    assert run(check, tmp_path, environment).endswith("ok\n")
+    assert "/tmp/" in servos
+    process = subprocess.Popen(
+        ["bash", "-c", "exec " + servos.replace("/tmp/", f"{tmp_path}/")],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline().startswith("bus main ")
+    assert process.stdout.readline() == "ready\n"
+    assert (tmp_path / "robot" / "main").exists() and (tmp_path / "robot-faults").is_socket()
+    found = run(scan.replace("/dev/ttyUSB0", f"{tmp_path}/robot/main"), tmp_path, environment)
+    assert found.count("XM430-W350") == 24 and "2000000" in found.replace(",", "").replace("_", "")
+    diagnosed = subprocess.run(
+        ["bash", "-c", doctor.replace("/dev/ttyUSB0", f"{tmp_path}/robot/main")],
+        cwd=tmp_path,
+        env=environment | {"XDG_STATE_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert diagnosed.returncode == 1, diagnosed.stderr  # this robot has no calibration yet
+    last = diagnosed.stdout.splitlines()[-1]
+    assert "CALIBRATION_MISSING" in diagnosed.stdout
+    assert "; looked at " in last and "servos" not in last, "nothing but what could not be seen is named"
+    process.stdin.close()
+    assert process.wait(10.0) == 0
+    process.stdout.close()
+
+
+def test_the_python_example_of_the_readme_moves_the_simulation(tmp_path: Path) -> None:
+    (example,) = fenced(README, "python")
+    with daemon(tmp_path, "--mode", "sim") as environment:
+        wait_for(tmp_path, mode="sim")
+        (tmp_path / "example.py").write_text(example)
+        said = run(f"{shlex.quote(sys.executable)} example.py", tmp_path, environment).splitlines()
+    assert said[0].startswith("accepted") and said[-1] == "succeeded 100%"

@@ -1,0 +1,80 @@
+"""Files of the robot that are written anew while the daemon runs: nobody arms by what it has not read."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.support.daemon_rig import Rig
+from tests.support.processes import arm, daemon, robot
+from twind import link
+from twind.client import Refused
+from twind.config.file_changes import LARGEST, edited, fingerprints, texts
+
+
+def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.yaml", tmp_path / "other.yaml"
+    for file in (one, other):
+        file.write_text("a: 1\n")
+    before = fingerprints([one, other])
+    assert edited(before) == []
+    other.write_text("a: 2\n")
+    assert edited(before) == [str(other)]
+    other.write_text("a: 1\n")
+    assert edited(before) == [], "restored is as good as never touched"
+    one.unlink()
+    assert edited(before) == [str(one)]
+
+
+def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Path) -> None:
+    pipe, folder, long = tmp_path / "pipe", tmp_path / "folder", tmp_path / "long"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    with long.open("wb") as file:
+        file.truncate(LARGEST + 1)
+    missing = tmp_path / "missing"
+    everything = [pipe, folder, long, missing]
+    assert edited(fingerprints(everything)) == [str(path) for path in everything]
+
+
+def test_what_files_said_is_kept_as_it_was_when_they_were_read(tmp_path: Path) -> None:
+    same, changed, binary = tmp_path / "same", tmp_path / "changed", tmp_path / "binary"
+    same.write_text("a: ä\n")
+    changed.write_text("a: 1\n")
+    binary.write_bytes(b"\xff\x00")
+    read = fingerprints([same, changed, binary])
+    first = texts(read)
+    assert first == {str(same): "a: ä\n", str(changed): "a: 1\n"}
+    changed.write_text("a: 2\n")
+    assert texts(read) == {str(same): "a: ä\n"}, "what it says now was never read"
+    assert texts(read, first) == first
+    assert texts(fingerprints([changed]), first) == {str(changed): "a: 2\n"}
+
+
+def test_arming_is_refused_with_every_file_named(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    reply = live.call(link.Arm, edited=["/etc/one.yaml", "/etc/other.yaml"])
+    assert reply.error == "Refused"
+    found = reply.parameters["findings"]
+    assert [finding["code"] for finding in found] == ["CALIB_MISMATCH"] * 2
+    assert "/etc/one.yaml" in found[0]["message"]
+    assert (live.register("torque_enable") == 0).all()
+    assert live.call(link.Arm).error is None
+
+
+def test_a_calibration_that_is_rewritten_while_the_daemon_runs_refuses_to_arm() -> None:
+    with robot("h24") as (virtual, folder), daemon(virtual, folder) as running:
+        running.reach(state="connected")
+        text = virtual.calibration.read_text()
+        virtual.calibration.write_text(text + "\n")
+        with running.client() as client:
+            with pytest.raises(Refused) as answer:
+                arm(client)
+            found = answer.value.findings
+            assert [finding["code"] for finding in found] == ["CALIB_MISMATCH"]
+            assert str(virtual.calibration) in found[0]["message"]
+            virtual.calibration.write_text(text)
+            arm(client)
+            client.call("Disarm")
+        assert running.end() == 0

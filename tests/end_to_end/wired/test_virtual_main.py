@@ -1,0 +1,327 @@
+"""The real `twind-virtual` on real pseudo-terminals, asked by the vendor's own client and by rustypot."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import dynamixel_sdk as sdk
+import pytest
+import serial
+
+from twind.config.calibration_file import load_calibration
+from twind.config.robot_file import load_robot
+from twind.virtual.virtual_main import main
+
+IDS = list(range(1, 25))
+
+
+class Virtual:
+    """A running process, what it said, and its faults socket."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder = folder
+        command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--muscles", "first-order"]
+        command += ["--faults", str(folder / "faults"), *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.said = list(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        assert self.process.stdout is not None
+        while (line := self.process.stdout.readline().decode().strip()) not in ("", "ready"):
+            yield line
+
+    def order(self, **order: object) -> dict:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5.0)
+            client.connect(str(self.folder / "faults"))
+            client.sendall(json.dumps(order).encode() + b"\n")
+            return json.loads(client.makefile().readline())
+
+    def servos(self) -> list[dict]:
+        return self.order(query="state")["buses"]["main"]["servos"]
+
+
+@contextmanager
+def virtual(folder: Path, *options: str) -> Iterator[Virtual]:
+    with bench(folder, "--calibration", str(folder / "fits.yaml"), *options) as running:
+        yield running
+
+
+@contextmanager
+def bench(folder: Path, *options: str) -> Iterator[Virtual]:
+    running = Virtual(folder, *options)
+    try:
+        yield running
+    finally:
+        assert running.process.stdin is not None
+        running.process.stdin.close()
+        assert running.process.wait(5.0) == 0, "ends at end-of-file on its input"
+        assert running.process.stdout is not None
+        running.process.stdout.close()
+        assert not (folder / "main").is_symlink()
+
+
+@contextmanager
+def client(path: Path, baud: int = 2_000_000) -> Iterator[sdk.PortHandler]:
+    port = sdk.PortHandler(str(path))
+    assert port.openPort()
+    assert port.setBaudRate(baud)
+    try:
+        yield port
+    finally:
+        port.closePort()
+
+
+def test_the_vendors_sdk_unmodified_pings_reads_writes_and_syncs(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        assert robot.said == [f"bus main {os.path.realpath(tmp_path / 'main')}"]
+        talk = sdk.PacketHandler(2.0)
+        assert talk.ping(port, 7) == (1020, 0, 0)
+        zeros = {
+            joint.id: joint.zero_ticks
+            for joint in load_calibration(tmp_path / "fits.yaml", load_robot("h24")).joints
+        }
+        assert talk.read4ByteTxRx(port, 7, 132) == (zeros[7], 0, 0)
+        assert talk.write1ByteTxRx(port, 7, 64, 1) == (0, 0)
+        assert talk.write1ByteTxRx(port, 7, 9, 1) == (0, 7), "EEPROM lock"
+        assert talk.write4ByteTxRx(port, 7, 116, 4095) == (0, 6), "position limit"
+
+        goals = sdk.GroupSyncWrite(port, talk, 116, 4)
+        torque = sdk.GroupSyncWrite(port, talk, 64, 1)
+        for id in IDS:
+            assert goals.addParam(id, list((zeros[id] + id).to_bytes(4, "little")))
+            assert torque.addParam(id, [1])
+        assert goals.txPacket() == torque.txPacket() == 0
+        time.sleep(0.5)
+        block = sdk.GroupSyncRead(port, talk, 126, 10)
+        for id in IDS:
+            assert block.addParam(id)
+        for read in (block.txRxPacket, block.fastSyncRead):
+            assert read() == 0
+            assert [block.getData(id, 132, 4) for id in IDS] == [zeros[id] + id for id in IDS]
+
+        assert robot.order(fault="silence", id=12)["ok"]
+        assert block.txRxPacket() == sdk.COMM_RX_TIMEOUT
+        assert robot.order(fault="clear")["ok"]
+        assert block.txRxPacket() == 0
+        assert talk.reboot(port, 3) == (0, 0)
+        assert talk.ping(port, 3)[1] != 0, "off the bus while it boots"
+        time.sleep(0.15)
+        assert talk.read1ByteTxRx(port, 3, 64) == (0, 0, 0)
+
+
+def test_rustypot_writes_and_reads_stuffed_bytes_plain_and_fast(tmp_path: Path) -> None:
+    """-131073 is FF FF FD FF: stuffed in a write and a status, never in a fast reply."""
+    rustypot = pytest.importorskip("rustypot")
+    with virtual(tmp_path, "--no-wire-timing"):
+        io = rustypot.Xl430PyController(str(tmp_path / "main"), 2_000_000, 0.2)
+        pattern = [0xFF, 0xFF, 0xFD, 0xFF]
+        for id in (2, 3):
+            io.write_raw_data(id, 11, [4])  # extended position: any goal
+            io.write_raw_data(id, 116, pattern)
+        assert list(io.read_raw_data(2, 116, 4)) == pattern
+        for fast in (False, True):
+            io.set_fast_sync_read(fast)
+            rows = io.sync_read_raw_data_with_error([3, 2], 116, 4)
+            assert [(list(data), error) for data, error in rows] == [(pattern, 0)] * 2
+            places = io.sync_read_raw_data_with_error(IDS, 132, 4)
+            assert len({bytes(data) for data, _ in places}) > 12
+        io.close()
+
+
+def test_the_port_of_a_servo_at_another_baud_is_silent(tmp_path: Path) -> None:
+    with virtual(tmp_path, "--baud", "1000000"):
+        talk = sdk.PacketHandler(2.0)
+        with client(tmp_path / "main") as port:
+            assert talk.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
+        with client(tmp_path / "main", 1_000_000) as port:
+            assert talk.ping(port, 1) == (1020, 0, 0)
+
+
+def test_unplug_hangs_up_and_replug_is_found_under_the_same_name(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot:
+        port = serial.Serial(str(tmp_path / "main"), 2_000_000)
+        poll = select.poll()
+        poll.register(port.fileno(), select.POLLIN)
+        assert robot.order(fault="unplug")["ok"]
+        assert poll.poll(500)[0][1] & select.POLLHUP
+        with pytest.raises(OSError, match="Input/output"):
+            os.write(port.fileno(), b"x")
+        port.close()
+        assert not (tmp_path / "main").exists()
+        assert robot.order(fault="replug")["ok"]
+        with client(tmp_path / "main") as again:
+            assert sdk.PacketHandler(2.0).ping(again, 1) == (1020, 0, 0)
+
+
+def test_it_serves_single_servos_without_a_robot_twins_too(tmp_path: Path) -> None:
+    twins = [
+        "--servo",
+        "main:5:XM430-W350",
+        "--servo",
+        "main:5:XM430-W350",
+        "--servo",
+        "main:9:XL330-M288:46",
+    ]
+    with (
+        bench(tmp_path, *twins, "--baud", "1000000") as running,
+        client(tmp_path / "main", 1_000_000) as port,
+    ):
+        talk = sdk.PacketHandler(2.0)
+        assert talk.ping(port, 9) == (1200, 0, 0)
+        assert talk.read1ByteTxRx(port, 9, 6) == (46, 0, 0)
+        assert talk.read2ByteTxRx(port, 5, 0) == (1020, 0, 0), "twins that say the same are heard as one"
+        assert running.order(fault="heat", id=5, celsius=40)["ok"]
+        assert "ids are [5, 5, 9]" in running.order(fault="drop", count=1, id=3)["error"]
+
+
+def test_an_adapter_that_stalls_keeps_the_bytes_and_one_that_babbles_stalls_nobody(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        talk = sdk.PacketHandler(2.0)
+        assert robot.order(fault="stall")["ok"]
+        assert talk.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
+        assert robot.order(fault="stall", on=False)["ok"]
+        time.sleep(0.1)
+        port.clearPort()
+        assert talk.ping(port, 1) == (1020, 0, 0)
+        assert robot.order(fault="babble")["ok"]
+        time.sleep(0.3)  # nobody reads what it says: the output fills up
+        asked = time.monotonic()
+        assert robot.order(query="state")["ok"]
+        assert time.monotonic() - asked < 0.5
+        assert robot.order(fault="clear")["ok"]
+        time.sleep(0.1)
+        port.clearPort()
+        assert talk.ping(port, 1) == (1020, 0, 0)
+
+
+def test_unplugged_and_back_under_another_name_the_link_leads_there(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot:
+        before = os.path.realpath(tmp_path / "main")
+        assert robot.order(fault="unplug")["ok"]
+        answer = robot.order(fault="replug", renamed=True)
+        assert answer["path"] == os.path.realpath(tmp_path / "main") != before
+        with client(tmp_path / "main") as port:
+            assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
+
+
+def test_a_second_one_on_the_same_link_is_refused_and_the_first_serves_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with virtual(tmp_path):
+        before = os.readlink(tmp_path / "main")
+        for faults in ([], ["--faults", str(tmp_path / "faults")]):
+            assert main(["--link", str(tmp_path), "--muscles", "first-order", *faults]) == 2
+            assert f"{tmp_path / 'main'}: another twind-virtual serves it" in capsys.readouterr().err
+        assert os.readlink(tmp_path / "main") == before
+        with client(tmp_path / "main") as port:
+            assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
+
+
+def test_the_link_of_one_that_was_killed_is_taken_over(tmp_path: Path) -> None:
+    killed = Virtual(tmp_path)
+    killed.process.kill()
+    killed.process.communicate()
+    assert (tmp_path / "main").is_symlink()
+    with virtual(tmp_path), client(tmp_path / "main") as port:
+        assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
+
+
+def test_the_watchdog_trips_within_120_ms_of_the_last_packet_by_the_servos_clock(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        talk = sdk.PacketHandler(2.0)
+        for address, value in ((98, 5), (64, 1)):
+            write = sdk.GroupSyncWrite(port, talk, address, 1)
+            for id in IDS:
+                write.addParam(id, [value])
+            assert write.txPacket() == 0
+        time.sleep(0.06)
+        assert not any(servo["tripped"] for servo in robot.servos())
+        time.sleep(0.3)
+        servos = robot.servos()
+        assert all(servo["tripped"] and servo["torque"] and servo["watchdog"] == 255 for servo in servos)
+        assert max(servo["trip_delay"] for servo in servos) <= 0.120
+        time.sleep(0.2)
+        for before, after in zip(servos, robot.servos(), strict=True):
+            assert abs(after["position"] - before["position"]) <= 2
+
+
+def test_a_bus_alone_is_served_so_that_each_may_have_a_process_of_its_own(tmp_path: Path) -> None:
+    apart = ("--robot", "h24-mixed", "--muscles", "first-order", "--bus", "l_leg", "--bus", "upper")
+    with virtual(tmp_path, *apart) as robot:
+        assert sorted(line.split()[1] for line in robot.said) == ["l_leg", "upper"]
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly(tmp_path: Path, end: signal.Signals) -> None:
+    with virtual(tmp_path) as robot:
+        robot.process.send_signal(end)
+        assert robot.process.wait(5.0) == 0
+        assert not (tmp_path / "faults").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--robot", "h42"], "h24"),
+        (["--baud", "12345"], "9600"),
+        (["--return-delay", "7"], "508"),
+        (["--calibration", "x.txt"], "NAME.yaml"),
+        (["--robot", "h24-mixed", "--bus", "leg"], "upper, l_leg, r_leg"),
+        (["--robot", "h24-mixed", "--bus", "l_leg"], "first-order"),
+        (["--servo", "a:1:XM430-W350", "--bus", "a"], "--bus needs --robot"),
+    ],
+)
+def test_what_it_cannot_start_as_asked_is_said_and_ends_with_2(
+    options: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(options) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_truth_is_read_or_drawn_and_a_hand_moves_what_nobody_was_told(tmp_path: Path) -> None:
+    (tmp_path / "truth.json").write_text('{"joints": {"l_knee": {"zero_ticks": 4000, "turns": 1}}}')
+    with bench(tmp_path, "--truth", str(tmp_path / "truth.json")) as robot:
+        assert not (tmp_path / "fits.yaml").exists()
+        knee = next(each for each in robot.servos() if each["id"] == 16)
+        assert (knee["encoder"], knee["position"]) == (4000.0, 8096.0)
+        assert robot.order(fault="hand", pose={"l_knee": 0.5}, speed=5.0)["ok"]
+        deadline = time.monotonic() + 5.0
+        while abs(knee["encoder"] - 4000.0) < 325 and time.monotonic() < deadline:
+            knee = next(each for each in robot.servos() if each["id"] == 16)
+        assert abs(knee["encoder"] - 4000.0) == pytest.approx(326, abs=1)
+        assert robot.order(fault="hand", off=True)["ok"]
+        assert "no joint 'tail'" in robot.order(fault="hand", pose={"tail": 0.5})["error"]
+    with virtual(tmp_path, "--truth-seed", "7") as robot:
+        drawn = {
+            joint.id: joint for joint in load_calibration(tmp_path / "fits.yaml", load_robot("h24")).joints
+        }
+        found = {each["id"]: round(each["position"]) for each in robot.servos()}
+        assert all((found[id] - drawn[id].zero_ticks) % 4096 == 0 for id in IDS)
+        assert len({drawn[id].zero_ticks for id in IDS}) > 20, "zeros are drawn"
+        assert len({drawn[id].zero_ticks // 512 for id in IDS}) > 4, "and lie anywhere on the encoder"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--truth", "t.yaml", "--truth-seed", "1"], "a truth is told or drawn, not both"),
+        (["--truth-seed", "-1"], "--truth-seed -1: it is 0 or more"),
+        (["--servo", "main:1:XM430-W350", "--truth-seed", "1"], "--truth-seed needs --robot"),
+        (["--truth", "/nowhere/t.yaml"], "/nowhere/t.yaml"),
+    ],
+)
+def test_a_truth_that_cannot_be_had_is_refused_before_a_port_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    assert main(["--link", str(tmp_path), "--muscles", "first-order", *options]) == 2
+    assert words in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,93 @@
+"""`--virtual`: a robot of our own that is there when we are, and gone with its files when we are."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.processes import until
+from twind.config.calibration_file import load_calibration
+from twind.config.robot_file import load_robot
+from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
+
+PARENT = """
+import sys, time
+from twind.loop.virtual_robot_process import VirtualRobotProcess
+
+child = VirtualRobotProcess("h24-split")
+child.__enter__()
+print(child._process.pid, *child.ports.values(), flush=True)
+time.sleep(60)
+"""
+
+
+def children() -> set[str]:
+    return set(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
+
+
+def test_it_is_ready_inside_and_gone_with_its_folder_outside() -> None:
+    before = children()
+    with VirtualRobotProcess("h24") as child:
+        (pid,) = children() - before
+        assert list(child.ports) == ["main"]
+        assert stat.S_ISCHR(os.stat(child.ports["main"]).st_mode)
+        assert load_calibration(child.calibration, load_robot("h24")).joints
+        assert child.faults.is_socket()
+        folder = child.calibration.parent
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert os.getsid(int(pid)) == int(pid)  # Ctrl-C reaches the loop alone, which lowers the robot first
+    assert not folder.exists()
+    assert children() == before
+    child.close()  # twice is no harm
+
+
+def test_it_runs_nothing_of_the_folder_it_is_started_in_and_does_not_know_the_service_manager(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("yaml", "mujoco", "twind"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')")
+    monkeypatch.chdir(tmp_path)
+    theirs = ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES", "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
+    for key in theirs:
+        monkeypatch.setenv(key, "1")
+    before = children()
+    with VirtualRobotProcess("h24"):
+        (pid,) = children() - before
+        given = Path(f"/proc/{pid}/environ").read_bytes().decode().split("\0")
+        assert not [one for one in given if one.startswith(theirs)]
+        assert f"PATH={os.environ['PATH']}" in given
+
+
+def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, env={**os.environ, "TMPDIR": str(tmp_path)}
+    )
+    assert parent.stdout is not None
+    pid, *ports = parent.stdout.readline().decode().split()
+    parent.stdout.close()
+    assert len(ports) == 2
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait(10)
+
+    def gone() -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+        except FileNotFoundError:
+            return True
+
+    until(gone, 10.0, "the virtual robot ends with its parent")
+
+
+def test_a_robot_that_does_not_start_is_an_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    before = children()
+    with pytest.raises(VirtualRobotError, match="did not start"), VirtualRobotProcess("no-such-robot"):
+        pass
+    assert children() == before
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,91 @@
+"""The front's share of the gate: form, names, tolerances, policy."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twind import link, memfd
+from twind.front.joint_naming import JointNames
+from twind.front.trajectory_submission import SealedTrajectory, ToleranceTooLoose, fields, judge, policy
+from twind.robot.finding import ReasonCode
+
+NAMES = JointNames(["hip", "knee", "ankle"])
+
+
+def trajectory(**changed: Any) -> dict[str, Any]:
+    points = [{"positions": [0.1, 0.2], "velocities": [0, 0.0], "time_from_start": 1}]
+    return {"joint_names": ["ankle", "hip"], "points": points, **changed}
+
+
+def codes(message: dict[str, Any]) -> list[ReasonCode]:
+    path, wrong = judge(message, NAMES)
+    assert (path is None) == bool(wrong)
+    return [finding.code for finding in wrong]
+
+
+def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
+    tolerances = [{"joint": "hip", "path": 0.1}]
+    message = trajectory(start_in=0.5, tolerances=tolerances, goal_time=1.0, append_stop=True)
+    path, wrong = judge(message, NAMES)
+    assert path is not None
+    assert not wrong
+    submit = link.Submit(ticket=1, client=2, **fields(message, path, NAMES))
+    assert submit.commanded == [0, 2]
+    assert submit.tolerances == [(0, 0.1, None)]
+    assert (submit.start_in, submit.goal_time, submit.append_stop) == (0.5, 1.0, True)
+    with SealedTrajectory(path) as fd:
+        there = link.unpack_path(memfd.unseal(fd), submit, 3)
+    assert there.position[0, [0, 2]].tolist() == [0.2, 0.1]
+    assert np.isnan(there.position[0, 1])
+    assert there.velocity is not None
+
+
+def test_a_tolerance_of_zero_or_minus_one_reaches_the_loop() -> None:
+    tolerances = [{"joint": "hip", "path": 0.0, "goal": -1.0}]
+    message = trajectory(tolerances=tolerances)
+    path, wrong = judge(message, NAMES)
+    assert path is not None
+    assert not wrong
+    assert fields(message, path, NAMES)["tolerances"] == [(0, 0.0, -1.0)]
+
+
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({"joint_names": []}, ReasonCode.NO_JOINTS),
+        ({"points": []}, ReasonCode.EMPTY),
+        ({"joint_names": ["ankle", "toe"]}, ReasonCode.UNKNOWN_JOINT),
+        ({"joint_names": ["hip", "hip"]}, ReasonCode.DUP_JOINT),
+        ({"joint_names": ["hip"]}, ReasonCode.BAD_SHAPE),
+        ({"start_in": -0.1}, ReasonCode.CMD_EXPIRED),
+        ({"start_in": 60.1}, ReasonCode.TOO_DISTANT),
+        ({"goal_time": -1.0}, ReasonCode.BAD_SCHEMA),
+        ({"tolerances": [{"joint": "toe"}]}, ReasonCode.UNKNOWN_JOINT),
+        ({"tolerances": [{"joint": "hip"}, {"joint": "hip"}]}, ReasonCode.DUP_JOINT),
+        ({"tolerances": [{"joint": "hip", "goal": -0.5}]}, ReasonCode.BAD_SCHEMA),
+        ({"tolerances": [{"joint": "hip", "path": float("nan")}]}, ReasonCode.BAD_SCHEMA),
+        ({"points": [{"positions": [0, 0], "time_from_start": -1.0}]}, ReasonCode.TIME_ORDER),
+    ],
+)
+def test_what_is_wrong_is_refused_with_its_code(changed: dict[str, Any], code: ReasonCode) -> None:
+    assert code in codes(trajectory(**changed))
+
+
+def test_all_that_is_wrong_is_said_at_once() -> None:
+    message = trajectory(joint_names=["toe", "hip"], start_in=-1.0, goal_time=-1.0)
+    assert codes(message) == [ReasonCode.CMD_EXPIRED, ReasonCode.UNKNOWN_JOINT, ReasonCode.BAD_SCHEMA]
+
+
+@pytest.mark.parametrize("theirs", ["reject", "retime", None])
+def test_a_request_may_be_stricter_than_the_robot_file_never_looser(theirs: str | None) -> None:
+    description = {} if theirs is None else {"gate": {"on_velocity": theirs}}
+    assert policy({}, description) == (theirs or "reject")
+    assert policy({"policy": "reject"}, description) == "reject"
+    if theirs == "retime":
+        assert policy({"policy": "retime"}, description) == "retime"
+    else:
+        with pytest.raises(ToleranceTooLoose, match="stricter"):
+            policy({"policy": "retime"}, description)
+    with pytest.raises(ToleranceTooLoose, match="expected one of reject, retime"):
+        policy({"policy": "fast"}, description)

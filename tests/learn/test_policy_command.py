@@ -1,0 +1,137 @@
+"""`twindctl policy`: what it shows, and what it refuses before anything is asked to move."""
+
+import argparse
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
+
+from tests.support.policy_files import TWO, written
+from twind.config.robot_file import load_robot
+from twind.ctl.ctl_main import main
+from twind.ctl.verb import UsageError
+from twind.learn.learning_tasks import task_of
+from twind.learn.live.daemon_robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
+from twind.learn.policy import policy_command
+from twind.learn.policy.policy_run_command import _command, _figures
+
+CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
+ROBOT = load_robot("h24-standing")
+
+
+def told(**changed: Any) -> dict[str, Any]:
+    """The answer of `GetRobot`, as far as it is looked at."""
+    robot = asdict(replace(ROBOT, joints=(), buses=(), transmissions=()))
+    return {"robot": robot | {"path": str(ROBOT.path)} | changed, "mjcf": ""}
+
+
+def test_a_card_is_shown_to_people_and_to_programs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, CARD)
+    assert main(["policy", "show", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "forward 0..0.4" in said and "return 12.5" in said and "hip knee" in said
+    assert main(["policy", "show", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["joints"] == ["hip", "knee"]
+
+
+def test_what_a_card_says_cannot_reach_the_terminal_as_a_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["policy", "show", str(written(tmp_path, CARD, notes={"a": "\x1b[2J\nb"}))]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_a_file_that_is_none_is_refused_with_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "x.onnx").write_bytes(b"no")
+    assert main(["policy", "show", str(tmp_path / "x.onnx")]) == 1
+    assert "x.onnx: " in capsys.readouterr().err
+
+
+def test_without_a_daemon_a_run_ends_with_3(tmp_path: Path) -> None:
+    assert main(["--socket", str(tmp_path), "policy", "run", str(written(tmp_path, CARD))]) == 3
+
+
+@pytest.mark.parametrize("text", ["1", "1,2", "a,b,c", "1,2,3,4", "nan,0,0", "0,inf,0"])
+def test_a_command_is_three_finite_numbers(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="numbers"):
+        policy_command.command(text)
+
+
+def test_a_command_lies_within_what_was_trained() -> None:
+    stand = task_of("Stand")
+
+    def asked(*numbers: float) -> list[float]:
+        return _command(argparse.Namespace(command=numbers or None), CARD, stand).tolist()
+
+    assert asked() == [0.2, 0.0, 0.0] and asked(0.4, 0.0, 0.0) == [0.4, 0.0, 0.0]
+    with pytest.raises(UsageError, match=r"forward 0\.5 is outside what it was trained for: 0\.\.0\.4"):
+        asked(0.5, 0.0, 0.0)
+    with pytest.raises(UsageError, match="turn"):
+        asked(0.0, 0.0, 0.1)
+
+
+def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
+    require_same(told(), ROBOT)
+    with pytest.raises(RobotMismatch, match="the daemon runs h24-standing"):
+        require_same(told(text_sha256="0"), ROBOT)
+    with pytest.raises(RobotMismatch, match="has changed since the daemon read it"):
+        require_same(told(mjcf="<mujoco/>"), ROBOT)
+    with pytest.raises(RobotMismatch, match="cannot be read here"):
+        plant_told(told(path="/nowhere/robot.yaml"), 0.02)
+
+
+def test_the_robot_of_a_daemon_is_simulated_as_its_file_says() -> None:
+    assert plant_told(told(), 0.02).layout.joints == ROBOT.names
+
+
+def standing(state: str, *codes: str, mode: str = "live", armed: bool = False) -> dict[str, Any]:
+    """A status, as far as it is looked at."""
+    return {"mode": mode, "armed": armed, "state": state, "faults": [{"code": each} for each in codes]}
+
+
+def test_a_robot_that_is_not_armed_is_told_with_what_leads_there_from_its_state() -> None:
+    require_armed(standing("armed", armed=True))
+    require_armed(standing("connected", mode="sim"))
+    anew = "twindctl disarm, twindctl reset, twindctl arm"
+    for status, said in (
+        (standing("connected"), "the robot is connected, not armed: twindctl arm"),
+        (standing("fault", "LEASE_LOST"), f"the robot is fault (LEASE_LOST), not armed: .*{anew}"),
+        (standing("fault", "OVERCURRENT", "OVERCURRENT", armed=True), f"(OVERCURRENT), not armed: .*{anew}"),
+        (standing("estop", "ESTOP"), f"find out why it was stopped, then {anew}"),
+        (standing("inhibited"), anew),
+        (standing("settling"), "wait until it lies"),
+        (standing("identifying"), "twindctl status"),
+    ):
+        with pytest.raises(RobotMismatch, match=said.replace("(", "[(]").replace(")", "[)]")):
+            require_armed(status)
+
+
+def ended(**changed: Any) -> dict[str, Any]:
+    """Of a drive: half of its periods were missed, unless said otherwise."""
+    rest: dict[str, Any] = dict.fromkeys(("late_p50_ms", "late_p99_ms", "inference_p99_ms"))
+    rest |= {"way_p50_ms": 4.0, "way_p99_ms": 6.0, "refused": 0, "refusals": {}, "why_held": []}
+    told = {"steps": 250, "seconds": 10.0, "missed": 250, "too_late": 0, "holds": 2, "held_s": 1.26}
+    return rest | told | {"most_tilt_deg": 1.0} | changed
+
+
+def test_many_missed_periods_are_told_with_how_long_it_held_and_what_helps() -> None:
+    said = "\n".join(_figures(ended()))
+    assert "250 missed" in said and "2 holds of 1.3 s together" in said and "nice -n -10" in said
+    few = "\n".join(_figures(ended(steps=499, missed=1, holds=0, held_s=0.0)))
+    assert "busy" not in few and "0 holds, tilt" in few
+    assert "busy" in "\n".join(_figures(ended(steps=499, missed=1, too_late=1)))
+
+
+def test_a_mirror_shows_one_robot_and_moves_another() -> None:
+    require_mode("sim")
+    require_mode("live")
+    with pytest.raises(RobotMismatch, match="use sim or live"):
+        require_mode("mirror")

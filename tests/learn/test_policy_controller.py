@@ -1,0 +1,267 @@
+"""The pilot: what it sends, and all that makes it hold or end."""
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+
+from tests.support.policy_files import TWO
+from twind.learn.action_shaping import ActionShaper
+from twind.learn.live.state_message import STALE, ImuReading, StateMessage
+from twind.learn.observation import BodyReading
+from twind.learn.observation_layout import ObservationLayout
+from twind.learn.policy.policy_card import entries
+from twind.learn.policy.policy_controller import (
+    PATIENCE,
+    PolicyController,
+    PolicyEnd,
+    PolicyHold,
+    PolicySetpoint,
+)
+
+CARD = replace(TWO, layout=entries(ObservationLayout(TWO.joints)))
+POSE = np.array(CARD.default)
+PERIOD = 0.02
+
+
+class World:
+    """A robot that goes where the loop tells it, a policy that says `action`, and a clock."""
+
+    def __init__(self) -> None:
+        self.card, self.now, self.takes = CARD, 100.0, 0.0  # takes: s that the policy takes to act
+        self.action, self.seen = np.zeros(2, np.float32), np.zeros(0, np.float32)
+        self.goal, self.lies, self.gyro = POSE.copy(), False, 0.0
+        self.pilot = PolicyController(
+            self, self, lambda reading: self.lies, np.eye(4), np.zeros(3), lambda: self.now
+        )
+        self.sent: list[PolicySetpoint] = []
+        self.target, self.drift = POSE.copy(), np.zeros(2)
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self.seen, self.now = observation, self.now + self.takes
+        return self.action.copy()
+
+    def reading(self, heard: StateMessage) -> BodyReading:
+        reading = BodyReading.empty(2)
+        reading.position[...], reading.gravity[...] = heard.position, (0.0, 0.0, -1.0)
+        reading.gyro[0] = self.gyro
+        return reading
+
+    def heard(self, old: float = 0.0) -> StateMessage:
+        row, imu = np.zeros(2), ImuReading(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), 0.0)
+        time = self.now - old
+        tick = 0 if time != time else round(time / 0.01)
+        return StateMessage(time, self.now, tick, self.goal, row, self.goal.copy(), row, imu)
+
+    def step(self, old: float = 0.0, *, refused: bool = False) -> PolicySetpoint | PolicyHold | PolicyEnd:
+        """One period: the loop follows what was sent, or brakes to rest at once."""
+        done = self.pilot.step(self.heard(old), self.now)
+        if isinstance(done, PolicySetpoint) and refused:
+            done = self.pilot.hold("refused")
+        elif isinstance(done, PolicySetpoint):
+            self.pilot.taken()
+            self.sent.append(done)
+            self.goal = done.position + done.velocity * PERIOD
+        self.now = 100.0 + PERIOD * (1 + round((self.now - 100.0) / PERIOD))
+        return done
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+def test_what_is_sent_is_what_the_same_shaper_gives_in_simulation(world: World) -> None:
+    shaper = ActionShaper(CARD.limits, POSE, CARD.shaping)
+    for step in range(60):
+        world.action = np.float32([np.sin(0.2 * step), -1.0])
+        world.step()
+        target, velocity = shaper.step(world.action)
+        assert (world.sent[-1].velocity == velocity).all()
+        assert np.allclose(world.sent[-1].position + velocity * PERIOD, target, atol=1e-12)
+
+
+def test_nothing_jumps_at_the_start(world: World) -> None:
+    world.action = np.float32([1.0, -1.0])
+    world.step()
+    assert np.abs(world.sent[0].position - POSE).max() < 1e-12
+    assert np.abs(world.sent[0].velocity).max() <= 20.0 * PERIOD
+
+
+def test_the_observation_is_of_the_last_action_the_last_target_and_the_phase(world: World) -> None:
+    world.action = np.float32([0.5, -0.25])
+    world.step()
+    world.step()
+    at = ObservationLayout(CARD.joints).places
+    assert world.seen[at["action"]].tolist() == [0.5, -0.25]
+    assert world.seen[at["phase"]].tolist() == [0.0, 1.0, 0.0, 0.0]
+    assert np.allclose(
+        world.seen[at["position"]], world.goal * 0 + world.sent[0].velocity * PERIOD, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("old", [STALE + 0.001, 1.0, nan, -0.01])
+def test_an_old_state_holds(world: World, old: float) -> None:
+    world.step()
+    assert isinstance(world.step(old), PolicyHold) and "old" in str(world.pilot.holding)
+
+
+@pytest.mark.parametrize(
+    ("age", "said"),
+    [
+        (0.2, "the IMU was heard 200 ms ago, bound 50 ms"),
+        (398.4, "the IMU is silent for 398 s: its cable and power"),
+        (np.inf, "the IMU has not been heard yet"),
+        (np.nan, "the IMU told no numbers"),
+    ],
+)
+def test_an_imu_that_is_silent_is_told_in_words(world: World, age: float, said: str) -> None:
+    now = world.heard()
+    assert now.inertial is not None
+    assert replace(now, inertial=replace(now.inertial, age=age)).stale(now.time, STALE, ("a", "b")) == said
+
+
+def test_no_state_at_all_holds(world: World) -> None:
+    assert isinstance(world.pilot.step(None, world.now), PolicyHold)
+
+
+def test_a_lasting_hold_is_the_end(world: World) -> None:
+    done = [world.step(STALE + 0.01) for _ in range(round(PATIENCE / PERIOD) + 3)]
+    assert isinstance(done[0], PolicyHold) and isinstance(done[-1], PolicyEnd)
+    assert world.pilot.figures.holds == 1
+
+
+@pytest.mark.parametrize("action", [[nan, 0.0], [0.0, 1.001], [0.0, -np.inf]])
+def test_an_action_that_is_none_holds(world: World, action: list[float]) -> None:
+    world.action = np.float32(action)
+    done = world.step()
+    assert isinstance(done, PolicyHold) and "action of" in done.reason and not world.sent
+
+
+def test_a_policy_that_gives_nothing_else_is_the_end(world: World) -> None:
+    world.action = np.float32([nan, nan])
+    done = [world.step() for _ in range(60)]
+    assert isinstance(done[-1], PolicyEnd) and "action of hip is nan" in done[-1].reason
+
+
+def test_a_reading_that_is_not_finite_holds_and_is_named(world: World) -> None:
+    world.gyro = nan
+    done = world.step()
+    assert isinstance(done, PolicyHold) and "gyro.x" in done.reason
+
+
+def test_a_late_action_holds(world: World) -> None:
+    world.takes = 0.51 * PERIOD
+    done = world.step()
+    assert isinstance(done, PolicyHold) and "late" in done.reason and not world.sent
+    assert world.pilot.figures.too_late == 1
+
+
+def test_how_long_it_held_is_counted_over_all_holds(world: World) -> None:
+    for number in range(1, 3):
+        for _ in range(4):
+            assert isinstance(world.step(STALE + 0.01), PolicyHold)
+        world.step()
+        assert isinstance(world.step(), PolicySetpoint)  # five periods after the first that it held
+        assert world.pilot.figures.holds == number
+        assert world.pilot.figures.held == pytest.approx(number * 5 * PERIOD)
+
+
+def test_it_goes_on_from_where_the_robot_rests(world: World) -> None:
+    world.action = np.float32([1.0, 0.0])
+    for _ in range(5):
+        world.step()
+    assert isinstance(world.step(STALE + 0.01), PolicyHold)
+    assert isinstance(world.step(), PolicyHold)  # whether it rests is not known yet
+    back = world.step()
+    assert isinstance(back, PolicySetpoint) and world.pilot.holding is None
+    assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
+    assert np.abs(back.velocity).max() <= 20.0 * PERIOD
+
+
+def test_it_waits_until_the_loop_has_braked(world: World) -> None:
+    world.step(STALE + 0.01)
+    for _ in range(5):
+        world.goal = world.goal + 0.001
+        assert isinstance(world.step(), PolicyHold)
+
+
+def test_one_state_told_twice_is_no_rest(world: World) -> None:
+    world.action = np.float32([1.0, 0.0])
+    for _ in range(15):
+        world.step()
+    world.takes = 0.51 * PERIOD
+    assert isinstance(world.step(), PolicyHold)
+    world.takes, moving = 0.0, world.heard()
+    for _ in range(2):  # the stream stalls: fresh enough, and nothing new
+        world.now += 0.01
+        assert isinstance(world.pilot.step(moving, world.now), PolicyHold)
+    near = replace(moving, sequence=moving.sequence + 1, time=moving.time + 0.001)
+    assert isinstance(world.pilot.step(near, world.now), PolicyHold)  # too soon after it to tell
+    on = replace(moving, sequence=moving.sequence + 2, time=moving.time + 0.02, goal=moving.goal + 0.03)
+    assert isinstance(world.pilot.step(on, world.now), PolicyHold)  # it moves
+    still = replace(on, sequence=on.sequence + 2, time=on.time + 0.02)
+    world.now = still.time
+    assert isinstance(world.pilot.step(still, world.now), PolicySetpoint)
+
+
+def test_after_a_missed_period_it_goes_on_from_where_the_loop_has_gone_meanwhile(world: World) -> None:
+    world.action = np.float32([1.0, 0.0])
+    for _ in range(10):
+        world.step()
+    last = world.sent[-1]
+    world.pilot.missed(1, lapsed=False)
+    assert isinstance(world.step(), PolicySetpoint) and world.pilot.figures.holds == 0
+    assert last.velocity[0] > 0.2
+    np.testing.assert_allclose(
+        world.sent[-1].position, last.position + 2 * PERIOD * last.velocity, atol=1e-12
+    )
+
+
+def test_missed_periods_carry_no_target_beyond_its_limits(world: World) -> None:
+    world.action = np.float32([1.0, -1.0])
+    for _ in range(10):
+        world.step()
+    world.pilot.missed(50, lapsed=False)
+    shaper = world.pilot.shaper
+    assert (shaper.target <= shaper.upper + 1e-9).all() and (shaper.target >= shaper.lower - 1e-9).all()
+    assert not shaper.velocity.any()
+
+
+def test_so_many_missed_periods_that_the_setpoint_lapsed_are_a_hold(world: World) -> None:
+    world.action = np.float32([1.0, 0.0])
+    for _ in range(10):
+        world.step()
+    world.pilot.missed(3, lapsed=True)
+    assert world.pilot.figures.holds == 1 and "3 periods were missed" in str(world.pilot.holding)
+    world.goal = world.goal + 0.02  # where the loop has braked
+    assert isinstance(world.step(), PolicyHold)
+    back = world.step()
+    assert isinstance(back, PolicySetpoint)
+    assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
+
+
+def test_a_robot_out_of_reach_is_the_end(world: World) -> None:
+    world.step(STALE + 0.01)
+    world.goal = POSE + 0.6
+    done = [world.step(), world.step(), world.step()]
+    assert isinstance(done[-1], PolicyEnd) and "out of the policy's reach" in done[-1].reason
+
+
+def test_a_goal_that_nobody_knows_is_no_place_to_go_on_from(world: World) -> None:
+    world.step(STALE + 0.01)
+    world.goal = np.array([nan, 0.0])
+    found = replace(world.heard(), position=POSE)
+    assert all(isinstance(world.pilot.step(found, world.now), PolicyHold) for _ in range(3))
+
+
+def test_refusals_that_last_are_the_end(world: World) -> None:
+    done = [world.step(refused=True) for _ in range(80)]
+    assert isinstance(done[-1], PolicyEnd) and not world.sent
+
+
+def test_who_has_fallen_drives_no_more(world: World) -> None:
+    world.step()
+    world.lies = True
+    assert isinstance(world.step(), PolicyEnd)

@@ -1,0 +1,241 @@
+"""The spool: in order, once, within its bounds, whatever is appended, sent, refused or cut off by a crash."""
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolInUse, SpoolLimits, dead_letters
+from twind.learn.streaming.stream_samples import PostMessage
+
+MEMORY = Path("/dev/shm")  # a thousand syncs to a disk would take minutes, and show nothing more
+WIDE = SpoolLimits(1 << 30, 1e9)
+
+
+@contextmanager
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
+        yield Path(name) / "spool"
+
+
+@pytest.fixture
+def place() -> Iterator[Path]:
+    with folder() as found:
+        yield found
+
+
+def carrying(text: str) -> PostMessage:
+    return PostMessage(text.encode(), {"Content-Type": "text/plain"}, 1)
+
+
+def waiting(spool: Spool) -> list[int]:
+    found, after = [], 0
+    while (kept := spool.oldest(after)) is not None:
+        found.append(after := kept.sequence)
+    return found
+
+
+# ------------------------------------------------------------------------------------------ any interleaving
+
+BOUNDS = SpoolLimits(bytes=60, age=50.0)
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("append"), st.integers(0, 40)),
+        st.tuples(st.sampled_from(["arrives", "dies", "lost answer", "revive", "crash", "end"]), st.just(0)),
+        st.tuples(st.just("time"), st.integers(1, 40)),
+    ),
+    max_size=25,
+)
+
+
+@dataclass(slots=True)
+class Model:
+    """What a spool should hold: sequence -> (body, when, dead)."""
+
+    rows: dict[int, tuple[bytes, float, bool]] = field(default_factory=dict)
+    given: dict[int, bytes] = field(default_factory=dict)  # every number that ever was
+    sent: int = 0
+    now: float = 1000.0
+
+    def fit(self) -> None:
+        """The oldest goes first."""
+        for sequence in sorted(self.rows):
+            made = self.rows[sequence][1]
+            if (
+                self.now - made <= BOUNDS.age
+                and sum(len(b) for b, _, _ in self.rows.values()) <= BOUNDS.bytes
+            ):
+                return
+            del self.rows[sequence]
+
+
+@settings(max_examples=120)
+@given(STEPS)
+def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bounds(
+    steps: list[tuple[str, int]],
+) -> None:
+    with folder() as at:
+        model, crashes = Model(), 0
+        spool = Spool(at, BOUNDS, model.now, model.now)
+        stream = spool.tally.stream
+        for number, (what, size) in enumerate(steps):
+            first = spool.oldest()
+            if what == "append":
+                body = bytes([number]) * size
+                sequence = spool.append(PostMessage(body, {}), model.now, model.now)
+                assert sequence not in model.given, "a number came again"
+                assert sequence > max(model.given, default=0)
+                model.given[sequence], model.rows[sequence] = body, (body, model.now, False)
+                model.fit()
+            elif what == "arrives" and first is not None:
+                spool.acknowledge(first.sequence)
+                del model.rows[first.sequence]
+                model.sent += 1
+            elif what == "dies" and first is not None:
+                spool.bury(first.sequence, "no")
+                model.rows[first.sequence] = (*model.rows[first.sequence][:2], True)
+            elif what == "revive":
+                spool.revive()
+                model.rows = {key: (*row[:2], False) for key, row in model.rows.items()}
+            elif what == "time":
+                model.now += size
+                spool.expire(model.now, model.now)
+                model.fit()
+            elif what in ("crash", "end"):
+                crashes += 1
+                again = at.with_name(f"again{crashes}")
+                if what == "crash":  # the files as SIGKILL leaves them
+                    shutil.copytree(at, again)
+                    spool.close()
+                else:
+                    spool.close()
+                    shutil.copytree(at, again)
+                at = again
+                spool = Spool(at, BOUNDS, model.now, model.now)
+            alive = [sequence for sequence, (_, _, dead) in sorted(model.rows.items()) if not dead]
+            assert waiting(spool) == alive
+            for kept in filter(None, [spool.oldest()]):
+                assert kept.message.body == model.given[kept.sequence], "a key has other data"
+            told = spool.tally
+            assert told.stream == stream
+            assert (told.sent, told.waiting, told.dead) == (
+                model.sent,
+                len(alive),
+                len(model.rows) - len(alive),
+            )
+            assert told.sent + told.waiting + told.dead + told.dropped == len(model.given)
+            assert told.bytes == sum(len(body) for body, _, _ in model.rows.values()) <= BOUNDS.bytes
+        spool.close()
+
+
+# ------------------------------------------------------------------------------------------ each by itself
+
+
+def test_a_message_comes_back_as_it_was(place: Path) -> None:
+    with Spool(place, WIDE, 0.0, 100.0) as spool:
+        sequence = spool.append(
+            PostMessage(b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7), 0.0, 100.0
+        )
+        kept = spool.oldest()
+        assert kept is not None
+        assert (kept.sequence, kept.wall, kept.reason) == (sequence, 100.0, None)
+        assert kept.message == PostMessage(
+            b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7
+        )
+        assert spool.oldest(sequence) is None
+
+
+def test_one_that_was_dropped_while_it_was_sent_counts_once(place: Path) -> None:
+    with Spool(place, SpoolLimits(10, 1e9), 0.0, 0.0) as spool:
+        first = spool.append(carrying("12345678"), 0.0, 0.0)
+        spool.append(carrying("12345678"), 0.0, 0.0)
+        spool.acknowledge(first)
+        spool.bury(first, "no")
+        assert (spool.tally.sent, spool.tally.dropped, spool.tally.dead, spool.tally.waiting) == (0, 1, 0, 1)
+
+
+def test_what_never_reached_the_spool_is_counted_for_good(place: Path) -> None:
+    with Spool(place, WIDE, 0.0, 0.0) as spool:
+        spool.append(carrying("a"), 0.0, 0.0, lost=3)
+    with Spool(place, WIDE, 0.0, 0.0) as spool:
+        assert spool.tally.dropped == 3
+
+
+def test_a_wall_clock_that_is_set_drops_nothing_of_this_run(place: Path) -> None:
+    """A board without a clock of its own: it starts in 1970, and NTP comes after a minute."""
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 10.0, 0.0) as spool:
+        spool.append(carrying("early"), 10.0, 0.0)
+        spool.expire(70.0, 1.8e9)
+        assert spool.tally.waiting == 1
+        spool.expire(10.0 + 3601.0, 1.8e9)
+        assert (spool.tally.waiting, spool.tally.dropped) == (0, 1)
+
+
+def test_what_an_earlier_run_left_is_as_old_as_the_wall_clock_says(place: Path) -> None:
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 5000.0, 1e9) as spool:
+        spool.append(carrying("old"), 5000.0, 1e9)
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 3.0, 1e9 + 3000.0) as spool:
+        assert spool.tally.waiting == 1
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 3.0, 1e9 + 4000.0) as spool:
+        assert (spool.tally.waiting, spool.tally.dropped) == (0, 1)
+
+
+def test_dead_letters_are_listed_beside_whoever_streams_and_come_back_in_their_places(place: Path) -> None:
+    with Spool(place, WIDE, 0.0, 50.0) as spool:
+        for text in "abc":
+            spool.append(carrying(text), 0.0, 50.0)
+        spool.bury(2, "422 no such robot")
+        assert [(each.sequence, each.reason, each.message.body) for each in dead_letters(place)] == [
+            (2, "422 no such robot", b"b")
+        ]
+        assert waiting(spool) == [1, 3]
+        assert spool.revive() == 1
+        assert waiting(spool) == [1, 2, 3]
+
+
+def test_a_second_streamer_is_refused_and_told_who_is_there(place: Path) -> None:
+    with (
+        Spool(place, WIDE, 0.0, 0.0),
+        pytest.raises(SpoolInUse, match=r"process \d+ streams from it; .*--spool"),
+    ):
+        Spool(place, WIDE, 0.0, 0.0)
+    Spool(place, WIDE, 0.0, 0.0).close()
+
+
+def test_a_file_that_is_no_spool_is_set_aside_and_no_key_comes_back(place: Path) -> None:
+    with Spool(place, WIDE, 0.0, 0.0) as spool:
+        before = spool.tally.stream
+        spool.append(carrying("a"), 0.0, 0.0)
+    (place / FILE).write_bytes(b"rubbish" * 1000)
+    with Spool(place, WIDE, 0.0, 0.0) as spool:
+        assert "not a database" in spool.set_aside
+        assert spool.tally.stream != before
+        assert spool.append(carrying("a"), 0.0, 0.0) == 1
+    assert (place / BROKEN).read_bytes() == b"rubbish" * 1000
+
+
+def test_a_full_disk_changes_nothing_and_is_over_when_there_is_room(place: Path) -> None:
+    with Spool(place, WIDE, 0.0, 0.0) as spool:
+        spool.append(carrying("a"), 0.0, 0.0)
+        pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
+        spool._base.execute(f"PRAGMA max_page_count={pages}")
+        before = spool.tally
+        with pytest.raises(sqlite3.OperationalError, match="full"):
+            spool.append(carrying("b" * 100_000), 0.0, 0.0)
+        assert spool.tally == before
+        assert waiting(spool) == [1]
+        spool._base.execute("PRAGMA max_page_count=1000000")
+        assert spool.append(carrying("b" * 100_000), 0.0, 0.0) == 2
+
+
+def test_a_folder_that_cannot_be_made_is_an_error_of_the_system(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError):
+        Spool(tmp_path / "file" / "spool", WIDE, 0.0, 0.0)

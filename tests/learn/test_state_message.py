@@ -1,0 +1,72 @@
+"""What is heard of the robot: rows in joint order, NaN where nobody knows, and what is too old to act on."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twind.learn.live.state_message import STALE, StateMessage, heard
+
+JOINTS = ("hip", "knee")
+IMU = {"gyro": [0.1, 0.2, 0.3], "acceleration": [0, 0, 9.8], "quaternion": [1, 0, 0, 0], "age_ms": 4.0}
+
+
+def answer(**changed: Any) -> dict[str, Any]:
+    rows = [
+        {"name": name, "position": at, "velocity": 0.5, "goal": at, "age_ms": 3.0}
+        for at, name in enumerate(JOINTS)
+    ]
+    return {"time": 10.0, "sequence": 7, "joints": rows, "imu": IMU} | changed
+
+
+def state(**changed: Any) -> StateMessage:
+    return heard(answer(**changed), 10.001, JOINTS)
+
+
+def test_a_state_is_rows_in_joint_order() -> None:
+    found = state()
+    assert found.position.tolist() == [0.0, 1.0] and found.age.tolist() == [0.003, 0.003]
+    assert found.inertial is not None and found.inertial.gyro.tolist() == [0.1, 0.2, 0.3]
+    assert found.stale(10.005, STALE, JOINTS) is None
+
+
+def test_other_joints_are_an_error() -> None:
+    with pytest.raises(ValueError, match="other joints"):
+        heard(answer(), 10.0, ("knee", "hip"))
+
+
+def test_what_nobody_knows_is_nan_and_infinitely_old() -> None:
+    rows = answer()["joints"]
+    rows[1] |= {"position": None, "age_ms": None}
+    found = state(joints=rows)
+    assert np.isnan(found.position[1]) and found.age[1] == np.inf
+
+
+@pytest.mark.parametrize(
+    ("changed", "now", "said"),
+    [
+        ({}, 9.999 + STALE, "hip was heard 52 ms ago, bound 50 ms"),
+        ({}, 10.0 + STALE + 0.001, "the state is 51 ms old"),
+        ({}, 9.99, "the state is -10 ms old"),
+        ({}, float("nan"), "the state is"),
+        ({"imu": None}, 10.0, "no IMU"),
+        ({"imu": IMU | {"age_ms": 60.0}}, 10.0, "the IMU was heard 60 ms ago"),
+        ({"imu": IMU | {"age_ms": None}}, 10.0, "the IMU has not been heard yet"),
+        ({"imu": IMU | {"gyro": [0.1, None, 0.0]}}, 10.0, "the IMU"),
+        ({"imu": IMU | {"gyro": [0.1]}}, 10.0, "no IMU"),
+        ({"imu": IMU | {"quaternion": [0, 0, 0, 0]}}, 10.0, "size 0.00"),
+        ({"imu": IMU | {"quaternion": [2, 0, 0, 0]}}, 10.0, "size 2.00"),
+    ],
+)
+def test_what_is_old_or_unknown_is_said(changed: dict[str, Any], now: float, said: str) -> None:
+    assert said in str(state(**changed).stale(now, STALE, JOINTS))
+
+
+@pytest.mark.parametrize("row", ["position", "velocity", "age"])
+def test_one_joint_that_is_not_known_is_named(row: str) -> None:
+    found = state()
+    values = getattr(found, row).copy()
+    values[1] = np.nan
+    said = replace(found, **{row: values}).stale(10.005, STALE, JOINTS)
+    assert said.startswith("knee told no numbers")

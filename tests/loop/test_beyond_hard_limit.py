@@ -1,0 +1,119 @@
+"""A joint beyond its hard limit is never taken over: to hold it inside would be a step. Real bytes."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.config.robot_file import load_robot
+from twind.loop.torque_release import SettleProfile, release
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import BusError
+
+BEYOND = 2.4  # rad, of a knee that may go to 2.25
+
+
+@contextmanager
+def found_on(robot: str = "h24", **more: float) -> Iterator[Rig]:
+    """A robot with torque on that nobody of ours has switched on."""
+    rig = Rig(robot, start={**load_robot(robot).poses["rest"], **more}, rate_hz=50.0)
+    for bus in rig.virtual.values():
+        for row in range(len(bus.servos["torque_enable"])):
+            bus.servos.torque(row, True)
+    rig.connect()
+    try:
+        yield rig
+    finally:
+        rig.close()
+
+
+def moved(rig: Rig, seconds: float) -> np.ndarray:
+    """How far each joint was from where it began, at most, rad (n,)."""
+    began, most = rig.truth, np.zeros(len(rig.names))
+    for _ in range(round(seconds / rig.loop.period)):
+        rig.ticks(1)
+        most = np.maximum(most, np.abs(rig.truth - began))
+    return most
+
+
+def told(rig: Rig) -> list[str]:
+    return [
+        event.message for event in rig.events(ReasonCode.OUT_OF_LIMIT) if "would be a step" in event.message
+    ]
+
+
+@pytest.mark.parametrize("command", ["disarm", "e-stop"])
+def test_who_is_found_with_a_joint_beyond_its_hard_limit_is_let_go_where_it_stands(command: str) -> None:
+    with found_on(l_knee=BEYOND) as rig:
+        ticket = rig.send(link.Disarm) if command == "disarm" else rig.send(link.EStop, level="settle")
+        assert moved(rig, 4.0).max() < 0.01
+        assert not rig.register("torque_enable").any()
+        assert rig.replies(ticket)[-1].error is None
+        assert any("l_knee" in message and "torque goes off" in message for message in told(rig))
+
+
+def test_who_is_a_count_beyond_is_lowered() -> None:
+    with found_on(l_knee=2.2505) as rig:
+        assert rig.call(link.Disarm).error is None
+        assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
+        assert not told(rig)
+
+
+def test_where_all_is_to_be_taken_over_or_nothing_torque_stays() -> None:
+    with found_on(l_knee=BEYOND) as rig:
+        why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
+        way = release(rig.loop, why, SettleProfile(whole=True))
+        with pytest.raises(BusError, match="l_knee"):
+            next(way)
+        assert moved(rig, 1.0).max() < 0.01
+        assert rig.register("torque_enable").all()
+
+
+def test_sigterm_lets_go_of_a_robot_of_ours_that_went_beyond_while_its_bus_was_away() -> None:
+    rig = Rig(rate_hz=50.0)
+    rig.arm()
+    rig.virtual["main"].faults.unplug()
+    rig.seconds(1.0)
+    push(rig, "l_knee", BEYOND)
+    rig.virtual["main"].faults.replug()
+    while not rig.loop.hardware.connected:
+        rig.ticks(1)
+    rig.ticks(5)
+    assert rig.truth[rig.names.index("l_knee")] == pytest.approx(BEYOND, abs=0.01)
+    rig.loop.stop_wanted = True
+    assert moved(rig, 4.0).max() < 0.01
+    assert rig.loop.finished
+    assert not rig.register("torque_enable").any()
+    assert told(rig)
+    rig.close()
+
+
+def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others_come_down() -> None:
+    rig = Rig("h24-split", start={"head_yaw": 0.4, **load_robot("h24-split").poses["rest"]}, rate_hz=50.0)
+    rig.arm()
+    name = next(joint.bus for joint in rig.robot.joints if joint.name == "l_knee")
+    away = np.array([joint.bus == name for joint in rig.robot.joints])
+    rig.virtual[name].faults.unplug()
+    rig.seconds(0.5)
+    push(rig, "l_knee", BEYOND)
+    rig.virtual[name].faults.replug()
+    rig.seconds(1.5)
+    assert rig.loop.hardware.held.tolist() == (~away).tolist()
+    rig.send(link.Disarm)
+    assert moved(rig, 6.0)[away].max() < 0.01
+    assert not rig.register("torque_enable").any()
+    assert any("not taken over" in message and "l_knee" in message for message in told(rig))
+    rig.close()
+
+
+def push(rig: Rig, joint: str, to: float) -> None:
+    """While nobody looks a joint is turned by force, and its servo holds it there; rad."""
+    found = next(each for each in rig.robot.joints if each.name == joint)
+    bus = rig.virtual[found.bus]
+    row = [each.name for each in rig.robot.joints if each.bus == found.bus].index(joint)
+    counts = rig.zeros[joint] + to * found.sign * found.ratio * found.type.ticks_per_turn / (2 * np.pi)
+    rig._advance()
+    bus.servos.muscles.position[row] = bus.servos.muscles._goal[row] = counts

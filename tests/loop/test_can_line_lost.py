@@ -1,0 +1,175 @@
+"""The loop when nobody hears it on a CAN bus (R24): that bus is emptied and left, the others as support says.
+
+Serial servos stand in for CAN actuators: what their controller says of the line is added to what they answer.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.robot.modes import RobotState
+from twind.safety.guard import Guard
+from twind_drivers.bus import BusSample
+
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
+ACTIVE, PASSIVE, OFF = 0, 1, 2
+
+
+class Can(Rig):
+    """A robot whose guard takes the upper bus for a CAN bus; `line` is what its controller says."""
+
+    line = ACTIVE
+
+    def __init__(self, support: str = "gantry") -> None:
+        super().__init__("h24-split", support=support)
+        parts = self.loop.parts
+        can = {bus.name: bus.joints.tolist() for bus in self.loop.joints.buses if bus.name == "upper"}
+        guard = Guard(
+            parts.limits,
+            buses=[bus.name for bus in self.loop.joints.buses],
+            can=can,
+            support=support,
+            ratings=parts.ratings,
+        )
+        self.loop.parts = replace(parts, guard=guard)
+        port = self.port
+        finish = port.finish
+
+        def told(now: float) -> BusSample | None:
+            sample = finish(now)
+            return replace(sample, line=self.line) if sample is not None else None
+
+        port.finish = told  # type: ignore[method-assign]
+        self.arm()
+        self.submit(self.path("l_elbow", [-0.6], [2.0]))
+        self.seconds(0.5)
+
+    @property
+    def port(self):  # type: ignore[no-untyped-def]
+        return next(port for port in self.loop.hardware.ports if port.name == "upper")
+
+    def goals(self, bus: str) -> list[int]:
+        return [int(goal) for goal in self.virtual[bus].servos["goal_position"]]
+
+
+def latched(rig: Rig) -> set[str]:
+    return {str(code) for code in rig.loop.latches}
+
+
+def test_a_passive_line_is_told_and_the_motion_goes_on() -> None:
+    rig = Can()
+    rig.line = PASSIVE
+    rig.seconds(0.5)
+    assert len(rig.events("CAN_BUS_STATE")) == 1
+    assert rig.loop.state is RobotState.ARMED
+    assert not rig.loop.latches
+    assert rig.loop.executor.motion.value == "active"
+    rig.close()
+
+
+@pytest.mark.parametrize("support", ["fixed", "gantry"])
+def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(support: str) -> None:
+    rig = Can(support)
+    rig.line, before = OFF, rig.goals("upper")
+    rig.ticks(2)
+    told = rig.goals("upper")
+    assert {"CAN_BUS_STATE", "PORT_LOST"} <= latched(rig)
+    assert rig.loop.state is RobotState.FAULT
+    rig.line = ACTIVE
+    rig.seconds(3.0)
+    assert rig.goals("upper") == told  # one tick's step at most, and no more
+    assert np.abs(np.subtract(told, before)).max() < 40
+    assert rig.loop.armed is True
+    assert all(rig.virtual["lower"].servos["torque_enable"])
+    assert rig.loop.hardware.connected  # opened anew, everybody identified, nothing moves by itself
+    assert not rig.port.holding
+    rig.close()
+
+
+def test_it_comes_back_by_disarm_reset_and_arm_alone() -> None:
+    rig = Can()
+    rig.line = OFF
+    rig.ticks(3)
+    rig.line = ACTIVE
+    rig.seconds(2.0)
+    rig.lease()
+    assert rig.call(link.Arm).error is not None
+    rig.call(link.Disarm, ticks=1200)
+    assert (rig.register("torque_enable") == 0).all()
+    rig.call(link.Reset)
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()
+
+
+def test_a_robot_that_stands_freely_is_lowered_by_the_others_and_let_go() -> None:
+    rig = Can("free")
+    rig.line = OFF
+    rig.seconds(10.0)
+    assert rig.loop.armed is False
+    assert not any(rig.virtual["lower"].servos["torque_enable"])
+    assert "CAN_BUS_STATE" in latched(rig)
+    rig.close()
+
+
+@pytest.mark.parametrize("support", ["gantry", "free"])
+def test_a_bus_that_stays_silent_is_given_up_once(support: str) -> None:
+    """Given up again and again it would stop the way down of the others each time."""
+    rig = Can(support)
+    for id in rig.virtual["upper"].servos["id"]:
+        rig.virtual["upper"].faults.silence(int(id))
+    rig.seconds(11.0 if support == "free" else 2.0)
+    assert len(rig.events("PORT_LOST")) == 1
+    assert rig.port.reader is not None  # open again, and asked
+    assert any(rig.virtual["lower"].servos["torque_enable"]) is (support == "gantry")
+    rig.close()
+
+
+def test_silence_of_a_whole_bus_is_the_same_after_100_ms() -> None:
+    rig = Can()
+    for id in rig.virtual["upper"].servos["id"]:
+        rig.virtual["upper"].faults.silence(int(id))
+    begun = rig.clock.now()
+    while "CAN_BUS_STATE" not in latched(rig) and rig.clock.now() < begun + 1.0:
+        rig.ticks(1)
+    assert 0.09 <= rig.clock.now() - begun <= 0.121
+    assert rig.port.reader is None
+    rig.close()
+
+
+def test_a_line_that_is_off_bars_arming() -> None:
+    rig = Can()
+    rig.call(link.Disarm, ticks=1200)
+    rig.line = OFF
+    rig.ticks(3)
+    assert rig.loop.hardware.connected  # nobody is held up by it: it is told, and no more
+    assert rig.loop.state is RobotState.CONNECTED
+    rig.lease()
+    refused = rig.call(link.Arm)
+    assert [finding["code"] for finding in refused.parameters["findings"]] == ["CAN_BUS_STATE"]
+    rig.line = ACTIVE
+    rig.ticks(2)
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()
+
+
+def test_a_line_that_goes_off_while_arming_ends_the_arming() -> None:
+    rig = Can()
+    rig.call(link.Disarm, ticks=1200)
+    rig.lease()
+    rig.send(link.Arm)
+    rig.ticks(3)
+    assert rig.loop.state is RobotState.ARMING
+    rig.line = OFF
+    rig.ticks(3)
+    assert "CAN_BUS_STATE" in latched(rig)
+    rig.line = ACTIVE
+    rig.seconds(12.0)
+    assert rig.loop.armed is False
+    assert not any(rig.virtual["lower"].servos["torque_enable"])
+    rig.close()

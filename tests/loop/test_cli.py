@@ -1,0 +1,333 @@
+"""The command line of `twind`: which port is whose, why live is denied, and what the exit code says."""
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.support.cli_rig import settings
+from twind import cli
+from twind.cli import FAILED, USAGE, wrong_groups
+from twind.config.config_files import (
+    CommandLineError,
+    ConfigSources,
+    bus_ports,
+    describe,
+    live_denied,
+    refuse_wrong,
+)
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import ConfigError
+from twind.robot.finding import ReasonCode
+from twind.virtual.virtual_robot_spec import save, specimen
+
+TWO = ["legs", "arms"]
+
+
+# ------------------------------------------------------------------------------------- ports
+
+
+def test_a_bare_port_is_that_of_the_only_bus() -> None:
+    assert bus_ports(settings("/dev/ttyUSB0"), ["main"], {"main": None}) == {"main": "/dev/ttyUSB0"}
+
+
+def test_a_bare_port_of_several_buses_is_refused_with_what_to_type() -> None:
+    with pytest.raises(CommandLineError, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
+        bus_ports(settings("/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+
+
+def test_each_bus_of_several_has_its_port() -> None:
+    named = settings("arms=/dev/ttyUSB1", "legs=/dev/ttyUSB0")
+    assert bus_ports(named, TWO, dict.fromkeys(TWO)) == {"legs": "/dev/ttyUSB0", "arms": "/dev/ttyUSB1"}
+
+
+def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> None:
+    with pytest.raises(CommandLineError, match="no bus 'leg'; the buses of this robot: legs, arms"):
+        bus_ports(settings("leg=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+
+
+def test_the_command_line_wins_over_the_settings_and_they_over_the_robot_file() -> None:
+    described = {"legs": "robot", "arms": "robot"}
+    assert bus_ports(settings(), TWO, described) == described
+    of_file = settings(file={"arms": "file", "legs": "file"})
+    assert bus_ports(of_file, TWO, described) == {"legs": "file", "arms": "file"}
+    both = settings("legs=line", file={"arms": "file", "legs": "file"})
+    assert bus_ports(both, TWO, described) == {"legs": "line", "arms": "file"}
+    assert bus_ports(settings("line", file={"main": "file"}), ["main"], {"main": "robot"}) == {"main": "line"}
+
+
+def test_a_bus_without_a_port_stays_without() -> None:
+    ports = bus_ports(settings("legs=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+    assert ports == {"legs": "/dev/ttyUSB0", "arms": None}
+
+
+def test_the_settings_are_not_changed_by_being_read() -> None:
+    given, described = settings("/dev/ttyUSB0"), {"main": None}
+    bus_ports(given, ["main"], described)
+    assert dict(given.ports) == {"": "/dev/ttyUSB0"}
+    assert described == {"main": None}
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        (["a", "b"], "given twice"),
+        (["main=a", "main=b"], "for bus main twice"),
+        ([""], "empty"),
+        (["can:can0"], "a CAN port is can:INTERFACE:CHANNEL"),
+        (["main=can::can0"], "a CAN port is can:INTERFACE:CHANNEL"),
+    ],
+)
+def test_a_port_that_cannot_be_meant_is_refused(ports: Sequence[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        settings(*ports)
+
+
+def test_a_path_with_an_equals_sign_is_a_path() -> None:
+    by_id = "/dev/serial/by-id/usb-FTDI=1"
+    assert bus_ports(settings(by_id), ["main"], {"main": None}) == {"main": by_id}
+
+
+@pytest.mark.parametrize("given", ["can:slcan:/dev/ttyACM0", "can:slcan:/dev/by=id", "can:socketcan:can0"])
+def test_a_can_port_may_be_given_bare_or_for_a_bus(given: str) -> None:
+    assert bus_ports(settings(given), ["main"], {"main": None}) == {"main": given}
+    assert bus_ports(settings(f"legs={given}"), TWO, dict.fromkeys(TWO)) == {"legs": given, "arms": None}
+
+
+@pytest.mark.parametrize(
+    ("bus", "port", "message"),
+    [
+        (
+            "l_leg",
+            "/dev/ttyACM0",
+            "port of bus l_leg: /dev/ttyACM0: a bus of kind can needs can:INTERFACE:CHANN",
+        ),
+        (
+            "upper",
+            "can:socketcan:can0",
+            "port of bus upper: can:socketcan:can0: a bus of kind dynamixel2 needs",
+        ),
+    ],
+)
+def test_a_port_of_the_other_kind_is_refused_with_what_is_right(bus: str, port: str, message: str) -> None:
+    robot = load_robot("h24-mixed")
+    refuse_wrong(robot, {"upper": "/dev/ttyUSB0", "l_leg": "can:slcan:/dev/ttyACM0", "r_leg": None})
+    with pytest.raises(CommandLineError, match=message):
+        refuse_wrong(robot, {bus: port})
+
+
+# ------------------------------------------------------------------------------------- live
+
+
+USUAL = Path("/var/lib/twind/calibration/h24.yaml")
+
+
+def test_live_needs_a_port_for_every_bus() -> None:
+    ports = {"legs": "/dev/ttyUSB0", "arms": None}
+    denied = live_denied("h24", ports, USUAL, calibrated=True)
+    assert denied is not None
+    assert denied.code is ReasonCode.HW_DISCONNECTED
+    assert "--port arms=PORT" in denied.message
+
+
+def test_live_needs_a_calibration() -> None:
+    denied = live_denied("h24", {"main": "/dev/ttyUSB0"}, USUAL, calibrated=False)
+    assert denied is not None
+    assert denied.code is ReasonCode.CALIB_MISSING
+    assert "--calibration FILE" in denied.message
+    assert str(USUAL) in denied.message  # where to put it
+    (told,) = re.findall(r"how to make one: (\S+)$", denied.message)
+    assert Path(told).read_text().startswith("# Calibration")
+
+
+def test_with_both_nothing_stands_in_the_way() -> None:
+    assert live_denied("h24", {"main": "/dev/ttyUSB0"}, USUAL, calibrated=True) is None
+
+
+# ------------------------------------------------------------------------------------- exit codes
+
+
+@pytest.fixture(autouse=True)
+def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No settings, calibration or folder of this machine."""
+    for key in ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_RUNTIME_DIR", "HOME"):
+        monkeypatch.setenv(key, str(tmp_path / key))
+    own = os.geteuid() or 12345  # a folder of root's is as good as one of ours
+    monkeypatch.setattr("os.geteuid", lambda: own)
+    monkeypatch.setattr("faulthandler.enable", lambda fd: None)  # the test run has its own
+
+
+def ended(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Exit code and standard error."""
+    try:
+        code: Any = cli.main(list(arguments))
+    except SystemExit as end:  # argparse
+        code = end.code
+    return code, capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--mode", "fly"], "invalid choice: 'fly'"),
+        (["--fast"], "unrecognized arguments: --fast"),
+        (["--rate", "quick"], "invalid float value"),
+        (["--rate", "5000"], "outside 10 to 1000 Hz"),
+        (["--rate", "nan"], "outside 10 to 1000 Hz"),
+        (["--rate", "1000"], "main"),
+        (["--config", "/nowhere/twind.yaml"], "/nowhere/twind.yaml"),
+        (["--robot", "h25"], "h24"),
+        (["--robot", "h24-split", "--port", "/dev/ttyUSB0"], "2 buses"),
+        (["--port", "mian=/dev/ttyUSB0"], "no bus 'mian'"),
+        (["--calibration", "/nowhere/c.yaml"], "/nowhere/c.yaml"),
+        (["--mode", "live"], "--port main=PORT"),
+        (["--mode", "live", "--port", "/dev/ttyUSB0"], "--calibration FILE"),
+    ],
+)
+def test_what_cannot_be_meant_ends_with_2_and_says_what_is_wrong(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    code, said = ended(capfd, "--socket", str(tmp_path / "run"), *arguments)
+    assert code == USAGE == 2
+    assert message in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "run").exists()  # nothing was begun
+
+
+def test_a_port_that_cannot_be_had_ends_with_1_and_gives_the_sockets_back(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    code, said = ended(capfd, "--socket", str(tmp_path / "run"), "--port", str(tmp_path / "file"))
+    assert code == FAILED == 1
+    assert "not a character device" in said
+    again, said = ended(capfd, "--socket", str(tmp_path / "run"), "--port", str(tmp_path / "file"))
+    assert (again, "another twind" in said) == (FAILED, False)
+
+
+def test_a_folder_that_cannot_be_ends_with_1(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, said = ended(capfd, "--mode", "sim", "--socket", str(tmp_path / "file"))
+    assert code == FAILED
+    assert "control.sock" in said
+    assert "--socket DIR" in said
+
+
+def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[str]] = []
+
+    class Child:
+        def __init__(self, robot: str) -> None:
+            seen.append([key for key in os.environ if key.startswith("LISTEN_")])
+            raise cli.VirtualRobotError(f"{robot}: far enough")
+
+    monkeypatch.setattr(cli, "VirtualRobotProcess", Child)
+    for key, value in (("FDS", "2"), ("PID", "1"), ("FDNAMES", "control:observe")):
+        monkeypatch.setenv(f"LISTEN_{key}", value)
+    code, said = ended(capfd, "--virtual")
+    assert (code, seen) == (FAILED, [[]])
+    assert "h24: far enough" in said
+
+
+def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Child:
+        def __init__(self, robot: str) -> None:
+            self.faults, self.calibration, self.ports = Path("/x/faults.sock"), Path("/x/none.yaml"), {}
+
+        def __enter__(self) -> Any:
+            return self
+
+        def __exit__(self, *_why: object) -> None: ...
+
+    monkeypatch.setattr(cli, "VirtualRobotProcess", Child)
+    code, said = ended(capfd, "--virtual")
+    assert code == USAGE and "none.yaml" in said  # no calibration of its own: far enough
+    assert "takes orders" in said.splitlines()[0] and said.splitlines()[0].endswith("at /x/faults.sock")
+
+
+def test_a_socket_that_did_not_get_its_group_is_told_with_the_remedy() -> None:
+    assert wrong_groups({"control": "twind-operator", "observe": "twind-observe"}) == []
+    (told,) = wrong_groups({"control": "root", "observe": "twind-observe"})
+    assert "control.sock is for group root, not twind-operator" in told
+    assert "groupadd -r twind-operator" in told
+
+
+@pytest.mark.parametrize(
+    ("mode", "virtual", "folder"),
+    [
+        ("live", False, "flight"),
+        ("mirror", False, "flight"),
+        ("sim", False, "flight/sim"),
+        ("sim", True, "flight/virtual"),
+        ("live", True, "flight/virtual"),
+    ],
+)
+def test_a_robot_that_is_none_writes_its_faults_beside_those_of_the_real_one(
+    tmp_path: Path, mode: str, virtual: bool, folder: str
+) -> None:
+    settings: Any = SimpleNamespace(mode=mode, state_dir=tmp_path)
+    assert cli._flights(settings, virtual=virtual) == tmp_path / folder
+
+
+def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    done: list[str] = []
+
+    def broken(*_: Any, **__: Any) -> None:
+        done.append("briefing")
+        raise UnicodeEncodeError("utf-8", "\udc80", 0, 1, "surrogates not allowed")
+
+    monkeypatch.setattr(cli.realtime, "leave", lambda: done.append("leave"))
+    monkeypatch.setattr(cli.assembly, "briefing", broken)
+    settings = SimpleNamespace(mode="live", state_dir=tmp_path, parameters=dict)
+    described: Any = SimpleNamespace(settings=settings, rate_hz=100.0, files={})
+    nobody: Any = None
+    cli._write(described, nobody, nobody, "live")
+    assert done == ["leave", "briefing"]
+    assert "could not be written down: UnicodeEncodeError" in capfd.readouterr().err
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith("twind ")
+
+
+# ------------------------------------------------------------------------------------- instances
+
+
+def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `twind@arm.service` starts it: user, folders and environment of the plain service."""
+    etc, state = tmp_path / "etc" / "twind", tmp_path / "state"
+    (etc / "robots").mkdir(parents=True)
+    (state / "calibration").mkdir(parents=True)
+    source = load_robot("h24").path.parent
+    (etc / "robots" / "h24.xml").write_text((source / "h24.xml").read_text())
+    text = (source / "h24.yaml").read_text()
+    assert "name: h24\n" in text
+    (etc / "robots" / "arm.yaml").write_text(text.replace("name: h24\n", "name: arm\n"))
+    (etc / "arm.yaml").write_text("robot: arm\nindividual: arm-7\nmode: sim\n")
+    (etc / "twind.yaml").write_text("robot: nobody\n")  # of the plain service
+    save(specimen(load_robot("arm", (etc / "robots",))), state / "calibration" / "arm-7.yaml")
+    monkeypatch.setattr("os.geteuid", lambda: 4711)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "etc"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("STATE_DIRECTORY", str(state))
+    found = describe(ConfigSources(config=str(etc / "arm.yaml"), socket=str(tmp_path / "run/twind/arm")))
+    assert found.robot.name == "arm"
+    assert found.robot.path == etc / "robots" / "arm.yaml"
+    assert found.calibration is not None
+    assert found.settings.socket_dir == tmp_path / "run" / "twind" / "arm"
+    assert ConfigSources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"

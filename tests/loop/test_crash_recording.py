@@ -1,0 +1,70 @@
+"""What a daemon before us left is let go when it is written, or when two fronts died of it, and once."""
+
+import os
+
+from twind.loop.crash_recording import FRONTS, CrashRecording
+
+
+def wreck() -> tuple[CrashRecording, list[str]]:
+    made, told = CrashRecording(os.memfd_create("wreck")), list[str]()
+    made.then = lambda: told.append("done")
+    return made, told
+
+
+def there(fd: int) -> bool:
+    try:
+        os.fstat(fd)
+    except OSError:
+        return False
+    return True
+
+
+def test_it_is_kept_until_it_is_done_with_and_that_is_told_once() -> None:
+    one, told = wreck()
+    one.offer()
+    fd = one.fd
+    assert fd is not None
+    one.taken()
+    assert (there(fd), told) == (True, [])
+    one.done()
+    one.done()
+    one.offer()
+    assert (there(fd), told, one.fd) == (False, ["done"], None)
+
+
+def test_a_front_that_died_before_it_was_written_is_not_the_last_to_get_it_but_the_next_is() -> None:
+    one, told = wreck()
+    for _ in range(FRONTS):
+        one.offer()
+        assert one.fd is not None
+        one.taken()
+    assert told == []
+    one.offer()
+    assert one.fd is None
+    assert told == ["done"]
+
+
+def test_a_front_that_could_not_be_started_does_not_count() -> None:
+    one, told = wreck()
+    for _ in range(FRONTS + 3):
+        one.offer()
+    assert one.fd is not None
+    assert told == []
+    one.close()
+
+
+def test_closed_here_it_stays_where_it_is_kept() -> None:
+    one, told = wreck()
+    fd = one.fd
+    assert fd is not None
+    one.close()
+    assert (there(fd), told) == (False, [])
+
+
+def test_where_nothing_was_left_there_is_nothing_to_tell() -> None:
+    one, told = CrashRecording(None), list[str]()
+    one.then = lambda: told.append("done")
+    one.taken()
+    one.done()
+    one.offer()
+    assert (one.fd, told) == (None, [])

@@ -1,0 +1,415 @@
+"""The fail-safe on real bytes under a fake clock: what it lowers, what it leaves alone, and what it says."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from socket import AF_UNIX, SOCK_DGRAM, socket
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.config.robot_file import load_robot
+from twind.loop import failsafe
+from twind.loop.failsafe import FailsafeRun, HeadlessLink
+from twind.loop.service_notify import Notifier
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode
+
+RAISED = {"r_shoulder_pitch": -0.8, "head_yaw": 0.4}
+SLOW_FIXED = pytest.param("fixed", marks=pytest.mark.slow)
+SLOW_FREE = pytest.param("free", marks=pytest.mark.slow)
+MOST = failsafe.LONGEST
+SHARE = 0.0135  # of the speed that joints have: 29 s to the rest pose
+
+
+@contextmanager
+def given_up(
+    robot: str = "h24", *, support: str = "gantry", mode: Mode = Mode.LIVE, killed: bool = True, **more: Any
+) -> Iterator[Rig]:
+    """A robot with an arm raised and torque on, its daemon gone; a new loop before its first tick.
+
+    `killed`: it was armed, and its watchdogs have tripped since. Else torque is just found on.
+    """
+    start = {**load_robot(robot).poses["rest"], **RAISED, **more}
+    rig = Rig(robot, start=start, support=support, rate_hz=50.0)
+    if killed:
+        rig.arm()
+        assert rig.loop.armed
+        rig.loop.hardware.close()  # what the kernel does for a process that was killed
+        rig.front.end(0.0)
+        rig.front = rig.new_front()
+    else:
+        for bus in rig.virtual.values():
+            for row in range(len(bus.servos["torque_enable"])):
+                bus.servos.torque(row, True)
+    rig.clock.sleep_until(rig.clock.now() + 0.5)
+    rig._advance()
+    rig.loop = rig.born(mode)
+    rig.news.clear()
+    try:
+        yield rig
+    finally:
+        rig.close()
+
+
+def run(rig: Rig, seconds: float = MOST) -> FailsafeRun:
+    """Until it has ended."""
+    safe = FailsafeRun(rig.loop)
+    safe.begin()
+    for _ in range(round(seconds / rig.loop.period)):
+        if rig.loop.finished:
+            return safe
+        rig.ticks(1)
+    raise AssertionError(f"not ended: {[event.message for event in rig.events()]}")
+
+
+def torque(rig: Rig) -> np.ndarray:
+    return rig.register("torque_enable")
+
+
+def off_rest(rig: Rig) -> float:
+    return float(np.abs(rig.truth - rig.loop.rest).max())
+
+
+@pytest.mark.parametrize("support", ["gantry", SLOW_FIXED, "free", "stilts"])
+def test_a_robot_that_is_whole_is_lowered_to_its_rest_pose_and_let_go(support: str) -> None:
+    with given_up(support=support) as rig:
+        assert off_rest(rig) > 0.7
+        assert (rig.register("bus_watchdog") == 255).all()  # tripped
+        assert run(rig).left == ""
+        assert off_rest(rig) < 0.05
+        assert not torque(rig).any()
+        assert not rig.events("DAMP")
+
+
+def test_it_goes_down_at_a_quarter_of_every_limit_where_there_is_time_for_it() -> None:
+    with given_up() as rig:
+        safe, fastest = FailsafeRun(rig.loop), np.zeros(24)
+        safe.begin()
+        before = rig.loop.written
+        while not rig.loop.finished:
+            rig.ticks(1)
+            if before is not None and rig.loop.written is not None:
+                fastest = np.maximum(fastest, np.abs(rig.loop.written - before) / rig.loop.period)
+            before = rig.loop.written
+        assert fastest.max() > 0.1
+        assert (fastest <= 0.25 * rig.loop.limits.velocity + 1e-9).all()
+
+
+def test_nothing_is_written_where_no_torque_is_on() -> None:
+    rig = Rig(start=RAISED, rate_hz=50.0)
+    before = rig.counts
+    goals = rig.register("goal_position").copy()
+    assert run(rig, 2.0).left == ""
+    assert np.array_equal(rig.counts, before)
+    assert np.array_equal(rig.register("goal_position"), goals)
+    assert not rig.register("bus_watchdog").any()
+    rig.close()
+
+
+def test_mode_mirror_leaves_the_torque_that_it_finds_and_says_so() -> None:
+    with given_up(mode=Mode.MIRROR) as rig:
+        before = rig.counts
+        assert "mode mirror of the settings writes nothing" in run(rig).left
+        assert torque(rig).all()
+        assert np.array_equal(rig.counts, before)
+        assert rig.loop.hardware.writers == []
+
+
+def test_mode_mirror_is_content_where_torque_is_off() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    assert run(rig, 2.0).left == ""
+    rig.close()
+
+
+@pytest.mark.parametrize("support", ["gantry", SLOW_FIXED])
+def test_a_robot_that_is_carried_is_lowered_without_a_servo_that_is_missing(support: str) -> None:
+    with given_up(support=support) as rig:
+        rig.virtual["main"].faults.silence(20)
+        left = run(rig).left
+        place = rig.robot.joints.index(next(joint for joint in rig.robot.joints if joint.id == 20))
+        assert rig.names[place] in left
+        assert torque(rig).tolist() == [int(joint.id == 20) for joint in rig.robot.joints]
+        assert off_rest(rig) < 0.05  # the one that is silent was there already
+
+
+@pytest.mark.parametrize("support", ["free", pytest.param("stilts", marks=pytest.mark.slow)])
+def test_a_robot_that_stands_freely_is_left_standing_where_a_servo_is_missing(support: str) -> None:
+    with given_up(support=support) as rig:
+        rig.virtual["main"].faults.silence(5)
+        before = rig.counts
+        began = rig.clock.now()
+        left = run(rig).left
+        assert "not everybody is there" in left
+        assert "id 5" in left
+        assert failsafe.WAIT <= rig.clock.now() - began < failsafe.WAIT + 1.0
+        assert torque(rig).all()
+        assert np.array_equal(rig.counts, before)
+
+
+def test_a_robot_that_stands_freely_is_left_where_a_joint_has_no_torque() -> None:
+    with given_up(support="free") as rig:
+        rig.virtual["main"].servos.torque(6, False)
+        assert f"it is not on in {rig.robot.joints[6].name}" in run(rig).left
+        assert int(torque(rig).sum()) == 23
+
+
+@pytest.mark.parametrize("support", ["gantry", "free"])
+def test_nobody_is_moved_where_a_joint_is_beyond_its_hard_limit(support: str) -> None:
+    with given_up(support=support, killed=False, l_knee=2.4) as rig:
+        before = rig.counts
+        assert "to hold l_knee inside the hard limits would be a step" in run(rig).left
+        assert torque(rig).all()
+        assert np.array_equal(rig.counts, before)
+
+
+def test_a_joint_on_its_hard_limit_is_no_obstacle() -> None:
+    with given_up(killed=False, l_knee=2.2505) as rig:  # a count beyond, as encoders have it
+        assert run(rig).left == ""
+        assert off_rest(rig) < 0.05
+
+
+@pytest.mark.parametrize("support", ["gantry", "free"])
+def test_nobody_is_moved_whose_zero_is_not_the_calibrated_one(support: str) -> None:
+    with given_up(support=support) as rig:
+        servos = rig.virtual["main"].servos
+        servos.memory.store(5, servos.memory.tables[5]["homing_offset"], 300)
+        before = rig.counts
+        assert "CALIB_MISMATCH" in run(rig).left
+        assert torque(rig).all()
+        assert np.array_equal(rig.counts, before)
+
+
+def test_a_port_that_is_gone_is_waited_for_and_no_longer() -> None:
+    with given_up() as rig:
+        rig.virtual["main"].faults.unplug()
+        began = rig.clock.now()
+        left = run(rig).left
+        assert failsafe.WAIT <= rig.clock.now() - began < failsafe.WAIT + 1.0
+        assert "no such port" in left
+        assert "not known" in left
+
+
+def test_a_port_that_comes_back_in_time_is_lowered() -> None:
+    with given_up() as rig:
+        rig.virtual["main"].faults.unplug()
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(failsafe.WAIT / 2)
+        rig.virtual["main"].faults.replug()
+        rig.seconds(10.0)
+        assert rig.loop.finished
+        assert safe.left == ""
+        assert off_rest(rig) < 0.05
+
+
+def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
+    with given_up(support="free") as rig:
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(2.0)
+        assert rig.loop.armed
+        rig.virtual["main"].faults.unplug()
+        rig.seconds(1.0)
+        rig.virtual["main"].faults.replug()
+        rig.seconds(12.0)
+        assert rig.loop.finished
+        assert safe.left == ""
+        assert off_rest(rig) < 0.05
+        assert not torque(rig).any()
+
+
+def test_a_bus_that_stays_away_on_the_way_down_ends_it_with_what_is_not_known() -> None:
+    with given_up(support="free") as rig:
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(2.0)
+        rig.virtual["main"].faults.unplug()
+        rig.seconds(failsafe.WAIT + 2.0)
+        assert rig.loop.finished
+        assert "not known" in safe.left
+
+
+def slow_down(rig: Rig, share: float) -> None:
+    """Every joint may be only so fast."""
+    slow = replace(rig.loop.limits, velocity=rig.loop.limits.velocity * share)
+    rig.loop.limits = rig.loop.executor.limits = slow
+    rig.loop.parts.guard.limit(slow)
+
+
+@pytest.mark.parametrize("support", ["gantry", SLOW_FREE])
+def test_a_bus_that_goes_twice_leaves_the_torque_that_is_on_and_says_so(support: str) -> None:
+    """After `AGAIN` s no way is begun: a robot that could be lowered by then still has its torque."""
+    with given_up(support=support) as rig:
+        slow_down(rig, 0.05)
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        for there, gone in ((8.0, 9.0), (1.5, 2.0)):
+            rig.seconds(there)
+            assert rig.loop.armed
+            rig.virtual["main"].faults.unplug()
+            rig.seconds(gone)
+            rig.virtual["main"].faults.replug()
+        while not rig.loop.finished:
+            rig.ticks(1)
+        assert torque(rig).all()
+        assert "torque could not be read back off" in safe.left
+        assert rig.events("FAILSAFE")[-1].level == "error"
+
+
+@pytest.mark.slow
+def test_what_comes_last_to_everything_ends_within_the_longest_time() -> None:
+    """A bus that is there just in time, twice; a way that is long; the bus gone shortly before its end."""
+    with given_up() as rig:
+        slow_down(rig, SHARE)
+        faults, began = rig.virtual["main"].faults, rig.clock.now()
+        faults.unplug()
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(failsafe.WAIT - 1.0)
+        faults.replug()
+        rig.seconds(1.5)
+        assert rig.loop.armed
+        faults.unplug()
+        rig.seconds(began + failsafe.AGAIN - 1.5 - rig.clock.now())
+        faults.replug()
+        rig.seconds(28.0)
+        assert rig.loop.armed
+        faults.unplug()
+        while not rig.loop.finished:
+            rig.ticks(1)
+        assert "not known" in safe.left
+        took = rig.clock.now() - began
+        assert failsafe.AGAIN + failsafe.WITHIN < took < failsafe.LONGEST
+
+
+def test_the_service_manager_is_asked_for_the_longest_time_when_it_begins(tmp_path: Path) -> None:
+    address = str(tmp_path / "notify")
+    with given_up() as rig, socket(AF_UNIX, SOCK_DGRAM) as manager:
+        manager.bind(address)
+        manager.settimeout(1.0)
+        notifier = Notifier({"NOTIFY_SOCKET": address})
+        rig.loop.parts = replace(rig.loop.parts, notifier=notifier)
+        FailsafeRun(rig.loop).begin()
+        assert manager.recv(100).decode() == f"EXTEND_TIMEOUT_USEC={failsafe.LONGEST * 1e6:.0f}"
+        notifier.close()
+
+
+def test_nobody_answering_is_told_as_not_known() -> None:
+    with given_up() as rig:
+        for id in range(1, 25):
+            rig.virtual["main"].faults.silence(id)
+        assert "power?" in run(rig).left
+
+
+def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None:
+    with given_up() as rig:
+        rig.virtual["main"].faults.silence(3)
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(1.0)
+        rig.loop.stop_wanted = True
+        rig.ticks(3)
+        assert rig.loop.finished
+        assert "told to end" in safe.left
+        assert torque(rig).all()
+
+
+def test_told_to_end_on_the_way_down_it_goes_on() -> None:
+    with given_up() as rig:
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(1.5)
+        assert rig.loop.armed
+        rig.loop.stop_wanted = True
+        rig.seconds(6.0)
+        assert rig.loop.finished
+        assert safe.left == ""
+        assert off_rest(rig) < 0.05
+
+
+def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_as_it_is() -> None:
+    with given_up(support="free") as rig:
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        while not rig.loop.hardware.connected:
+            rig.ticks(1)
+        rig.virtual["main"].faults.silence(9)  # heard a moment ago: judged whole
+        before = rig.counts
+        rig.seconds(40.0)
+        assert rig.loop.finished
+        assert safe.left
+        assert torque(rig).all()
+        assert np.abs(rig.counts - before).max() <= 2
+
+
+def test_an_inhibit_ends_the_way_down_and_torque_stays() -> None:
+    with given_up() as rig:
+        safe = FailsafeRun(rig.loop)
+        safe.begin()
+        rig.seconds(1.5)
+        assert rig.loop.armed
+        rig.loop.inhibit(Finding(ReasonCode.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
+        rig.seconds(1.0)
+        assert rig.loop.finished
+        assert "a stranger" in safe.left
+        assert torque(rig).all()
+
+
+@pytest.mark.slow
+def test_both_kinds_of_bus_are_lowered() -> None:
+    with given_up("h24-mixed") as rig:
+        assert run(rig).left == ""
+        assert off_rest(rig) < 0.1
+
+
+# ------------------------------------------------------------------------------------- said aloud
+
+
+def test_an_event_is_a_line_and_everything_else_is_nobody_s(tmp_path: Path) -> None:
+    said = (tmp_path / "said").open("w+b", buffering=0)
+    with said:
+        aloud = HeadlessLink(said.fileno())
+        aloud.event(link.Event(time=0.0, sequence=1, level="error", code="CODE", message="über", findings=[]))
+        aloud.reply(link.Reply(ticket=1, parameters={}))
+        aloud.flush()
+        said.seek(0)
+        assert said.read().decode() == "error CODE: über\n"
+    assert aloud.commands(0.0) == []
+
+
+def test_an_event_is_told_first_and_no_recorder_stops_the_way_down(tmp_path: Path) -> None:
+    """Words that have no encoding: a name of a port, say."""
+    told: list[tuple[str, Any]] = []
+    with (tmp_path / "said").open("w+b", buffering=0) as said:
+
+        def record(kind: Any, data: bytes) -> None:
+            told.append((os.pread(said.fileno(), 1000, 0).decode(), link.decode_news(data)))
+
+        aloud = HeadlessLink(said.fileno(), record)
+        odd = link.Event(time=0.0, sequence=1, level="error", code="CODE", message="tty\udc80", findings=[])
+        aloud.event(odd)
+        assert told == []
+        plain = link.Event(time=0.0, sequence=2, level="error", code="CODE", message="tty", findings=[])
+        aloud.event(plain)
+        said.seek(0)
+        assert said.read().decode() == "error CODE: tty\\udc80\nerror CODE: tty\n"
+        assert told == [("error CODE: tty\\udc80\nerror CODE: tty\n", plain)]  # told, then written down
+
+
+def test_where_nobody_writes_it_down_nothing_is_encoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_news: Any) -> bytes:
+        raise AssertionError("encoded for nobody")
+
+    monkeypatch.setattr(link, "encode", none)
+    with (tmp_path / "said").open("w+b", buffering=0) as said:
+        aloud = HeadlessLink(said.fileno())
+        aloud.event(link.Event(time=0.0, sequence=1, level="info", code="CODE", message="", findings=[]))
+        assert os.pread(said.fileno(), 100, 0) == b"info CODE: \n"

@@ -1,0 +1,57 @@
+"""Room to begin (S27) in the whole loop: hot or starved servos are not armed, first readings waited for."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.robot.finding import ReasonCode
+
+
+def codes(reply: link.Reply) -> set[str]:
+    return {finding["code"] for finding in reply.parameters["findings"]}
+
+
+def heat(rig: Rig) -> None:
+    rig.virtual["main"].servos.protection.heat(5, 68.0)
+
+
+def starve(rig: Rig) -> None:
+    rig.virtual["main"].servos.supply(10.4)
+
+
+@pytest.mark.parametrize(
+    ("order", "code"), [(heat, ReasonCode.THERMAL_HEADROOM), (starve, ReasonCode.VOLTAGE_LOW)]
+)
+def test_a_hot_or_starved_servo_is_not_armed(
+    order: Callable[[Rig], None], code: ReasonCode, live: Rig
+) -> None:
+    live.connect()
+    order(live)
+    live.seconds(0.5)
+    live.call(link.AcquireLease)
+    assert code in codes(live.call(link.Arm))
+    assert not live.loop.torque_on
+
+
+def test_arming_at_once_waits_for_the_first_reading(live: Rig) -> None:
+    while live.loop.state != "connected":
+        live.ticks(1)
+    assert not np.isfinite(live.loop.hardware.slow.health_time).any()
+    live.call(link.AcquireLease)
+    assert live.call(link.Arm).error is None
+    assert live.loop.armed
+
+
+def test_an_estop_ends_that_wait_and_the_caller_is_told(live: Rig) -> None:
+    while live.loop.state != "connected":
+        live.ticks(1)
+    live.call(link.AcquireLease)
+    ticket = live.send(link.Arm)
+    live.ticks(2)
+    live.call(link.EStop, level="settle", reason="")
+    (reply,) = live.replies(ticket)
+    assert reply.error is not None and "ESTOP" in str(reply.parameters)
+    assert not live.loop.torque_on

@@ -1,0 +1,388 @@
+"""Arming, release and e-stop: procedures of the tick, on real bytes under a fake clock."""
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
+
+class Hopper(FirstOrderPhysics):
+    """Muscles that hop when torque comes on: a horn that slipped, a turn that was lost."""
+
+    hop = 200.0  # ticks
+
+    def drive(self, drive):
+        if drive.on[0] and not self._on[0]:
+            self.position[0] += self.hop
+        super().drive(drive)
+
+
+def codes(reply: link.Reply) -> list[str]:
+    assert reply.error == "Refused", reply
+    return [finding["code"] for finding in reply.parameters["findings"]]
+
+
+def test_nothing_moves_and_torque_never_changes_because_a_daemon_started(live: Rig) -> None:
+    before = live.truth
+    live.seconds(2.0)
+    assert live.loop.state is RobotState.CONNECTED
+    assert (live.register("torque_enable") == 0).all()
+    assert np.array_equal(live.truth, before)
+
+
+def test_arming_holds_every_joint_where_it_was_found_with_its_watchdog_armed(live: Rig) -> None:
+    live.connect()
+    before = live.counts
+    live.lease()
+    reply = live.call(link.Arm)
+    assert reply.error is None
+    assert reply.parameters["joints"] == list(range(24))
+    assert (live.register("torque_enable") == 1).all()
+    assert (live.register("bus_watchdog") == 5).all()
+    live.seconds(1.0)
+    assert live.loop.state is RobotState.ARMED
+    assert live.loop.executor.motion is Motion.HOLDING
+    assert np.abs(live.counts - before).max() <= 2
+
+
+def test_arming_without_the_lease_is_refused(live: Rig) -> None:
+    live.connect()
+    assert "LEASE_MISSING" in codes(live.call(link.Arm))
+    assert (live.register("torque_enable") == 0).all()
+
+
+def test_arming_in_mirror_is_refused_because_nothing_there_can_write() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    rig.connect()
+    rig.lease()
+    assert codes(rig.call(link.Arm)) == ["MODE_DENIES"]
+    assert rig.loop.hardware.writers == []
+    rig.close()
+
+
+def test_arming_with_a_silent_servo_is_refused_and_leaves_all_torque_off(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(5)
+    live.lease()
+    live.seconds(0.3)
+    assert "HW_DISCONNECTED" in codes(live.call(link.Arm))
+    assert (live.register("torque_enable") == 0).all()
+
+
+def test_a_servo_that_falls_silent_while_arming_ends_with_torque_off_everywhere_else(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    ticket = live.send(link.Arm)
+    live.ticks(3)
+    live.virtual["main"].faults.silence(5)
+    live.seconds(2.0)
+    assert live.replies(ticket)[-1].error == "Refused"
+    live.virtual["main"].faults.silence(5, False)
+    live.seconds(1.0)
+    assert (live.register("torque_enable") == 0).all()
+    assert live.loop.armed is False
+
+
+def test_a_joint_that_jumps_at_torque_on_is_disarmed_again() -> None:
+    rig = Rig(muscles=Hopper)
+    rig.connect()
+    rig.lease()
+    reply = rig.call(link.Arm)
+    assert codes(reply) == ["ARM_FAILED"]
+    assert reply.parameters["findings"][0]["joint"] == 0
+    assert (rig.register("torque_enable") == 0).all()
+    assert rig.loop.state is RobotState.CONNECTED
+    rig.close()
+
+
+def test_a_joint_outside_its_hard_limit_cannot_be_armed() -> None:
+    rig = Rig(start={"l_knee": 2.4})
+    rig.connect()
+    rig.lease()
+    assert "OUT_OF_LIMIT" in codes(rig.call(link.Arm))
+    rig.close()
+
+
+def test_disarming_goes_to_the_rest_pose_before_torque_goes_off(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    assert armed.truth[0] == pytest.approx(0.4, abs=0.05)
+    reply = armed.call(link.Disarm, ticks=800)
+    assert reply.parameters["state"] == "connected"
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_estop_level_cut_answers_after_torque_was_read_back_off(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.ticks(30)
+    ticket = armed.send(link.EStop, client=9, level="cut")
+    for _ in range(20):
+        armed.ticks(1)
+        if armed.replies(ticket):
+            break
+    reply = armed.replies(ticket)[0]
+    assert reply.parameters == {"state": "estop", "torque_off": True, "done": True}
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_estop_level_settle_brakes_lowers_and_lets_go(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.ticks(30)
+    ticket = armed.send(link.EStop, client=9, more=True)
+    armed.ticks(10)
+    first = armed.replies(ticket)[0]
+    assert first.continues and first.parameters["torque_off"] is False
+    armed.seconds(6.0)
+    last = armed.replies(ticket)[-1]
+    assert last.parameters == {"state": "estop", "torque_off": True, "done": True}
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+
+
+def test_a_cut_overtakes_a_settling_estop(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    armed.send(link.EStop, level="settle")
+    armed.ticks(20)
+    assert armed.call(link.EStop, ticks=20, level="cut").parameters["torque_off"] is True
+
+
+def test_after_an_estop_only_a_reset_and_a_new_arm_bring_motion_back(armed: Rig) -> None:
+    armed.call(link.EStop, level="cut")
+    armed.lease()
+    assert "ESTOP_LATCHED" in codes(armed.call(link.Arm))
+    assert armed.call(link.Reset).parameters["state"] == "connected"
+    assert (armed.register("torque_enable") == 0).all()
+    assert armed.call(link.Arm).error is None
+
+
+def test_reset_is_refused_while_torque_is_on(armed: Rig) -> None:
+    assert armed.call(link.Reset).error == "WrongState"
+    assert (armed.register("torque_enable") == 1).all()
+
+
+def test_torque_found_on_is_reported_as_inherited_and_left_alone_until_somebody_arms() -> None:
+    rig = Rig()
+    bus = rig.virtual["main"]
+    for row in range(24):
+        bus.servos.torque(row, True)
+    rig.connect()
+    rig.seconds(2.0)
+    assert rig.loop.inherited is True
+    assert rig.events("TORQUE_INHERITED")
+    assert (rig.register("bus_watchdog") == 0).all()
+    before = rig.counts
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    assert np.abs(rig.counts - before).max() <= 2
+    rig.close()
+
+
+def test_torque_found_on_at_the_very_edge_of_the_travel_is_taken_over_and_lowered() -> None:
+    """The hard limit itself may round to a count that no goal may have: the nearest one that may is held."""
+    rig = Rig(start={"l_elbow": 0.15})
+    place = rig.names.index("l_elbow")
+    assert rig.loop.limits.hard_upper[place] == pytest.approx(0.15)
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.seconds(0.5)
+    assert rig.call(link.Disarm, ticks=900).parameters["state"] == "connected"
+    assert not rig.events("WIRE_CLAMP")
+    assert abs(rig.truth[place]) < 0.05  # it went the way to the rest pose
+    assert (rig.register("torque_enable") == 0).all()
+    rig.close()
+
+
+def test_sigterm_lowers_the_robot_and_then_ends(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    armed.loop.stop_wanted = True
+    for _ in range(800):
+        if armed.loop.finished:
+            break
+        armed.ticks(1)
+    assert armed.loop.finished
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_sigterm_leaves_inherited_torque_as_it_was_found() -> None:
+    rig = Rig()
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.loop.stop_wanted = True
+    rig.ticks(5)
+    assert rig.loop.finished
+    assert (rig.register("torque_enable") == 1).all()
+    rig.close()
+
+
+def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
+    armed.ticks(5)
+    assert (armed.register("torque_enable") == 1).all()
+    reply = armed.call(link.Disarm, ticks=50)
+    assert (reply.error, reply.parameters["state"]) == (None, "inhibited")
+    assert (armed.register("torque_enable") == 0).all()
+    assert armed.call(link.Reset).parameters["state"] == "identifying"
+    armed.connect()  # everybody was asked anew who they are
+    armed.seconds(0.6)  # half a second of good latency (S11)
+    armed.lease()
+    assert armed.call(link.Arm).error is None
+
+
+def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
+    armed.loop.stop_wanted = True
+    armed.ticks(5)
+    assert armed.loop.finished
+    assert (armed.register("torque_enable") == 1).all()
+
+
+# Ticks after the call: before torque, the tick in which it comes on, after it.
+DURING_ARMING = pytest.mark.parametrize(
+    "moments",
+    [
+        pytest.param(range(1, 18, 3), id="every third tick"),
+        pytest.param(range(1, 18), id="every tick", marks=pytest.mark.slow),
+    ],
+)
+
+
+@DURING_ARMING
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_estop_at_any_moment_of_arming_tells_the_truth_about_torque(level: str, moments: range) -> None:
+    for moment in moments:
+        rig = Rig()
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        reply = rig.call(link.EStop, level=level)
+        on = (rig.register("torque_enable") == 1).any()
+        assert reply.parameters["torque_off"] is not on, (moment, reply)
+        rig.seconds(2.0)
+        assert (rig.register("torque_enable") == 0).all(), moment
+        rig.close()
+
+
+@DURING_ARMING
+def test_disarming_at_any_moment_of_arming_ends_connected_without_torque(moments: range) -> None:
+    for moment in moments:
+        rig = Rig()
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        assert rig.call(link.Disarm, ticks=900).parameters["state"] == "connected", moment
+        assert (rig.register("torque_enable") == 0).all(), moment
+        rig.close()
+
+
+@DURING_ARMING
+@pytest.mark.parametrize("found_on", [False, True])
+def test_sigterm_at_any_moment_of_arming_leaves_no_torque_but_what_was_found(
+    found_on: bool, moments: range
+) -> None:
+    for moment in moments[:14]:
+        rig = Rig()
+        if found_on:
+            for row in range(24):
+                rig.virtual["main"].servos.torque(row, True)
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        assert rig.loop.state is RobotState.ARMING
+        rig.loop.stop_wanted = True
+        rig.ticks(10)
+        assert rig.loop.finished
+        assert (rig.register("torque_enable") == int(found_on)).all(), moment
+        rig.close()
+
+
+@DURING_ARMING
+def test_a_bus_that_goes_at_any_moment_of_arming_leaves_no_torque_on_the_other(moments: range) -> None:
+    for moment in moments[:14]:
+        rig = Rig("h24-split")
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        rig.virtual["upper"].faults.unplug()
+        rig.seconds(1.0)
+        assert not any(rig.virtual["lower"].servos["torque_enable"]), moment
+        rig.close()
+
+
+def test_torque_found_on_in_mirror_is_not_said_to_be_off_and_can_be_taken_off_in_live() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.ticks(20)
+    before = rig.counts
+    assert codes(rig.call(link.Disarm)) == ["MODE_DENIES"]
+    assert codes(rig.call(link.SetMode, mode="sim")) == ["MODE_DENIES"]
+    assert rig.call(link.SetMode, mode="live").error is None
+    rig.seconds(1.0)
+    assert (rig.register("torque_enable") == 1).all()
+    assert np.array_equal(rig.counts, before)
+    assert codes(rig.call(link.SetMode, mode="mirror")) == ["MODE_DENIES"]
+    assert rig.call(link.Disarm).parameters["state"] == "connected"
+    assert (rig.register("torque_enable") == 0).all()
+    rig.close()
+
+
+def test_torque_off_that_a_servo_did_not_hear_is_ordered_again_when_it_answers() -> None:
+    """Arming fails half-way with one joint energised and silent: it does not stay energised (X4)."""
+    rig = Rig()
+    rig.connect()
+    rig.lease()
+    ticket = rig.send(link.Arm)
+    faults = rig.virtual["main"].faults
+    for _ in range(200):
+        rig.ticks(1)
+        if (rig.register("torque_enable") == 1).all():
+            break
+    faults.silence(id=11)
+    for _ in range(300):
+        rig.ticks(1)
+        assert rig.loop.torque_off is not True  # it is on, and silent
+        assert rig.loop.torque_known[10] != 0
+    assert rig.replies(ticket)[-1].error is not None
+    told = rig.events("TORQUE_MISMATCH")[-1].message
+    assert told.startswith("torque could not be read back off: main: no reply")
+    assert told.endswith(f"({rig.names[10]})")
+    assert np.flatnonzero(rig.register("torque_enable")).tolist() == [10]
+    faults.silence(id=11, on=False)
+    rig.seconds(2.0)
+    assert not rig.register("torque_enable").any()
+    assert rig.loop.torque_off is True
+    assert rig.loop.inherited is False
+    rig.close()
+
+
+def test_torque_off_of_a_disarm_is_ordered_again_when_the_servo_answers() -> None:
+    rig = Rig()
+    rig.arm()
+    ticket = rig.send(link.Disarm)
+    rig.ticks(5)
+    rig.virtual["main"].faults.silence(id=11)
+    rig.seconds(8.0)
+    reply = rig.replies(ticket)[-1]
+    assert reply.error == "BusFailed"
+    assert "from [11] within" in reply.parameters["message"]
+    assert reply.parameters["message"].endswith(f"({rig.names[10]})")
+    rig.virtual["main"].faults.silence(id=11, on=False)
+    rig.seconds(2.0)
+    assert not rig.register("torque_enable").any()
+    rig.close()

@@ -1,0 +1,150 @@
+"""One of two buses is lost while armed: fault matrix rows 1 and 2, by support. Real bytes, a fake clock."""
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
+
+def one_bus_lost(support: str | None = None) -> Rig:
+    """A robot whose upper bus went away while its knee moved, ten seconds ago."""
+    rig = Rig("h24-split", support=support)
+    rig.arm()
+    rig.submit(rig.path("l_knee", [0.6], [1.0]))
+    rig.seconds(0.5)
+    rig.virtual["upper"].faults.unplug()
+    rig.seconds(10.0)
+    assert rig.loop.state is RobotState.FAULT
+    assert "PORT_LOST" in rig.loop.latches
+    return rig
+
+
+@pytest.mark.parametrize("support", ["free", "unknown"])
+def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_where_nothing_carries_it(support: str) -> None:
+    rig = one_bus_lost(support)
+    assert rig.loop.armed is False
+    assert not any(rig.virtual["lower"].servos["torque_enable"])
+    rig.virtual["upper"].faults.replug()
+    rig.seconds(3.0)
+    assert rig.loop.state is RobotState.FAULT
+    assert rig.loop.inherited is True  # the servos of the lost bus kept their torque
+    rig.call(link.Disarm, ticks=1200)
+    assert (rig.register("torque_enable") == 0).all()
+    rig.call(link.Reset)
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()
+
+
+@pytest.mark.parametrize("support", ["fixed", "gantry"])
+def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(support: str) -> None:
+    rig = one_bus_lost(support)
+    knee, upper, lower = rig.names.index("l_knee"), rig.virtual["upper"], rig.virtual["lower"]
+    assert 0.1 < rig.truth[knee] < 0.5  # where it came to rest on its way
+    held = np.asarray(lower.servos["goal_position"]).copy()
+    rig.seconds(12.0)
+    assert rig.loop.armed is True
+    assert all(lower.servos["torque_enable"])
+    assert (np.asarray(lower.servos["bus_watchdog"]) == 5).all()
+    assert np.array_equal(lower.servos["goal_position"], held)
+    goals = np.asarray(upper.servos["goal_position"]).copy()
+    upper.faults.replug()
+    rig.seconds(3.0)
+    assert rig.loop.hardware.connected
+    assert rig.loop.state is RobotState.FAULT
+    assert np.array_equal(upper.servos["goal_position"], goals)
+    assert np.array_equal(lower.servos["goal_position"], held)
+    rig.call(link.Disarm, ticks=700)
+    assert (rig.register("torque_enable") == 0).all()
+    assert np.abs(rig.truth - rig.loop.rest).max() < 0.05  # all of it was lowered, the returned bus too
+    rig.call(link.Reset)
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()
+
+
+def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold() -> None:
+    rig = one_bus_lost("gantry")
+    upper, lower = rig.virtual["upper"], rig.virtual["lower"]
+    for row in range(len(upper.servos.registers.ids())):
+        upper.servos.torque(row, False)
+    upper.servos.muscles.position[:] += 700.0
+    upper.faults.replug()
+    rig.seconds(3.0)
+    assert rig.loop.hardware.connected
+    assert rig.loop.soft_since is None
+    assert "FOLLOW_ERR" not in rig.loop.latches
+    assert all(lower.servos["torque_enable"])
+    rig.close()
+
+
+def test_when_the_last_bus_that_holds_is_lost_too_nobody_is_armed_though_another_is_back() -> None:
+    rig = one_bus_lost("gantry")
+    rig.virtual["upper"].faults.replug()
+    rig.seconds(2.0)
+    upper = rig.virtual["upper"].servos
+    goals = np.asarray(upper["goal_position"]).copy()
+    rig.virtual["lower"].faults.unplug()
+    rig.seconds(8.0)
+    assert rig.loop.armed is False
+    assert rig.loop.inherited is True
+    assert rig.loop.state is RobotState.FAULT
+    assert all(upper["torque_enable"])
+    assert np.array_equal(upper["goal_position"], goals)
+    rig.close()
+
+
+def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other() -> None:
+    rig = Rig("h24-split")
+    rig.arm()
+    rig.loop.inhibit(Finding(ReasonCode.INTERNAL), rig.clock.now())
+    rig.seconds(0.5)
+    rig.virtual["upper"].faults.unplug()
+    rig.seconds(2.0)
+    assert "PORT_LOST" in rig.loop.latches
+    assert rig.loop.state is RobotState.INHIBITED
+    assert all(rig.virtual["lower"].servos["torque_enable"])
+    rig.close()
+
+
+@pytest.mark.parametrize("how", ["estop", "shutdown"])
+def test_what_holds_after_a_lost_bus_is_lowered_by_whoever_asks(how: str) -> None:
+    rig = one_bus_lost("gantry")
+    if how == "estop":
+        rig.send(link.EStop)
+        rig.seconds(5.0)
+    else:
+        rig.loop.stop_wanted = True
+        rig.seconds(6.5)
+        assert rig.loop.finished
+    assert not any(rig.virtual["lower"].servos["torque_enable"])
+    assert abs(rig.truth[rig.names.index("l_knee")]) < 0.05
+    rig.close()
+
+
+@pytest.mark.parametrize("again", ["lost", "mute"])
+def test_a_bus_that_goes_again_while_it_is_taken_over_holds_nobody_up(again: str) -> None:
+    rig = one_bus_lost("gantry")
+    upper = rig.virtual["upper"]
+    upper.faults.replug()
+    rig.seconds(2.0)
+    rig.send(link.Disarm)
+    rig.ticks(3)
+    if again == "lost":
+        upper.faults.unplug()
+    else:
+        for id in upper.servos["id"]:
+            upper.faults.silence(int(id))
+    torque, knee = rig.virtual["lower"].servos, rig.names.index("l_knee")
+    for _ in range(900):
+        rig.ticks(1)
+        if not any(torque["torque_enable"]):
+            break
+    assert not any(torque["torque_enable"])
+    assert abs(rig.truth[knee]) < 0.05, "the other bus was dropped"
+    rig.close()

@@ -1,0 +1,285 @@
+"""A trajectory on its way through the gate: one verdict, reports to whoever follows, and one end."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import CLIENT, Rig
+from twind import link, memfd
+from twind.loop.reactions import react
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.trajectory import Trajectory
+from twind.safety.guard_types import GuardDecision, Reaction
+
+JOINT = "l_elbow"
+
+
+def path(rig: Rig, *way: float, step: float = 0.5) -> Trajectory:
+    """Places of one joint, rad of bending from where it is, `step` s apart."""
+    here = float(rig.loop.measured.position[rig.names.index(JOINT)])
+    return rig.path(JOINT, [here - each for each in way], [step * (k + 1) for k in range(len(way))])
+
+
+def last(rig: Rig, ticket: int, ticks: int = 400) -> list[link.Reply]:
+    """Everything that answered, up to the last reply."""
+    for _ in range(ticks):
+        replies = rig.replies(ticket)
+        if replies and not replies[-1].continues:
+            return replies
+        rig.ticks(1)
+    raise AssertionError(f"no last reply: {rig.replies(ticket)}")
+
+
+def codes(reply: link.Reply) -> list[str]:
+    return [finding["code"] for finding in reply.parameters["findings"]]
+
+
+def raw(rig: Rig, data: bytes, **fields: Any) -> int:
+    """A submission whose bytes are the test's."""
+    import os
+    import socket
+
+    rig._ticket += 1
+    given = {"id": f"t{rig._ticket}", "points": 2, "commanded": [0]} | fields
+    command = link.Submit(ticket=rig._ticket, client=CLIENT, **given)
+    fd = memfd.seal("path", data)
+    socket.send_fds(rig.front.outer, [link.encode(command)], [fd])
+    os.close(fd)
+    return rig._ticket
+
+
+# ------------------------------------------------------------------------------------- the verdict
+
+
+def test_a_check_gives_the_verdict_and_moves_nothing(armed: Rig) -> None:
+    before = armed.counts
+    (reply,) = last(armed, armed.submit(path(armed, 0.05), check_only=True))
+    assert reply.error is None
+    assert reply.parameters["verdict"] == {"refusals": [], "warnings": [], "changes": []}
+    armed.seconds(0.6)
+    assert armed.loop.executor.motion == "holding"
+    assert np.abs(armed.counts - before).max() < 2.0
+    assert not armed.events("MOTION")
+
+
+def test_a_check_of_a_bad_one_is_an_answer_and_no_error(armed: Rig) -> None:
+    (reply,) = last(armed, armed.submit(path(armed, 9.0), check_only=True))
+    assert reply.error is None
+    refused = {finding["code"] for finding in reply.parameters["verdict"]["refusals"]}
+    assert "POS_LIMIT" in refused
+    (reply,) = last(armed, armed.submit(path(armed, 9.0)))
+    assert reply.error == "Refused"
+    assert set(codes(reply)) == refused
+
+
+def test_every_verdict_is_told_to_all_who_watch(armed: Rig) -> None:
+    armed.news.clear()
+    for way in (0.05, 9.0):
+        last(armed, armed.submit(path(armed, way)))
+    armed.ticks(1)
+    moments = [news for news in armed.news if isinstance(news, link.VerdictReport)]
+    assert [bool(moment.verdict["refusals"]) for moment in moments] == [False, True]
+    assert moments[0].id != moments[1].id
+    (event,) = [event for event in armed.events() if event.message.startswith("refused")]
+    assert event.level == "warning"
+
+
+def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(armed: Rig) -> None:
+    whole = bytes(8 * (2 + 2 * 24))
+    misfits: list[tuple[bytes, dict[str, Any]]] = [
+        (b"", {}),
+        (bytes(7), {}),
+        (whole[8:], {}),
+        (whole, {"velocity": True}),
+        (whole, {"commanded": [24]}),
+        (bytes(8 * (2 + 4 * 24)), {"acceleration": True}),
+    ]
+    for data, fields in misfits:
+        (reply,) = last(armed, raw(armed, data, **fields))
+        assert reply.error == "Refused"
+        assert codes(reply) == ["BAD_SHAPE"]
+        assert armed.loop.state == "armed"
+        assert not armed.loop.submissions.busy
+
+
+def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:
+    count, n = 2000, len(armed.names)
+    noise = np.random.default_rng(1).uniform(-9.0, 9.0, (3, count, n)) * [[[1.0]], [[50.0]], [[900.0]]]
+    worst = Trajectory(np.arange(count) * 0.02 + 0.02, noise[0], np.ones(n, np.bool_), noise[1], noise[2])
+    (reply,) = last(armed, armed.submit(worst))
+    assert reply.error == "Refused"
+    assert len(codes(reply)) > 100
+    assert len(link.encode(reply)) < link.DATAGRAM / 2
+
+
+def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
+    old, fresh = armed.clock.now() - 0.6, armed.clock.now() - 0.4
+    (reply,) = last(armed, armed.submit(path(armed, 0.05), front_checked=old))
+    assert (reply.error, codes(reply)) == ("Refused", ["CMD_EXPIRED"])
+    assert armed.loop.executor.motion == "holding"
+    (reply,) = last(armed, armed.submit(path(armed, 0.05), front_checked=fresh))
+    assert reply.error is None
+
+
+def test_while_one_is_judged_another_is_refused_as_busy(armed: Rig) -> None:
+    count, n = 2000, len(armed.names)
+    rows = np.tile(armed.loop.measured.position, (count, 1))
+    long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
+    first, second = armed.submit(long), armed.submit(path(armed, 0.05))
+    (reply,) = last(armed, second)
+    assert reply.error == "Refused"
+    assert "BUSY" in codes(reply)
+    assert last(armed, first)[-1].error is None
+
+
+def test_what_changes_while_a_long_one_is_judged_is_judged_again(armed: Rig) -> None:
+    count, n = 2000, len(armed.names)
+    rows = np.tile(armed.loop.measured.position, (count, 1))
+    long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
+    ticket = armed.submit(long)
+    armed.send(link.ReleaseLease)
+    (reply,) = last(armed, ticket)
+    assert (reply.error, codes(reply)) == ("Refused", ["LEASE_MISSING"])
+    assert armed.loop.executor.motion == "holding"
+
+
+# ------------------------------------------------------------------------------------- following
+
+
+def test_without_more_there_is_one_reply_and_the_end_is_an_event(armed: Rig) -> None:
+    (reply,) = last(armed, armed.submit(path(armed, 0.05)))
+    assert (reply.parameters["phase"], reply.continues) == ("accepted", False)
+    armed.seconds(0.8)
+    armed.call(link.AcquireLease)
+    (event,) = armed.events("MOTION")
+    assert (event.id, event.phase) == (reply.parameters["id"], "succeeded")
+
+
+def test_with_more_progress_grows_from_accepted_to_the_end(armed: Rig) -> None:
+    replies = last(armed, armed.submit(path(armed, 0.05, 0.1, 0.0), more=True))
+    phases = [reply.parameters["phase"] for reply in replies]
+    assert phases == ["accepted", *["running"] * (len(phases) - 2), "succeeded"]
+    assert len(phases) == pytest.approx(17, abs=2)  # ten times a second, for 1.5 s
+    progress = [reply.parameters["progress"] for reply in replies]
+    assert progress == sorted(progress)
+    assert (progress[0], progress[-1]) == (0.0, 1.0)
+    assert [reply.continues for reply in replies] == [True] * (len(replies) - 1) + [False]
+    assert len({reply.parameters["id"] for reply in replies}) == 1
+
+
+@pytest.mark.parametrize("phase", ["cancelled", "replaced"])
+def test_one_that_is_ended_early_says_how_far_it_came(armed: Rig, phase: str) -> None:
+    ticket = armed.submit(path(armed, 0.1, 0.2, step=1.0), more=True)
+    armed.seconds(0.5)
+    if phase == "cancelled":
+        armed.send(link.Cancel)
+    else:
+        armed.submit(path(armed, 0.0), more=True)
+    end = last(armed, ticket)[-1].parameters
+    assert end["phase"] == phase
+    assert 0.1 < end["progress"] < 0.5
+
+
+def test_whoever_is_gone_gets_no_reports_and_another_may_take_over(armed: Rig) -> None:
+    ticket = armed.submit(path(armed, 0.05, 0.1, step=1.0), more=True)
+    armed.ticks(20)
+    armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
+    armed.ticks(1)
+    known = len(armed.replies(ticket))
+    armed.seconds(2.5)
+    assert len(armed.replies(ticket)) == known
+    assert armed.call(link.AcquireLease, client=CLIENT + 1).error is None
+
+
+def test_reports_of_two_goals_do_not_mix(armed: Rig) -> None:
+    first = armed.submit(path(armed, 0.05), more=True)
+    armed.ticks(5)
+    second = armed.submit(path(armed, 0.1, 0.1), more=True, start_in=1.0)
+    ends = {ticket: last(armed, ticket) for ticket in (first, second)}
+    for ticket, replies in ends.items():
+        assert {reply.parameters["id"] for reply in replies} == {f"t{ticket}"}
+        assert replies[-1].parameters["phase"] == "succeeded"
+
+
+# ------------------------------------------------------------------------------------- setpoints
+
+
+def setpoint(rig: Rig, *positions: float, joints: list[int] | None = None, **more: Any) -> link.Reply:
+    places = [rig.names.index(JOINT)] if joints is None else joints
+    return rig.call(link.Setpoint, joints=places, positions=list(positions), **more)
+
+
+def test_a_setpoint_is_answered_with_the_tick_that_takes_it_and_no_changes(armed: Rig) -> None:
+    here = float(armed.loop.measured.position[armed.names.index(JOINT)])
+    reply = setpoint(armed, here + 0.01)
+    assert reply.error is None
+    assert reply.parameters == {"sequence": pytest.approx(armed.loop.figures.ticks, abs=2), "changes": []}
+    assert armed.loop.executor.motion == "streaming"
+
+
+def test_a_clamped_setpoint_says_which_joint_and_by_how_much(armed: Rig) -> None:
+    place = armed.names.index(JOINT)
+    upper = float(armed.loop.limits.upper[place])
+    reply = setpoint(armed, upper + 0.5, allow_clamp=True)
+    (change,) = reply.parameters["changes"]
+    assert (change["code"], change["joint"]) == ("POS_LIMIT", place)
+    assert (change["value"], change["bound"]) == (pytest.approx(upper + 0.5), pytest.approx(upper))
+
+
+def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(armed: Rig) -> None:
+    malformed: list[tuple[list[int], list[float], str]] = [
+        ([], [], "NO_JOINTS"),
+        ([0, 0], [0.0, 0.0], "DUP_JOINT"),
+        ([24], [0.0], "UNKNOWN_JOINT"),
+        ([-1], [0.0], "UNKNOWN_JOINT"),
+        ([0], [], "BAD_SHAPE"),
+        ([0], [float("nan")], "NONFINITE"),
+    ]
+    for joints, positions, code in malformed:
+        reply = setpoint(armed, *positions, joints=joints)
+        assert reply.error == "Refused"
+        assert code in codes(reply)
+        assert armed.loop.executor.motion == "holding"
+        assert armed.loop.state == "armed"
+
+
+def test_a_setpoint_of_somebody_without_the_lease_is_refused(armed: Rig) -> None:
+    reply = setpoint(armed, 0.0, client=CLIENT + 1)
+    assert (reply.error, codes(reply)) == ("Refused", ["LEASE_MISSING"])
+
+
+def test_a_motion_that_is_cancelled_replaced_or_refused_is_named_by_its_event(armed: Rig) -> None:
+    names = []
+    for way in (0.05, 0.1):
+        (reply,) = last(armed, armed.submit(path(armed, way)))
+        names.append(reply.parameters["id"])
+    armed.call(link.Cancel)
+    ends = [(event.id, event.phase) for event in armed.events("MOTION")]
+    assert ends == [(names[0], "replaced"), (names[1], "cancelled")]
+    last(armed, armed.submit(path(armed, 9.0)))
+    (refused,) = [event for event in armed.events() if event.id and event.code != "MOTION"]
+    assert refused.phase == "" and refused.id not in names
+
+
+def test_a_stream_that_ends_has_a_phase_and_no_id(armed: Rig) -> None:
+    here = [float(each) for each in armed.loop.executor.reference.position[:1]]
+    armed.call(link.Setpoint, joints=[0], positions=here, valid_for=0.1)
+    armed.seconds(0.5)
+    (event,) = armed.events("MOTION")
+    assert (event.id, event.phase) == ("", "aborted")
+
+
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig, level: str) -> None:
+    armed.call(link.EStop, level=level, reason="")
+    (event,) = armed.events("estop")
+    assert (event.before, event.cause, event.stop) == ("armed", "estop", level)
+
+
+def test_what_the_guard_demands_is_in_its_event(armed: Rig) -> None:
+    why = (Finding(ReasonCode.FOLLOW_ERR, 3, message="ordered by the test"),)
+    react(armed.loop, GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
+    react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())
+    armed.ticks(2)
+    assert [event.stop for event in armed.events(ReasonCode.FOLLOW_ERR)] == ["hold", ""]

@@ -1,0 +1,156 @@
+"""Torque that is ours stays ours: lost buses, deaf servos, late orders, and who may not interfere."""
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from twind import link
+from twind.robot.modes import RobotState
+
+
+def on(rig: Rig) -> np.ndarray:
+    return rig.register("torque_enable") == 1
+
+
+def energise(rig: Rig) -> None:
+    for bus in rig.virtual.values():
+        for row in range(len(np.asarray(bus.servos["id"]))):
+            bus.servos.torque(row, True)
+
+
+def test_a_register_write_that_waits_does_not_land_on_a_robot_that_is_armed(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    writes = [
+        live.send(link.WriteRegister, client=9, bus="main", id=id, name="Bus Watchdog", value=0)
+        for id in range(1, 13)
+    ]
+    assert live.call(link.Arm).error is None
+    live.seconds(1.0)
+    assert (live.register("bus_watchdog") == 5).all()
+    assert all(live.replies(ticket)[-1].error is not None for ticket in writes)
+
+
+def test_a_reboot_that_waits_does_not_land_on_a_robot_that_is_armed(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    for id in range(1, 5):
+        live.send(link.Reboot, client=9, bus="main", id=id)
+    live.call(link.Arm)
+    live.seconds(1.0)
+    assert on(live).all() or not on(live).any()
+    assert live.loop.state in (RobotState.ARMED, RobotState.CONNECTED, RobotState.IDENTIFYING)
+
+
+@pytest.mark.parametrize("kind", [link.Disarm, link.EStop])
+def test_taking_the_lease_never_cuts_the_way_to_the_rest_pose(armed: Rig, kind: type[link.Command]) -> None:
+    armed.submit(armed.path("r_shoulder_pitch", [-0.8], [1.0]), more=True)
+    armed.seconds(1.5)
+    armed.send(kind)
+    for client in (20, 21, 22):
+        armed.ticks(20)
+        armed.send(link.AcquireLease, client=client, take=True)
+    while on(armed).any():
+        lowest = armed.truth
+        armed.ticks(1)
+    assert np.abs(lowest - armed.loop.rest).max() < 0.05
+
+
+def test_a_robot_found_energised_is_lowered_though_one_servo_never_answered() -> None:
+    rig = Rig(start={"head_yaw": 0.5})
+    energise(rig)
+    rig.virtual["main"].faults.silence(9)
+    rig.seconds(2.0)
+    rig.send(link.EStop)
+    rig.ticks(60)
+    assert np.delete(on(rig), 8).all()  # on its way, not dropped
+    rig.seconds(6.0)
+    assert abs(rig.truth[0] - rig.loop.rest[0]) < 0.05
+    assert not np.delete(on(rig), 8).any()
+    assert "INTERNAL" not in rig.loop.latches
+    rig.close()
+
+
+def test_torque_is_not_said_to_be_off_while_a_bus_is_away_with_its_torque() -> None:
+    rig = Rig("h24-split")
+    rig.arm()
+    rig.virtual["upper"].faults.unplug()
+    reply = rig.call(link.EStop, level="cut", ticks=400)
+    assert reply.parameters["torque_off"] is not True
+    assert reply.parameters["done"] is False
+    rig.close()
+
+
+def test_disarming_says_which_bus_could_not_be_asked(armed: Rig) -> None:
+    armed.virtual["main"].faults.unplug()
+    armed.ticks(5)
+    reply = armed.call(link.Disarm)
+    assert reply.error == "BusFailed"
+    assert reply.parameters["bus"] == "main"
+
+
+def test_an_estop_while_the_bus_is_away_is_carried_out_when_it_comes_back(armed: Rig) -> None:
+    armed.virtual["main"].faults.unplug()
+    armed.ticks(5)
+    armed.call(link.EStop, level="cut")
+    assert on(armed).all()
+    armed.virtual["main"].faults.replug()
+    armed.seconds(3.0)
+    assert not on(armed).any()
+    assert armed.loop.torque_off is True
+
+
+def test_sigterm_waits_for_a_bus_that_went_away_with_our_torque(armed: Rig) -> None:
+    armed.virtual["main"].faults.unplug()
+    armed.ticks(10)
+    armed.loop.stop_wanted = True
+    armed.ticks(5)
+    armed.virtual["main"].faults.replug()
+    for _ in range(1500):
+        if armed.loop.finished:
+            break
+        armed.ticks(1)
+    assert armed.loop.finished
+    assert not on(armed).any()
+
+
+def test_a_servo_that_was_deaf_for_a_moment_is_told_again_to_let_go(armed: Rig) -> None:
+    armed.send(link.EStop, level="cut")
+    armed.virtual["main"].faults.silence(7)
+    armed.ticks(20)
+    armed.virtual["main"].faults.silence(7, False)
+    armed.seconds(2.0)
+    assert not on(armed).any()
+
+
+@pytest.mark.parametrize("moment", range(1, 16))
+def test_a_bug_while_arming_what_was_found_energised_ends_unarmed_and_answered(
+    moment: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig()
+    energise(rig)
+    rig.connect()
+    rig.lease()
+    ticket = rig.send(link.Arm)
+    rig.ticks(moment)
+    update = rig.loop.twin.update
+    monkeypatch.setattr(rig.loop.twin, "update", lambda *_: 1 / 0)
+    rig.ticks(1)
+    monkeypatch.setattr(rig.loop.twin, "update", update)
+    rig.seconds(1.0)
+    assert len([reply for reply in rig.replies(ticket) if not reply.continues]) == 1
+    if rig.replies(ticket)[-1].error is not None:
+        assert rig.loop.armed is False
+        assert on(rig).all()  # what was found on keeps its torque
+    rig.close()
+
+
+def test_stops_that_keep_coming_do_not_put_off_the_end_of_the_daemon(live: Rig) -> None:
+    live.connect()
+    live.loop.stop_wanted = True
+    for _ in range(200):
+        if live.loop.finished:
+            break
+        live.send(link.EStop, level="cut")
+        live.ticks(1)
+    assert live.loop.finished

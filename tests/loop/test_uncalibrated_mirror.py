@@ -1,0 +1,27 @@
+"""A mirror of a robot that nobody has calibrated: its readings may be whole turns beyond every limit."""
+
+import numpy as np
+
+from tests.support.daemon_rig import Rig
+from twind.loop.bound_robot import BoundRobot
+from twind.robot.modes import Mode
+from twind.twin.binding import bind
+from twind.virtual.truth import JointTruth, Truth
+
+WOUND = ("head_yaw", "l_shoulder_yaw", "r_hip_yaw", "l_ankle_roll", "r_knee")
+
+
+def test_the_simulation_begins_inside_the_limits_and_stays_sound() -> None:
+    rig = Rig(mode=Mode.MIRROR, truth=Truth(dict.fromkeys(WOUND, JointTruth(turns=3))))
+    rig.loop.close()
+    rig.one = BoundRobot(rig.robot, None, bind(rig.robot, None))
+    rig.loop = rig.born(Mode.MIRROR)
+    rig.connect()
+    rig.seconds(1.0)
+    loop, limits = rig.loop, rig.loop.limits
+    beyond = np.abs(loop.measured.position - np.clip(loop.measured.position, limits.lower, limits.upper))
+    assert beyond.max() > 15.0
+    assert loop.twin.resets == 0
+    assert (loop.simulated.position > limits.hard_lower - 0.05).all()
+    assert (loop.simulated.position < limits.hard_upper + 0.05).all()
+    rig.close()

@@ -1,0 +1,195 @@
+"""A joint of which nobody knows where it is: its position is null, and no goal goes there. Real bytes."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.daemon_rig import Rig
+from tests.support.planar_arm import arm_in
+from twind import link
+from twind.loop.joint_readings import JointReadings
+from twind.loop.torque_release import SettleProfile, release
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode
+from twind.virtual.truth import JointTruth, Truth
+from twind_drivers.bus import BusError
+from twind_drivers.dynamixel.control_tables import table
+
+SINGLE, EXTENDED, CAPPED = range(3)
+OUT = {"single": 0.3, "extended": 0.02, "capped": 0.3}  # away from the rest pose
+STOPS = [link.Disarm, link.EStop]
+
+
+@pytest.fixture(scope="module")
+def path() -> Iterator[str]:
+    with TemporaryDirectory() as folder:
+        yield arm_in(Path(folder))
+
+
+def inherited(path: str, turns: int, spoil: Callable[[Rig], None]) -> Rig:
+    """Armed, then its daemon dies and another one begins; meanwhile `spoil`."""
+    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=turns)}), start=OUT)
+    rig.arm()
+    rig.seconds(0.3)
+    rig.front.end(0.0)
+    rig.front = rig.new_front()
+    spoil(rig)
+    rig.loop = rig.born(Mode.LIVE)
+    rig.news.clear()
+    rig.ticks(250)
+    return rig
+
+
+def mute(row: int) -> Callable[[Rig], None]:
+    """It hears everything, obeys, and answers nothing."""
+
+    def spoil(rig: Rig) -> None:
+        servos = rig.virtual["main"].servos
+        servos.memory.store(row, table(1020)["status_return_level"], 0)
+        servos.changed()
+
+    return spoil
+
+
+def gone(row: int) -> Callable[[Rig], None]:
+    return lambda rig: rig.virtual["main"].faults.silence(row + 1)
+
+
+def let_go(rig: Rig, what: Any) -> np.ndarray:
+    """The way (3,) that each joint made until torque was ordered off, rad."""
+    rig.send(what)
+    before, far = rig.truth.copy(), np.zeros(3)
+    for _ in range(700):
+        rig.ticks(1)
+        far = np.maximum(far, np.abs(rig.truth - before))
+    return far
+
+
+@pytest.mark.parametrize("turns", [0, pytest.param(1, marks=pytest.mark.slow), -2])
+@pytest.mark.parametrize("what", STOPS)
+def test_who_was_never_heard_gets_no_goal_and_the_others_are_lowered(
+    path: str, turns: int, what: Any
+) -> None:
+    """Its turn is anybody's guess: the rest pose could be a turn away."""
+    rig = inherited(path, turns, mute(EXTENDED))
+    assert rig.loop.inherited
+    goal = int(rig.register("goal_position")[EXTENDED])
+    far = let_go(rig, what)
+    assert far[EXTENDED] < 0.005
+    assert int(rig.register("goal_position")[EXTENDED]) == goal
+    assert np.abs(rig.truth[[SINGLE, CAPPED]]).max() < 0.02
+    assert not rig.register("torque_enable").any()
+    assert any(
+        "nobody knows where extended is" in event.message for event in rig.events(ReasonCode.CALIB_MISMATCH)
+    )
+    rig.close()
+
+
+@pytest.mark.parametrize("what", STOPS)
+def test_a_turn_is_known_though_a_neighbour_is_missing(path: str, what: Any) -> None:
+    rig = inherited(path, 1, gone(CAPPED))
+    assert not rig.loop.hardware.connected
+    assert rig.loop.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
+    assert np.isnan(rig.loop.measured.position[CAPPED])
+    assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
+    assert not rig.loop.identity.verified.joints.any(), "to arm, everybody must be there"
+    far = let_go(rig, what)
+    assert np.abs(rig.truth[:2]).max() < 0.02, "lowered, not let go where they stood"
+    assert far[CAPPED] < 0.005
+    rig.close()
+
+
+def test_where_the_whole_robot_is_wanted_nothing_moves_and_torque_stays(path: str) -> None:
+    rig = inherited(path, 1, mute(EXTENDED))
+    raised = []
+
+    def procedure() -> Any:
+        try:
+            yield from release(
+                rig.loop, Finding(ReasonCode.NOT_ARMED, message="-"), SettleProfile(whole=True)
+            )
+        except BusError as error:
+            raised.append(str(error))
+
+    before = rig.truth.copy()
+    rig.loop.procedures.beside(procedure())
+    rig.seconds(2.0)
+    assert raised == ["nobody knows where extended is"]
+    assert rig.register("torque_enable").all()
+    assert np.abs(rig.truth - before).max() < 0.005
+    rig.close()
+
+
+def test_a_daemon_that_just_begins_knows_where_they_are_before_it_lowers_them(path: str) -> None:
+    rig = inherited(path, 1, lambda rig: None)
+    rig.front.end(0.0)
+    rig.front = rig.new_front()
+    rig.loop = rig.born(Mode.LIVE)
+    for _ in range(20):  # it is identifying: torque was read on, and no turn is known yet
+        rig.ticks(1)
+        if rig.loop.inherited:
+            break
+    assert np.isnan(rig.loop.measured.position).any()
+    let_go(rig, link.Disarm)
+    assert np.abs(rig.truth).max() < 0.02
+    assert not rig.register("torque_enable").any()
+    rig.close()
+
+
+def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(path: str) -> None:
+    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+    rig.connect()
+    rig.virtual["main"].faults.brown_out(EXTENDED + 1)
+    places = []
+    for _ in range(60):
+        rig.ticks(1)
+        [tick] = [news for news in rig.news if isinstance(news, link.Tick)][-1:]
+        places.append(np.frombuffer(tick.position)[EXTENDED])
+    assert np.isnan(places).any() and not np.isnan(places[-1])
+    assert np.nanmax(np.abs(np.array(places) - rig.truth[EXTENDED])) < 0.01
+    assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
+    rig.close()
+
+
+def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
+    path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
+    take, until = JointReadings.take, 0.3
+
+    def odd(self: JointReadings, number: int, sample: Any) -> Any:
+        if rig.clock.now() - began < until:
+            sample.position[EXTENDED] -= 4103  # as before its power came, and a few counts
+        return take(self, number, sample)
+
+    monkeypatch.setattr(JointReadings, "take", odd)
+    began = rig.clock.now()
+    rig.seconds(0.8)
+    assert rig.loop.identity.troubles == []
+    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    rig.close()
+
+
+def test_a_limp_joint_that_is_back_a_turn_off_is_said_to_be_astray_for_a_second_and_then_put_right(
+    path: str,
+) -> None:
+    rig = Rig(path, start=OUT)
+    rig.connect()
+    faults = rig.virtual["main"].faults
+    faults.silence(EXTENDED + 1)
+    rig.seconds(3.0)
+    rig.virtual["main"].servos.power.wind(EXTENDED, 1)
+    faults.silence(EXTENDED + 1, False)
+    while not rig.loop.measured.heard.all():
+        rig.ticks(1)
+    rig.seconds(0.5)
+    [finding] = rig.loop.identity.troubles
+    assert "out of its travel" in finding.message and "in which it was identified" in finding.message
+    rig.seconds(1.0)
+    assert rig.loop.identity.troubles == []
+    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
+    rig.close()

@@ -1,0 +1,266 @@
+"""The course of finding a stop, against a joint made of a few numbers: where it ends, what loads it."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twind.motion.endstop_search import (
+    GAP,
+    LOST,
+    SPREAD,
+    EndstopSearch,
+    HomingParameters,
+    HomingPhase,
+    HomingSample,
+    StandstillCheck,
+)
+from twind.robot.finding import Finding, ReasonCode
+
+TICK = 0.01  # s
+RAD = 4096 / 6.283185
+SEARCH = HomingParameters(
+    way=1,
+    expected=3000.0,
+    margin=0.2 * RAD,
+    speed=0.2 * RAD,
+    cap=100.0,
+    back=0.1 * RAD,
+    lead=0.2 * RAD,
+    astray=0.15 * RAD,
+    still=2.0,
+    times=3,
+)
+
+
+@dataclass
+class Joint:
+    """A shaft between two ends that follows its goal, and draws what the error drives, within its cap."""
+
+    place: float
+    stop: float
+    way: int = 1
+    gain: float = 12.0  # raw effort per count of error
+    cap: float = 100.0
+    fastest: float = 2000.0  # counts/s
+    give: float = 0.0  # counts that the stop gives way with each touch
+    load: float = 0.0  # raw effort along the way that something else pulls with
+    effort: float = 0.0
+
+    def follow(self, goal: float) -> None:
+        """One tick."""
+        error = goal - self.place
+        pull = max(-self.cap, min(self.cap, self.gain * error)) + self.load * self.way
+        step = max(-self.fastest, min(self.fastest, 10.0 * pull)) * TICK
+        step = max(-abs(error), min(abs(error), step)) if self.load == 0.0 else step
+        wanted = self.place + step
+        met = (wanted - self.stop) * self.way >= 0.0
+        self.place = self.stop if met else wanted
+        self.effort = max(-self.cap, min(self.cap, self.gain * (goal - self.place)))
+
+    def look(self, now: float) -> HomingSample:
+        return HomingSample(now, round(self.place), self.effort)
+
+
+def run(course: EndstopSearch, joint: Joint, seconds: float = 120.0, begin: float = 0.0) -> list[float]:
+    """Until it is over; the goals."""
+    goals, now = [], begin
+    while not course.done and now < begin + seconds:
+        now += TICK
+        goals.append(course.step(joint.look(now), now))
+        joint.follow(goals[-1])
+    return goals
+
+
+@given(
+    way=st.sampled_from((1, -1)),
+    off=st.floats(-0.18, 0.18),
+    far=st.floats(0.0, 2.0),
+    speed=st.floats(0.05, 0.5),
+    times=st.integers(2, 5),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_stop_is_found_so_often_wherever_it_begins(
+    way: int, off: float, far: float, speed: float, times: int
+) -> None:
+    search = replace(SEARCH, way=way, speed=speed * RAD, times=times)
+    stop = search.expected + off * RAD
+    joint = Joint(stop - way * far * RAD, stop, way)
+    course = EndstopSearch(search, joint.place, 0.0)
+    goals = run(course, joint, 600.0)
+    assert course.phase is HomingPhase.FOUND, course.failed
+    assert len(course.captures) == times
+    assert all(abs(count - stop) <= 1.0 for count in course.captures)
+    assert abs(joint.place - stop) >= 0.5 * search.back, "it is left pressed against its stop"
+    end = search.expected + way * search.margin
+    assert max(goal * way for goal in goals) <= end * way + 1e-6
+    steps = [abs(b - a) for a, b in pairwise(goals)]
+    assert max(steps) <= search.speed * TICK + 1e-6
+
+
+def test_the_first_goal_is_where_it_was_told_to_hold_not_where_it_is() -> None:
+    course = EndstopSearch(SEARCH, 2000.0, 0.0)
+    joint = Joint(1990.0, 3000.0)  # it sags under its load
+    first = course.step(joint.look(TICK), TICK)
+    assert first == pytest.approx(2000.0 + SEARCH.speed * TICK)
+
+
+def failing(joint: Joint, search: HomingParameters = SEARCH, start: float | None = None) -> Finding:
+    course = EndstopSearch(search, joint.place if start is None else start, 0.0)
+    run(course, joint, 600.0)
+    assert course.phase is HomingPhase.FAILED and course.failed is not None
+    before = course.goal
+    assert course.step(joint.look(1e3), 1e3) == before, "it goes on after it has failed"
+    return course.failed
+
+
+def test_no_stop_where_it_should_be_ends_at_the_margin() -> None:
+    joint = Joint(2500.0, 5000.0)
+    found = failing(joint)
+    assert found.code is ReasonCode.STOP_NOT_FOUND and "no stop" in found.message
+    assert joint.place <= SEARCH.expected + SEARCH.margin + 1.0
+
+
+def test_something_in_its_way_is_no_stop() -> None:
+    found = failing(Joint(2500.0, 2700.0))
+    assert found.value == pytest.approx(300.0, abs=2.0) and found.bound == SEARCH.margin
+
+
+def test_captures_that_differ_are_refused() -> None:
+    class Loose(Joint):
+        away = False
+
+        def follow(self, goal: float) -> None:
+            super().follow(goal)
+            if self.place > self.stop - 1.0:
+                self.away = False
+            elif self.place < self.stop - 30.0 and not self.away:
+                self.away, self.stop = True, self.stop + SPREAD + 2.0
+
+    found = failing(Loose(2900.0, 3000.0))
+    assert found.value is not None and found.value > SPREAD and found.bound == SPREAD
+
+
+def test_a_joint_that_goes_the_other_way_is_let_go() -> None:
+    found = failing(Joint(2500.0, 3000.0, load=-300.0))
+    assert "against the way" in found.message
+    assert found.value is not None and found.value < SEARCH.astray + 30.0
+
+
+def test_a_joint_that_runs_ahead_of_its_goals_is_let_go() -> None:
+    found = failing(Joint(2500.0, 3000.0, load=300.0))
+    assert "runs away" in found.message
+
+
+def test_a_cap_that_is_not_obeyed_ends_it() -> None:
+    found = failing(Joint(2900.0, 3000.0, cap=300.0))
+    assert found.code is ReasonCode.OVERCURRENT
+
+
+def test_held_back_without_effort_ends_it() -> None:
+    for effort in (10.0, nan):
+
+        class Numb(Joint):
+            def look(self, now: float, effort: float = effort) -> HomingSample:
+                return HomingSample(now, round(self.place), effort)
+
+        found = failing(Numb(2900.0, 3000.0))
+        assert found.code is ReasonCode.STOP_NOT_FOUND and "held back" in found.message
+
+
+def test_a_joint_that_does_not_come_back_ends_it() -> None:
+    class Stuck(Joint):
+        def follow(self, goal: float) -> None:
+            if self.place != self.stop:
+                super().follow(goal)
+            self.effort = max(-self.cap, min(self.cap, self.gain * (goal - self.place)))
+
+    assert "does not come back" in failing(Stuck(2900.0, 3000.0)).message
+
+
+def test_it_takes_no_longer_than_it_is_given() -> None:
+    course, now = EndstopSearch(SEARCH, 2900.0, 0.0), 0.0
+    while not course.done:
+        now += TICK
+        course.step(HomingSample(now - 0.05, 2900, 0.0), now)  # readings too old to go on by, and not lost
+        assert now < 60.0
+    assert course.failed is not None and "s have passed" in course.failed.message
+
+
+def test_a_joint_too_slow_for_its_goals_is_held_back() -> None:
+    class Sticky(Joint):
+        def follow(self, goal: float) -> None:
+            self.place += 0.3 * self.way
+            self.effort = 0.5 * self.cap
+
+    assert "held back" in failing(Sticky(1000.0, 3000.0)).message
+
+
+def test_a_goal_does_not_advance_on_an_old_reading_and_ends_on_a_lost_one() -> None:
+    course, joint, now = EndstopSearch(SEARCH, 2500.0, 0.0), Joint(2500.0, 3000.0), 0.0
+    for _ in range(10):
+        now += TICK
+        joint.follow(course.step(joint.look(now), now))
+    last, goals = joint.look(now), [course.goal]
+    while course.failed is None:
+        now += TICK
+        goals.append(course.step(last, now))
+        assert now < 1.0
+    assert course.failed.code is ReasonCode.STATE_STALE and course.failed.bound == LOST
+    assert goals[-1] == goals[4], "goals went on without a reading"
+
+
+@pytest.mark.parametrize("gap", [GAP + 0.001, 10.0, -0.01, nan])
+def test_a_gap_in_time_ends_it(gap: float) -> None:
+    course = EndstopSearch(SEARCH, 2500.0, 0.0)
+    course.step(HomingSample(TICK, 2500, 0.0), TICK)
+    goal = course.goal
+    assert course.step(HomingSample(TICK + gap, 2500, 0.0), TICK + gap) == goal
+    assert course.failed is not None and course.failed.code is ReasonCode.TIME_GAP
+
+
+def test_standing_without_effort_or_effort_in_motion_is_no_stop() -> None:
+    course, now = EndstopSearch(SEARCH, 2950.0, 0.0), 0.0
+    for tick in range(100):
+        now += TICK
+        moving = tick % 40 < 20
+        course.step(
+            HomingSample(now, 2950 + 4 * (tick % 2) if moving else 2950, 100.0 if moving else 40.0), now
+        )
+    assert not course.captures
+
+
+def test_progress_grows_to_one() -> None:
+    joint = Joint(2000.0, 3000.0)
+    course, told, now = EndstopSearch(SEARCH, 2000.0, 0.0), [], 0.0
+    while not course.done:
+        now += TICK
+        joint.follow(course.step(joint.look(now), now))
+        told.append(course.progress)
+    assert told == sorted(told) and told[0] < 0.05 and told[-1] == 1.0
+
+
+@given(st.lists(st.integers(-50, 50), min_size=1, max_size=60))
+def test_quiet_is_so_many_readings_that_agree(jitter: list[int]) -> None:
+    quiet, now = StandstillCheck(0.0), 0.0
+    for place, each in enumerate(jitter):
+        now += TICK
+        answer = quiet.step(HomingSample(now, each, 0.0), now)
+        last = jitter[max(0, place - 9) : place + 1]
+        assert (answer is True) == (len(last) == 10 and max(last) - min(last) <= 3)
+
+
+def test_quiet_ends_where_nobody_answers_or_it_swings() -> None:
+    quiet = StandstillCheck(0.0)
+    assert quiet.step(HomingSample(0.0, 5, 0.0), 2.9) is False
+    silent = quiet.step(HomingSample(0.0, 5, 0.0), 3.0)
+    assert isinstance(silent, Finding) and silent.code is ReasonCode.STOP_NOT_FOUND
+    swinging, now = StandstillCheck(0.0), 0.0
+    answer: bool | Finding = False
+    while answer is False:
+        now += TICK
+        answer = swinging.step(HomingSample(now, round(400 * now) % 200, 0.0), now)
+    assert isinstance(answer, Finding)

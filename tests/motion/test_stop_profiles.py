@@ -1,0 +1,162 @@
+from math import inf, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.gate_rig import at_rest, limits
+from twind.motion.stop_profiles import LimitedFollower, StopRamp, still, stopping_point
+from twind.robot.trajectory import Reference
+
+PERIOD = 0.01
+FLOOR, MARGIN = 0.05, 0.2  # rad/s, of the gate's brake rule (S21)
+
+
+def moving(position: list[float], velocity: list[float]) -> Reference:
+    n = len(position)
+    return Reference(np.array(position), np.array(velocity), np.zeros(n))
+
+
+def test_still_cannot_be_written_to_and_does_not_follow_its_source() -> None:
+    source = np.array([1.0, 2.0])
+    reference = still(source)
+    source[0] = 5.0
+    assert reference.position.tolist() == [1.0, 2.0]
+    assert not reference.position.flags.writeable
+    assert reference.velocity.tolist() == [0.0, 0.0]
+
+
+# ------------------------------------------------------------------------------------------------ ramp
+
+
+def test_a_ramp_from_standstill_is_a_hold() -> None:
+    ramp = StopRamp(at_rest([0.3, -0.2]), limits(), PERIOD)
+    assert ramp.resting
+    assert ramp.duration == 0.0
+    for _ in range(3):
+        assert ramp.step().position.tolist() == [0.3, -0.2]
+
+
+def test_each_joint_brakes_with_its_own_limit_and_rests_when_it_has_stopped() -> None:
+    limit = limits(acceleration=np.array([10.0, 40.0]))
+    ramp = StopRamp(moving([0.0, 0.0], [2.0, -2.0]), limit, PERIOD)
+    assert ramp.duration == pytest.approx(0.2)
+    middle = ramp.at(0.1)
+    assert middle.velocity.tolist() == pytest.approx([1.0, 0.0])
+    assert middle.acceleration.tolist() == [-10.0, 0.0]
+    assert middle.position.tolist() == pytest.approx([0.15, -0.05])
+    assert ramp.at(inf).position.tolist() == pytest.approx([0.2, -0.05])
+
+
+def test_ahead_tells_where_the_ramp_will_be_and_does_not_go_there() -> None:
+    ramp = StopRamp(moving([0.0], [1.0]), limits(1), PERIOD)
+    told = [ramp.ahead(PERIOD * k).position[0] for k in range(1, 8)]
+    assert told == pytest.approx([ramp.step().position[0] for _ in range(7)], abs=1e-15)
+
+
+@pytest.mark.parametrize("unknown", [np.nan, inf, -inf])
+def test_a_velocity_that_is_no_number_stops_on_the_spot(unknown: float) -> None:
+    reference = moving([0.4, 0.4], [unknown, 1.0])
+    ramp = StopRamp(reference, limits(), PERIOD)
+    assert ramp.step().position[0] == 0.4
+    assert stopping_point(reference, limits().acceleration)[0] == 0.4
+
+
+@given(
+    hard=st.floats(0.1, 3.0),
+    share=st.floats(0.0, 1.0),
+    fast=st.floats(0.0, 1.0),
+    acceleration=st.floats(1.0, 60.0),
+    side=st.sampled_from([-1.0, 1.0]),
+)
+def test_whoever_keeps_the_brake_rule_stops_before_the_hard_limit(
+    hard: float, share: float, fast: float, acceleration: float, side: float
+) -> None:
+    distance = share * 2.0 * hard  # to the limit that the joint moves towards
+    allowed = max(FLOOR, sqrt(2.0 * acceleration * distance) - MARGIN)
+    limit = limits(1, acceleration=acceleration, hard_lower=-hard, hard_upper=hard)
+    ramp = StopRamp(moving([side * (hard - distance)], [side * fast * allowed]), limit, PERIOD)
+    outermost = max(side * ramp.at(t).position[0] for t in np.linspace(0.0, ramp.duration + 0.01, 50))
+    creep = FLOOR**2 / (2.0 * acceleration)  # the speed that the rule always allows, even on the limit
+    assert outermost <= hard + (creep if allowed == FLOOR else 0.0) + 1e-12
+    assert ramp.at(inf).velocity[0] == 0.0
+
+
+# -------------------------------------------------------------------------------------------- follower
+
+
+def steps(follower: LimitedFollower, count: int) -> list[Reference]:
+    return [follower.step() for _ in range(count)]
+
+
+def test_without_an_aim_the_follower_brakes_to_a_hold() -> None:
+    track = steps(LimitedFollower(moving([0.0], [1.0]), limits(1), PERIOD), 30)
+    assert track[-1].position[0] == pytest.approx(0.025, abs=1e-9)
+    assert track[-1].velocity[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_follower_arrives_without_overshoot_and_then_rests() -> None:
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
+    follower.aim(np.array([1.0]), np.zeros(1))
+    assert not follower.resting
+    track = [reference.position[0] for reference in steps(follower, 60)]
+    assert max(track) <= 1.0 + 1e-12
+    assert track[-1] == pytest.approx(1.0, abs=1e-12)
+    assert follower.resting
+    assert track.index(track[-1]) * PERIOD <= 0.55  # 0.45 s is the least with 4 rad/s and 20 rad/s²
+
+
+def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() -> None:
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
+    follower.aim(np.array([0.0]), np.array([0.5]))
+    track = steps(follower, 100)
+    assert track[-1].velocity[0] == pytest.approx(0.5, abs=1e-6)
+    assert track[-1].position[0] == pytest.approx(0.5, abs=0.01)
+    assert not follower.resting
+    assert max(reference.position[0] for reference in steps(follower, 400)) <= 2.0
+
+
+def test_ahead_tells_where_the_follower_will_be_and_does_not_go_there() -> None:
+    follower = LimitedFollower(moving([0.0], [0.7]), limits(1), PERIOD)
+    follower.aim(np.array([-0.5]), np.array([0.1]))
+    steps(follower, 7)
+    told = follower.ahead(20 * PERIOD)
+    assert told.position[0] == pytest.approx(steps(follower, 20)[-1].position[0], abs=1e-12)
+    assert follower.ahead(0.0).position[0] == follower.ahead(0.0).position[0]
+
+
+@given(
+    start=st.floats(-2.0, 2.0),
+    aims=st.lists(
+        st.tuples(st.floats(-2.0, 2.0), st.floats(-4.0, 4.0), st.integers(1, 40)), min_size=1, max_size=6
+    ),
+    speed=st.floats(0.1, 8.0),
+    acceleration=st.floats(2.0, 60.0),
+)
+def test_whatever_is_aimed_at_no_limit_is_ever_broken(
+    start: float, aims: list[tuple[float, float, int]], speed: float, acceleration: float
+) -> None:
+    limit = limits(1, velocity=speed, acceleration=acceleration)
+    follower = LimitedFollower(at_rest([start]), limit, PERIOD)
+    track = [at_rest([start])]
+    for target, drift, count in aims:
+        follower.aim(np.array([target]), np.array([drift]))
+        track += steps(follower, count)
+    position = np.array([reference.position[0] for reference in track])
+    velocity = np.array([reference.velocity[0] for reference in track])
+    assert np.abs(np.diff(position)).max() <= speed * PERIOD + 1e-12
+    assert np.abs(np.diff(velocity)).max() <= acceleration * PERIOD + 1e-9
+    assert position.min() >= -2.0 - 1e-9
+    assert position.max() <= 2.0 + 1e-9
+    assert np.diff(position) == pytest.approx(velocity[1:] * PERIOD, abs=1e-12)
+    acceleration = np.array([reference.acceleration[0] for reference in track[1:]])
+    assert np.diff(velocity) == pytest.approx(acceleration * PERIOD, abs=1e-12)
+
+
+def test_from_outside_its_limits_the_follower_only_comes_in() -> None:
+    follower = LimitedFollower(at_rest([2.03]), limits(1), PERIOD)
+    follower.aim(np.array([2.04]), np.zeros(1))
+    assert steps(follower, 5)[-1].position[0] <= 2.03
+    follower.aim(np.array([1.0]), np.zeros(1))
+    assert steps(follower, 100)[-1].position[0] == pytest.approx(1.0, abs=1e-9)

@@ -1,0 +1,360 @@
+"""Who writes recordings: files that end in time, bounded disks, counted losses."""
+
+import errno
+import fcntl
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from tests.support.sample_recordings import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
+from twind.client.clock_pair import ClockPair
+from twind.observe.recording.recording_columns import Unreadable, open_recording
+from twind.observe.recover import recover
+from twind.observe.writing import record_writer
+from twind.observe.writing.record_encoder import RecordEncoder
+from twind.observe.writing.record_file import BufferedFile, RecordFile
+from twind.observe.writing.record_folder import DiskQuota, fresh, make_room
+from twind.observe.writing.record_writer import RecordWriter
+
+WIDE = DiskQuota(keep=1 << 40, free=0, file=1 << 40)
+
+
+def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """As the library's own reader finds them, by the index."""
+    with path.open("rb") as file:
+        return [(each.name, each.metadata) for each in make_reader(file).iter_metadata()]
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Told:
+    return Told(lambda now: RecordWriter(tmp_path, WIDE, now))
+
+
+def test_what_was_told_half_a_second_ago_is_in_the_file_whatever_happens_now(told: Told) -> None:
+    worst = 0.0
+    for _ in range(300):
+        told.run(0.01)
+        path = told.writer.tally.path
+        assert path is not None
+        found = open_recording(path) if told.time > 100.6 else None
+        if found is not None:
+            worst = max(worst, told.time - 100.0 - (found.start_ns - CLOCKS.wall_ns) / 1e9 - found.time[-1])
+    assert 0.4 < worst < 0.6  # by that a kill at any moment loses less than a second
+
+
+def test_a_session_is_one_file_with_all_that_tells_what_it_is_of(told: Told) -> None:
+    told.run(1.0)
+    told.writer.end()
+    told.writer.step()
+    (path,) = told.writer.tally.files
+    assert path.name == "twind-20261118T110640Z-two.mcap"
+    found = open_recording(path)
+    assert found.joints == JOINTS and found.time.size == 100 and not found.damage
+    assert found.robot == {"name": "two"} and found.mjcf == "<mujoco/>" and found.calibration is None
+    assert metadata(path) == [
+        ("twind", dict(SESSION.about)),
+        (
+            "end",
+            {"reason": "the daemon is gone", "messages": "102", "dropped": "0", "dropped_by_daemon": "0"},
+        ),
+    ]
+
+
+def test_between_two_daemons_nothing_is_written_and_the_next_has_a_file_of_its_own(told: Told) -> None:
+    told.run(0.5)
+    told.writer.end()
+    told.tell(state(200.0))
+    told.writer.begin(SESSION)
+    told.run(0.5)
+    told.writer.close()
+    assert [open_recording(path).time.size for path in told.writer.tally.files] == [50, 50]
+
+
+def test_a_file_ends_at_its_hour(tmp_path: Path) -> None:
+    minute = DiskQuota(keep=1 << 40, free=0, file=1 << 40, longest=60.0)
+    told = Told(lambda now: RecordWriter(tmp_path, minute, now))
+    told.run(100.0, rate=2.0)
+    told.writer.close()
+    first, second = told.writer.tally.files
+    assert WIDE.longest == 3600.0 and dict(metadata(first))["end"]["reason"] == "an hour"
+    rows = open_recording(first).time.size, open_recording(second).time.size
+    assert sum(rows) == 200 and 119 <= rows[0] <= 121
+
+
+def test_the_oldest_recordings_of_ours_go_and_nobody_elses(tmp_path: Path) -> None:
+    others = [tmp_path / "precious.mcap", tmp_path / "twind-20200101T000000Z-two.mcap.bak"]
+    for path in others:
+        path.write_bytes(bytes(100_000))
+    old = tmp_path / "twind-20200101T000000Z-two.mcap"
+    old.write_bytes(bytes(100_000))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=60_000, free=0, file=1 << 40), now))
+    told.run(60.0)
+    told.writer.close()
+    tally = told.writer.tally
+    assert not old.exists() and all(path.exists() for path in others)
+    left = [path for path in tally.files if path.exists()]
+    assert (
+        tally.files[-1] in left and left == list(tally.files[-len(left) :]) and len(left) < len(tally.files)
+    )
+    assert tally.removed == 1 + len(tally.files) - len(left)
+    assert sum(path.stat().st_size for path in left) <= 60_000
+    assert all(not open_recording(path).damage for path in left)
+
+
+def test_a_recording_that_somebody_writes_is_not_removed(tmp_path: Path) -> None:
+    path = fresh(tmp_path, CLOCKS.wall_ns, "h24")
+    file = RecordFile(path, {}, {}, CLOCKS.wall_ns)
+    assert make_room(tmp_path, 0) == [] and path.exists()
+    file.finish()
+    assert make_room(tmp_path, 0) == [path] and not path.exists()
+
+
+def test_names_are_of_the_robot_and_never_taken_twice(tmp_path: Path) -> None:
+    first = fresh(tmp_path, CLOCKS.wall_ns, "../h 24/é")
+    first.touch()
+    second = fresh(tmp_path, CLOCKS.wall_ns, "../h 24/é")
+    assert first.parent == tmp_path and first.name == "twind-20261118T110640Z-h-24-é.mcap"
+    assert second.name == "twind-20261118T110640Z-h-24-é.2.mcap"
+    assert make_room(tmp_path, -1) == [first]
+
+
+def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now))
+    told.run(1.0)
+    told.writer._bounds = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
+    told.run(1.0)
+    assert "MiB are free, 1099511627776 MiB are to stay so; make room" in told.writer.stopped
+    (path,) = told.writer.tally.files
+    found = open_recording(path)
+    assert not found.damage and 100 <= found.time.size < 200
+
+
+@pytest.mark.parametrize("room", [300, 3_000, 9_000, 9_100, 9_200, 20_000])
+def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: Path, room: int) -> None:
+    def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
+        return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, room))
+
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, open_file=on))
+    told.run(20.0)
+    told.writer.close()
+    assert told.writer.stopped.endswith("No space left on device")
+    (path,) = tmp_path.iterdir()
+    if room < 9_000:
+        with pytest.raises(Unreadable, match="no message is in it"):
+            open_recording(path)  # a file without a first half second
+    else:
+        with path.open("rb") as file:
+            rows = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
+        assert rows.count("/hw/joint_states") == open_recording(path).time.size >= 49
+        tally = told.writer.tally
+        assert tally.messages == len(rows) and tally.dropped > 0
+    assert path.stat().st_size <= room
+
+
+def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stuck(BufferedFile):
+        def pour(self, data: memoryview) -> None:
+            moving.wait(10.0)
+            super().pour(data)
+
+    def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
+        return RecordFile(path, about, attachments, time_ns, disk=Stuck(path))
+
+    monkeypatch.setattr(record_writer, "ROOM", 20_000)
+    moving = threading.Event()
+    writer = RecordWriter(tmp_path, WIDE, lambda: 100.0, open_file=on)
+    scribe = RecordEncoder(JOINTS, CLOCKS)
+    writer.begin(SESSION)
+    writer.start()
+    lines = [line for place in range(1000) for line in scribe.take(state(100.0 + place / 100))]
+    taken = [writer.put(line) for line in lines]  # returns at once, though nothing is written
+    rare = [writer.put(line) for line in scribe.take(event(111.0, "ESTOP"))]
+    assert not all(taken) and rare == [True]
+    assert sum(len(line.data) for line, yes in zip(lines, taken, strict=True) if yes) <= 2 * 20_000
+    moving.set()
+    assert writer.close()
+    found = open_recording(writer.tally.files[0])
+    lost = taken.count(False)
+    assert writer.tally.dropped == lost and found.time.size + lost >= 1000
+    assert [note.what["count"] for note in found.notes] == [lost]
+    assert found.events[0].what["code"] == "ESTOP"
+    assert dict(metadata(writer.tally.files[0]))["end"]["dropped"] == str(lost)
+
+
+def test_what_the_daemon_dropped_is_told_in_the_file(told: Told) -> None:
+    told.run(0.3)
+    told.writer.missed(7)
+    told.run(0.5)
+    told.writer.close()
+    found = open_recording(told.writer.tally.files[0])
+    assert [note.what for note in found.notes] == [{"kind": "dropped", "count": 7}]
+    assert dict(metadata(told.writer.tally.files[0]))["end"]["dropped_by_daemon"] == "7"
+
+
+def test_episodes_stand_in_the_file_with_task_times_and_success(told: Told) -> None:
+    told.tell(mark(99.0, "end", "before", success=True))
+    told.tell(mark(101.0, "begin"), mark(103.0, "end", success=True))
+    told.tell(mark(104.0, "begin", "place"), mark(105.0, "begin", "pour"), mark(106.0, "end", success=False))
+    told.tell(mark(107.0, "begin", "wipe"))
+    told.run(1.0)
+    told.writer.close()
+    (path,) = told.writer.tally.files
+    ns = {"": "", **{time: str(CLOCKS.wall(float(time))) for time in range(99, 108)}}
+    kept = [each for name, each in metadata(path) if name == "episode"]
+    rows = [("before", "true", "", 99), ("pick", "true", 101, 103), ("place", "", 104, 105)]
+    rows += [("pour", "false", 105, 106), ("wipe", "", 107, "")]
+    assert kept == [
+        {"task": task, "success": success, "begin": ns[begin], "end": ns[end]}
+        for task, success, begin, end in rows
+    ]
+    found = open_recording(path).episodes
+    assert [each.task for each in found] == ["before", "pick", "place", "pour", "wipe"]
+    assert [each.success for each in found] == [True, True, None, False, None]
+    assert (found[1].begin, found[1].end) == (2.0, 4.0)
+    assert told.writer.tally.episodes == 4
+
+
+def test_an_episode_may_have_a_file_of_its_own_and_nothing_else_does(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
+    told.run(1.0)
+    for task in ("pick", "place"):
+        told.tell(mark(told.time, "begin", task))
+        told.run(1.0)
+        told.tell(mark(told.time, "end", task, success=True))
+        told.run(1.0)
+    told.writer.close()
+    names = [path.name.split("Z-")[1] for path in told.writer.tally.files]
+    assert names == ["two-pick.mcap", "two-place.mcap"] and len(list(tmp_path.iterdir())) == 2
+    for path in told.writer.tally.files:
+        found = open_recording(path)
+        assert found.time.size == 100 and [each.success for each in found.episodes] == [True]
+
+
+@pytest.mark.parametrize("why", ["its size", "another daemon"])
+def test_an_episode_goes_on_in_the_next_file_where_its_own_ended_before_it(tmp_path: Path, why: str) -> None:
+    half = DiskQuota(keep=1 << 40, free=0, file=20_000 if why == "its size" else 1 << 40)
+    told = Told(lambda now: RecordWriter(tmp_path, half, now, per_episode=True))
+    told.run(1.0)
+    told.tell(mark(told.time, "begin"))
+    told.run(2.0)
+    if why == "another daemon":
+        told.writer.end()
+        told.writer.begin(SESSION)
+    told.run(2.0)
+    told.tell(mark(told.time, "end", success=True))
+    told.run(1.0)
+    told.writer.close()
+    files = told.writer.tally.files
+    assert len(files) > 1 and sum(open_recording(path).time.size for path in files) == 400
+    assert all(path.name.split("Z-")[1].startswith("two-pick.") for path in files)
+    ends = [dict(metadata(path))["episode"] for path in files]
+    assert [each["success"] for each in ends] == [""] * (len(files) - 1) + ["true"]
+    assert {each["begin"] for each in ends} == {ends[0]["begin"]} and ends[0]["end"] == ""
+    assert told.writer.tally.episodes == 1 and told.writer.tally.episode is None
+
+
+def test_an_episode_is_over_though_its_end_is_in_no_file(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
+    told.tell(mark(100.0, "begin"))
+    told.writer.end()
+    told.tell(mark(101.0, "end"))
+    assert told.writer.tally.episode is None
+    told.writer.begin(SESSION)
+    told.run(1.0)
+    told.writer.close()
+    assert len(told.writer.tally.files) == 1
+
+
+def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path) -> None:
+    years, minute = 5 * 365 * 86_400 * 10**9, DiskQuota(1 << 40, 0, 1 << 40, longest=60.0)
+
+    def clocks() -> ClockPair:
+        at = told.time
+        return ClockPair(at, CLOCKS.wall(at) + (years if at > 130.0 else 10_000_000))
+
+    told = Told(lambda now: RecordWriter(tmp_path, minute, now, clocks=clocks))
+    told.run(100.0, rate=2.0)
+    path = {"joint_names": ["hip"], "points": [{"positions": [1.0], "time_from_start": 1.0}], "start_in": 2.0}
+    accepted = {"topic": "trajectories", "time": told.time, "dropped": 0}
+    told.tell(accepted | {"accepted": {"id": "a", "holder": "me", "trajectory": path}})
+    told.writer.missed(1)
+    told.run(1.0)
+    told.writer.close()
+    files = told.writer.tally.files
+    first, second = (open_recording(path) for path in files)
+    assert first.start_ns == CLOCKS.wall(100.5)
+    assert second.start_ns == CLOCKS.wall(100.5 + first.time.size / 2) + years
+    assert "-2026" in files[0].name and "-2031" in files[1].name
+    assert int(second.meta["wall_ns"]) - CLOCKS.wall(float(second.meta["monotonic"])) == years
+    assert second.notes[0].time < 60.0 and second.trajectories[0].what["start_in"] == 2.0
+    with files[1].open("rb") as stream:
+        read = make_reader(stream, decoder_factories=[DecoderFactory()])
+        states = [(log, said) for _, _, log, said in read.iter_decoded_messages(["/hw/joint_states"])]
+    assert len(states) == second.time.size
+    assert all(
+        each.log_time == said.header.stamp.sec * 10**9 + said.header.stamp.nanosec for each, said in states
+    )
+
+
+def test_a_recording_of_a_wrong_clock_is_not_the_oldest_for_its_name(tmp_path: Path) -> None:
+    files = [tmp_path / f"twind-{when}T000000Z-two.mcap" for when in (20200101, 20210101, 19700101)]
+    for hours, path in enumerate(files):
+        path.write_bytes(bytes(9))
+        os.utime(path, (1e9 + hours * 3600, 1e9 + hours * 3600))
+    assert make_room(tmp_path, 18) == [files[0]]
+    made_now = tmp_path / "twind-19700101T000001Z-two.mcap"
+    made_now.write_bytes(bytes(9))
+    os.utime(made_now, (1.0, 1.0))  # of the same clock
+    assert make_room(tmp_path, 9, newest=[made_now]) == files[1:]
+
+
+def test_what_was_recovered_or_named_otherwise_is_kept(tmp_path: Path) -> None:
+    stem = "twind-20261122T161500Z-h24"
+    kept = [f"{stem}-recovered.mcap", f"{stem}.2-recovered.mcap", f"{stem}.good.mcap", f"keep-{stem}.mcap"]
+    for name in [*kept, f"{stem}.mcap", f"{stem}.12.mcap"]:
+        (tmp_path / name).touch()
+    fresh(tmp_path, CLOCKS.wall_ns, "h24-recovered").touch()  # a robot, or a task, may have that name
+    fresh(tmp_path, CLOCKS.wall_ns, "é" * 100).touch()
+    assert len(make_room(tmp_path, -1)) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
+
+
+def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:
+    place = tmp_path / "run.mcap"
+    told = Told(lambda now: RecordWriter(place, WIDE, now))
+    told.run(0.5)
+    told.writer.begin(SESSION)
+    told.run(0.5)
+    told.writer.close()
+    assert told.writer.tally.files == (place, tmp_path / "run.2.mcap")
+    assert recover(place).out is None
+
+
+def test_where_a_file_system_has_no_locks_it_goes_without_and_spares_its_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_fd: int, _how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=8, free=0, file=1 << 40), now))
+    old = tmp_path / "twind-20200101T000000Z-two.mcap"
+    old.write_bytes(bytes(9))
+    told.run(0.3)
+    told.writer.close()
+    assert not old.exists() and open_recording(told.writer.tally.files[0]).time.size == 30
+
+
+def test_what_is_put_after_the_end_begins_no_file(told: Told) -> None:
+    told.run(0.3)
+    told.writer.close()
+    told.run(0.3)
+    told.writer.close()
+    assert len(told.writer.tally.files) == 1

@@ -1,0 +1,308 @@
+"""One reader of every kind of recording: ours, others' and a flight recorder's."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from rosbags.highlevel import AnyReader
+
+from tests.support.replay_rig import flight, recording
+from tests.support.sample_recordings import CLOCKS, JOINTS, Told, event, mark, state, status
+from twind.ctl.verb import Rejected
+from twind.flight import EntryKind, FlightFile, save
+from twind.observe.export import export
+from twind.observe.recording.mcap_records import McapMessage, McapScanner
+from twind.observe.recording.recording_columns import (
+    RecordedMessage,
+    RobotRecording,
+    Unreadable,
+    marked,
+    open_recording,
+)
+from twind.observe.recording.recording_topics import WIRE
+from twind.observe.writing.record_folder import DiskQuota
+from twind.observe.writing.record_schemas import json_schemas
+from twind.observe.writing.record_writer import RecordWriter
+from twind.ros import JOINT_STATE, definition_text, encode, stamp
+
+START = 1_700_000_000_000_000_000
+
+
+def record(folder: Path, *answers: dict[str, Any]) -> RobotRecording:
+    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
+    told.tell(*answers)
+    told.writer.close()
+    return open_recording(told.writer.tally.files[0])
+
+
+def foreign(path: Path, *rows: tuple[str, float, dict[str, Any]]) -> Path:
+    """A recording as other programs make it: (topic, time in s, JointState)."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", definition_text(JOINT_STATE).encode())
+        channels: dict[str, int] = {}
+        for topic, time, message in rows:
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            at = START + round(time * 1e9)
+            data = encode(JOINT_STATE, {"header": {"stamp": stamp(at)}, **message})
+            writer.add_message(channels[topic], at, data, at)
+        writer.finish()
+    return path
+
+
+def test_rows_of_one_moment_are_one_row_and_what_is_not_known_is_nan(tmp_path: Path) -> None:
+    found = record(tmp_path, state(100.0), state(100.5, goal=0.25), state(101.0, simulated=1.5))
+    assert found.joints == JOINTS and found.start_ns == CLOCKS.wall_ns
+    assert found.time.tolist() == [0.0, 0.5, 1.0] and found.duration == 1.0
+    assert np.isnan(found.goal[[0, 2]]).all() and (found.goal[1] == 0.25).all()
+    assert np.isnan(found.simulated[:2]).all() and (found.simulated[2] == 1.5).all()
+    assert found.measured[:, 0].tolist() == [np.sin(100.0), np.sin(100.5), np.sin(101.0)]
+    assert (found.velocity == 0.5).all() and np.isnan(found.effort).all()
+    assert found.slow is not None and found.slow.time.tolist() == [0.0, 0.5, 1.0]
+    assert (found.slow.temperature == 40.0).all() and (found.slow.torque == 1.0).all()
+    assert (found.slow.age == 0.001).all()
+
+
+def test_what_an_imu_told_is_rows_and_what_it_did_not_is_nan(tmp_path: Path) -> None:
+    felt = {"gyro": [0.1, 0.2, 0.3], "acceleration": [1.0, 2.0, 9.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
+    imus = [felt | {"age_ms": age} for age in (2, 12, 2)]
+    rows = [state(100.0 + tick / 100) | {"imu": imu} for tick, imu in enumerate(imus)]
+    found = record(tmp_path, *rows).imu
+    assert found is not None
+    assert found.gyro.tolist()[::2] == [felt["gyro"]] * 2 and np.isnan(found.gyro[1]).all()
+    assert found.acceleration[2].tolist() == felt["acceleration"]
+    assert found.quaternion[2].tolist() == felt["quaternion"]
+    (tmp_path / "without").mkdir()
+    assert record(tmp_path / "without", state(100.0)).imu is None
+    (file,) = tmp_path.glob("*.mcap")
+    with AnyReader([file]) as bag:
+        (topic,) = [each for each in bag.connections if each.topic == "/imu"]
+        *_, (_, _, data) = bag.messages([topic])
+        message: Any = bag.deserialize(data, topic.msgtype)
+    assert topic.msgtype == "sensor_msgs/msg/Imu" and message.header.frame_id == "base"
+    assert (message.orientation.w, message.linear_acceleration.z) == (0.5, 9.0)
+
+
+def test_who_is_to_follow_a_goal_is_the_robot_in_live_and_the_simulation_else(tmp_path: Path) -> None:
+    rows = [status(99.0, "mirror"), state(100.0, simulated=5.0), status(101.0, "live")]
+    found = record(tmp_path, *rows, state(102.0, simulated=5.0))
+    assert found.live.tolist() == [False, True]
+    assert found.target.tolist() == [[5.0, 5.0], found.measured[1].tolist()]
+
+
+def test_latency_is_columns_by_hop_with_the_last_histogram(tmp_path: Path) -> None:
+    def told(time: float, now: float | None, histogram: Any) -> dict[str, Any]:
+        hops = [{"hop": "total", "now_ms": now, "violations": 2, "histogram": histogram}]
+        return {"topic": "latency", "time": time, "latency": hops}
+
+    buckets = [{"upper_ms": 1.0, "count": 3}, {"upper_ms": None, "count": 0}]
+    found = record(tmp_path, told(100.0, 1.5, buckets), told(100.1, None, None)).latency["total"]
+    assert found.time.tolist() == [0.0, 0.1] and found.columns["violations"].tolist() == [2.0, 2.0]
+    assert found.columns["now_ms"][0] == 1.5 and np.isnan(found.columns["now_ms"][1])
+    assert np.isnan(found.columns["p99_ms"]).all() and list(found.histogram) == buckets
+
+
+def test_episodes_are_what_was_marked_by_whom_ever() -> None:
+    def said(*answers: dict[str, Any]) -> list[RecordedMessage]:
+        return [RecordedMessage(answer["time"], answer["event"]) for answer in answers]
+
+    begun = mark(3.0, "begin", "b"), mark(4.0, "begin", "c")
+    rows = said(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
+    found = marked(rows)
+    assert [(each.task, each.success) for each in found] == [("a", True), ("b", None), ("c", None)]
+    assert np.isnan(found[0].begin) and (found[1].begin, found[1].end) == (3.0, 4.0)
+    assert np.isnan(found[2].end) and marked([]) == ()
+
+
+def test_a_recording_of_others_is_read_by_names_in_whatever_order_they_come(tmp_path: Path) -> None:
+    one = {"name": ["a", "b"], "position": [1.0, 2.0], "velocity": [0.1, 0.2]}
+    two = {"name": ["c", "b"], "position": [3.0, 4.0]}
+    path = foreign(tmp_path / "a.mcap", ("/joint_states", 0.0, one), ("/joint_states", 1.0, two))
+    found = open_recording(path)
+    assert found.joints == ("a", "b", "c") and found.start_ns == START
+    np.testing.assert_array_equal(found.measured, [[1.0, 2.0, np.nan], [np.nan, 4.0, 3.0]])
+    np.testing.assert_array_equal(found.velocity, [[0.1, 0.2, np.nan], [np.nan] * 3])
+    assert np.isnan(found.goal).all() and found.live.all() and found.robot is None and not found.events
+    np.testing.assert_array_equal(found.target, found.measured)
+
+
+def test_of_several_foreign_topics_the_usual_one_is_what_was_measured(tmp_path: Path) -> None:
+    rows = [("/wrist/joint_states", 0.0, {"name": ["w"], "position": [9.0]})]
+    rows += [("/joint_states", 0.1, {"name": ["a"], "position": [1.0]})]
+    assert open_recording(foreign(tmp_path / "a.mcap", *rows)).joints == ("a",)
+    assert open_recording(foreign(tmp_path / "b.mcap", rows[0])).joints == ("w",)
+
+
+def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
+    text, empty = tmp_path / "a.txt", tmp_path / "b.mcap"
+    text.write_text("hello")
+    empty.write_bytes(b"\x89MCAP0\r\n")
+    for path, why in (
+        (tmp_path / "gone", "No such file"),
+        (text, "neither an .mcap nor a .flight file"),
+        (empty, "no message is in it: it ends at byte 8"),
+        (tmp_path, "Is a directory"),
+    ):
+        with pytest.raises(Unreadable, match=why):
+            open_recording(path)
+
+
+def test_a_cut_recording_is_read_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
+    told.run(2.0)
+    path = told.writer.tally.path
+    assert path is not None
+    found = open_recording(path)
+    assert 100 < found.time.size < 200 and "without its index" in found.damage
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> FlightFile:
+    """A real loop and its bytes: armed, one motion, an e-stop."""
+    folder = tmp_path_factory.mktemp("flown")
+    rig = recording()
+    rig.arm()
+    rig.submit(rig.path("l_knee", [0.2], [0.5]))
+    rig.seconds(0.8)
+    taken = flight(rig, folder)
+    rig.close()
+    wall = {"wall_ns": START, "monotonic": 5.0, "buses": ["main"], "reason": "dump"}
+    return FlightFile(wall, taken.briefing, taken.contents)
+
+
+@pytest.fixture
+def flight_file(flown: FlightFile, tmp_path: Path) -> Path:
+    path = tmp_path / "a.flight"
+    save(path, dict(flown.meta), msgspec.msgpack.encode(flown.briefing), flown.contents)
+    return path
+
+
+def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
+    found = open_recording(flight_file)
+    knee = found.joints.index("l_knee")
+    assert len(found.joints) == 24 and found.time[0] == 0.0 and (np.diff(found.time) > 0).all()
+    assert found.live.all() and abs(found.measured[-1, knee] - 0.2) < 0.01
+    assert abs(found.goal[-1, knee] - 0.2) < 1e-9 and found.meta["reason"] == "dump"
+    (path,) = found.trajectories
+    assert path.what["joint_names"] == ["l_knee"] and found.verdicts[0].what["id"] == path.what["id"]
+    assert found.statuses and found.slow is not None and "total" in found.latency
+    assert found.robot is not None and found.mjcf and found.calibration
+
+
+def test_an_exported_flight_is_the_same_recording_with_its_bytes(
+    flight_file: Path, flown: FlightFile, tmp_path: Path
+) -> None:
+    out = tmp_path / "a.mcap"
+    assert export(flight_file, out) > 100
+    before, after = open_recording(flight_file), open_recording(out)
+    later = (after.start_ns - before.start_ns) / 1e9
+    rows = np.isin(np.round(before.time, 6), np.round(after.time + later, 6))
+    assert rows.sum() == after.time.size >= before.time.size - 15  # before the first overview nothing is told
+    heard = np.isfinite(after.measured).any(axis=1)  # rows of which nothing is known are left out
+    assert heard.sum() > 0.9 * after.time.size
+    for name in ("measured", "velocity", "effort", "goal", "simulated"):
+        np.testing.assert_array_equal(getattr(after, name)[heard], getattr(before, name)[rows][heard])
+    assert [each.what for each in after.events] == [each.what for each in before.events]
+    assert [each.what["id"] for each in after.trajectories] == [
+        each.what["id"] for each in before.trajectories
+    ]
+    assert [each.what for each in after.verdicts] == [each.what for each in before.verdicts]
+    assert after.robot == before.robot and after.mjcf == before.mjcf
+    file = McapScanner(out)
+    said = [
+        json.loads(each.data)
+        for each in file.contents()
+        if isinstance(each, McapMessage) and file.channels[each.channel].topic == "/twind/wire"
+    ]
+    wire = [each.data for each in flown.contents.entries if each.kind in (EntryKind.IN, EntryKind.OUT)]
+    assert [bytes.fromhex(each["hex"]) for each in said if each["kind"] != "port"] == wire
+    assert {each["bus"] for each in said} == {"main"}
+    schema = json.loads(json_schemas()[WIRE])["properties"]
+    ports = [each for each in said if each["kind"] == "port"]
+    assert ports and all(each.keys() <= schema.keys() and each["text"] for each in ports)
+
+
+def test_an_export_for_ros_has_one_encoding_and_says_the_same(flight_file: Path, tmp_path: Path) -> None:
+    plain, ros, again = (tmp_path / f"{name}.mcap" for name in ("plain", "ros", "again"))
+    export(flight_file, plain)
+    export(flight_file, ros, ros=True)
+    export(plain, again, ros=True)
+    for path in (ros, again):
+        with AnyReader([path]) as bag:
+            types = {each.topic: each.msgtype for each in bag.connections}
+            assert {each.ext.serialization_format for each in bag.connections} == {"cdr"}  # type: ignore[union-attr]
+            events = [each for each in bag.connections if each.topic == "/twind/events"]
+            texts = [bag.deserialize(data, each.msgtype).data for each, _, data in bag.messages(events)]
+        assert types["/twind/events"] == "std_msgs/msg/String" and types["/hw/joint_states"] == JOINT_STATE
+        found = open_recording(path)
+        assert len(texts) == len(found.events) > 0
+        assert [each.what for each in found.events] == [each.what for each in open_recording(plain).events]
+
+
+def test_nothing_is_written_over_by_an_export(flight_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "there.mcap"
+    out.write_text("mine")
+    for path in (flight_file, out):
+        with pytest.raises(Rejected, match=r"is there already|is no MCAP file"):
+            export(path, out)
+    assert out.read_text() == "mine"
+
+
+ODD = [
+    ("/twind/joints", b'{"joints": [1, 2]}'),
+    ("/twind/joints", b'{"joints": [{"name": "hip", "temperature": "warm"}]}'),
+    ("/twind/latency", b'{"hops": 7}'),
+    ("/twind/events", b'{"annotation": "begin"}'),
+    ("/twind/recording", b'{"annotation": [1]}'),
+]
+
+
+@pytest.mark.parametrize(("topic", "data"), ODD)
+def test_of_a_file_that_is_not_as_ours_are_it_says_so_in_words(
+    tmp_path: Path, topic: str, data: bytes
+) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        states = writer.register_channel("/joint_states", "cdr", schema)
+        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
+        writer.add_message(states, START, encode(JOINT_STATE, said), START)
+        writer.add_message(writer.register_channel(topic, "json", 0), START, data, START)
+        writer.finish()
+    with pytest.raises(Unreadable, match=r"a\.mcap: what it says on our topics, .* is not as we write it"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("when", [1 << 63, (1 << 64) - 1])
+def test_a_time_that_no_clock_has_is_told_in_words(tmp_path: Path, when: int) -> None:
+    path = tmp_path / "b.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        states = writer.register_channel("/joint_states", "cdr", schema)
+        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
+        writer.add_message(states, when, encode(JOINT_STATE, said), when)
+        writer.finish()
+    with pytest.raises(Unreadable, match="is not as we write it"):
+        open_recording(path)
+
+
+def test_a_model_in_it_that_is_no_text_is_told_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "c.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_attachment(0, 0, "model.mjcf", "application/xml", b"\xff\xfe")
+        writer.add_message(writer.register_channel("/x", "", 0), START, b"", START)
+        writer.finish()
+    with pytest.raises(Unreadable, match="UnicodeDecodeError"):
+        open_recording(path)

@@ -1,0 +1,1 @@
+"""Programs that prove safety and correctness at length."""

@@ -1,0 +1,119 @@
+"""The monitor is proved by what it catches: each wrong daemon by its rule, the right ones by none."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.proof import busmon
+from tests.proof.busmon.limits import Limits
+from tests.proof.busmon.monitor import Monitor
+from tests.proof.busmon.packet import make
+from tests.proof.evil import world
+from tests.proof.evil.every import EVILS
+from tests.proof.evil.good import Cutting, Good, Killed, Mirror, Reborn
+from tests.proof.evil.registry import Evil
+from tests.proof.evil.search import Seeker
+
+LIMITS = world.limits()
+RULES = {f"W{number}" for number in range(1, 12)}
+
+
+class Backwards(Good):
+    """Names its servos from the last to the first."""
+
+    def __init__(self, port: world.VirtualPort, limits: Limits) -> None:
+        super().__init__(port, limits)
+        self.ids.reverse()
+        self.here = dict.fromkeys(self.ids, 0)
+
+
+class Plain(Good):
+    """Reads by plain sync reads: one status of each servo."""
+
+    def ask(self, address: int, size: int, before: bytes = b"") -> dict[int, int]:
+        ids = bytes(self.ids)
+        params = address.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
+        self.port.write(before + make(254, 0x82, params))
+        answer = self.port.read(len(ids) * (11 + size), 0.004)
+        rows = [answer[at : at + 11 + size] for at in range(0, len(answer), 11 + size)]
+        return {row[4]: int.from_bytes(row[9:-2], "little", signed=size == 4) for row in rows}
+
+
+@pytest.mark.parametrize("daemon", [Good, Cutting, Mirror, Killed, Reborn, Backwards, Plain, Seeker])
+def test_a_daemon_that_does_everything_right_breaks_nothing(daemon: type[Good]) -> None:
+    port = world.VirtualPort(LIMITS)
+    daemon(port, LIMITS).live()
+    assert not port.monitor.violations, "\n".join(map(str, port.monitor.violations[:5]))
+    assert port.monitor.sent_packets > 20
+
+
+@pytest.mark.parametrize("evil", EVILS, ids=lambda evil: evil.name)
+def test_a_daemon_that_does_one_thing_wrong_is_caught_by_that_rule_and_no_other(evil: Evil) -> None:
+    monitor = world.tried(evil.daemon, LIMITS)
+    assert {violation.rule for violation in monitor.violations} == {evil.rule}, "\n".join(
+        map(str, monitor.violations[:5])
+    )
+
+
+def test_every_rule_has_daemons_that_break_it() -> None:
+    assert {evil.rule for evil in EVILS} == RULES
+    assert len(EVILS) >= 30
+    assert len({evil.name for evil in EVILS}) == len(EVILS)
+
+
+def test_a_mirror_that_is_told_nothing_of_modes_is_one_by_its_monitor() -> None:
+    port = world.VirtualPort(LIMITS, writes=False)
+    good = Good(port, LIMITS)
+    good.connect()
+    port.write(good.aim(good.present()))
+    assert [violation.rule for violation in port.monitor.violations] == ["W10"]
+
+
+# ------------------------------------------------------------------------------------------- the proof proved
+
+HOME = Path(busmon.__file__).parent
+# Needed by others than these daemons: words that come late, second holders of a port, the servos' clocks.
+ELSEWHERE = {
+    "self._broken(rule, time, id, text)": "tests/proof/busmon/test_busmon_rules.py",
+    'self._broken("W5", self._goal_at': "tests/proof/busmon/test_busmon_rules.py",
+    'self._broken("W9", now, None, f"a second talker': "tests/end_to_end/exclusive/test_evil_daemons_live.py",
+    'self._broken("W11", now, id, f"its watchdog tripped': "tests/proof/busmon/test_busmon_rules.py",
+}
+
+
+def accusations() -> list[tuple[str, int, str]]:
+    """Every place where the monitor says that a rule is broken: file, line, text."""
+    found = []
+    for path in sorted(HOME.glob("*.py")):
+        source = path.read_text()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "self._broken":
+                found.append((path.name, node.lineno, ast.get_source_segment(source, node) or ""))
+    return found
+
+
+PLACES = [place for place in accusations() if not place[2].startswith(tuple(ELSEWHERE))]
+
+
+def test_the_places_that_accuse_are_known() -> None:
+    assert len(accusations()) == len(PLACES) + len(ELSEWHERE) >= 20
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: f"{place[0]}:{place[1]}")
+def test_without_any_one_accusation_some_daemon_goes_free(place: tuple[str, int, str]) -> None:
+    """Each is there for somebody: a monitor that lacks it lets a wrong daemon pass, or names another rule."""
+    name, first, text = place
+    lines = range(first, first + text.count("\n") + 1)
+
+    class Silent(Monitor):
+        def _broken(self, rule: str, time: float, id: int | None, said: str) -> None:
+            frame = sys._getframe(1)
+            if not (frame.f_code.co_filename.endswith(f"busmon/{name}") and frame.f_lineno in lines):
+                super()._broken(rule, time, id, said)
+
+    for evil in sorted(EVILS, key=lambda evil: f'"{evil.rule}"' not in text):
+        if {each.rule for each in world.tried(evil.daemon, LIMITS, Silent).violations} != {evil.rule}:
+            return
+    pytest.fail(f"nobody needs {text}")

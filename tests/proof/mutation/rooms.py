@@ -1,0 +1,142 @@
+"""Which modules are mutated and must be covered whole, and the tests that must notice: those of the room."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+HOME = Path(__file__).parents[3]
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Modules that are tested together. Paths from the repository's root."""
+
+    name: str
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+ROOMS = (
+    Room(
+        "states",
+        ("twind/safety/state_machine.py",),
+        ("tests/safety/test_state_machine.py",),
+    ),
+    Room(
+        "lease",
+        ("twind/safety/lease.py",),
+        ("tests/safety/test_lease.py",),
+    ),
+    Room(
+        "latency",
+        (
+            "twind/safety/latency_alarm.py",
+            "twind/telemetry/command_latency.py",
+        ),
+        (
+            "tests/safety/test_latency_alarm.py",
+            "tests/telemetry/test_command_latency.py",
+        ),
+    ),
+    Room(
+        "codec",
+        (
+            "drivers/twind_drivers/dynamixel/packet.py",
+            "drivers/twind_drivers/dynamixel/crc.py",
+            "drivers/twind_drivers/dynamixel/goal_packets.py",
+        ),
+        (
+            "tests/drivers/test_packet.py",
+            "tests/drivers/test_packet_framer.py",
+            "tests/drivers/test_crc.py",
+            "tests/drivers/test_goal_packets.py",
+        ),
+    ),
+    Room(
+        "gate",
+        (
+            "twind/safety/gate.py",
+            "twind/safety/curve_rules.py",
+            "twind/safety/polynomial_bounds.py",
+            "twind/safety/trajectory_validation.py",
+            "twind/safety/retime.py",
+            "twind/safety/setpoint_gate.py",
+            "twind/safety/headroom.py",
+        ),
+        (
+            "tests/safety/test_gate.py",
+            "tests/safety/test_gate_findings.py",
+            "tests/safety/test_gate_edges.py",
+            "tests/safety/test_trajectory_validation_edges.py",
+            "tests/safety/test_curve_rules.py",
+            "tests/safety/test_polynomial_bounds.py",
+            "tests/safety/test_trajectory_validation.py",
+            "tests/safety/test_retime.py",
+            "tests/safety/test_setpoint_gate.py",
+            "tests/safety/test_headroom.py",
+        ),
+    ),
+    Room(
+        "guard",
+        (
+            "twind/safety/guard.py",
+            "twind/safety/guard_types.py",
+            "twind/safety/goal_rules.py",
+            "twind/safety/reading_rules.py",
+            "twind/safety/bus_rules.py",
+            "twind/safety/device_rules.py",
+            "twind/safety/plausibility_filter.py",
+            "twind/safety/heat_rules.py",
+            "twind/safety/can_line_rules.py",
+            "twind/safety/clearance_rules.py",
+            "twind/safety/power_rules.py",
+            "twind/safety/stall_rules.py",
+            "twind/safety/tracking_rules.py",
+        ),
+        (
+            "tests/safety/test_guard.py",
+            "tests/safety/test_guard_findings.py",
+            "tests/safety/test_goal_rules.py",
+            "tests/safety/test_bus_rules.py",
+            "tests/safety/test_device_rules.py",
+            "tests/safety/test_plausibility_filter.py",
+            "tests/safety/test_heat_rules.py",
+            "tests/safety/test_can_line_rules.py",
+            "tests/safety/test_clearance_rules.py",
+            "tests/safety/test_power_rules.py",
+            "tests/safety/test_stall_rules.py",
+            "tests/safety/test_tracking_rules.py",
+            "tests/safety/test_support_rules.py",
+        ),
+    ),
+    Room(
+        "homing",
+        ("twind/motion/endstop_search.py",),
+        (
+            "tests/motion/test_endstop_search.py",
+            "tests/motion/test_endstop_search_edges.py",
+            "tests/motion/test_endstop_search_end.py",
+        ),
+    ),
+)
+
+
+def importable(module: str) -> str:
+    """The dotted name of a module's path."""
+    return module.removeprefix("drivers/").removesuffix(".py").replace("/", ".")
+
+
+def rooms_of(names: list[str]) -> list[tuple[Room, tuple[str, ...]]]:
+    """Rooms with the modules chosen by name of room, path or end of a path; all where none is given."""
+    chosen = []
+    for room in ROOMS:
+        modules = tuple(
+            module
+            for module in room.modules
+            if not names or room.name in names or any(module.endswith(name) for name in names)
+        )
+        chosen += [(room, modules)] if modules else []
+    known = {room.name for room in ROOMS} | {module for room in ROOMS for module in room.modules}
+    for name in names:
+        if not any(each.endswith(name) for each in known):
+            raise SystemExit(f"no room or module {name!r}; rooms: {', '.join(room.name for room in ROOMS)}")
+    return chosen

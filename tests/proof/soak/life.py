@@ -1,0 +1,274 @@
+"""A random life of one robot under the fake clock: motions, streams, stops, faults, and back again.
+
+Every second: nothing against the rules of the bus, a state that makes sense, torque as it is said to be.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tests.proof.faults.robot import CLEAR
+from tests.proof.faults.tap import Tap
+from tests.proof.soak.growth import Growth
+from tests.support.daemon_rig import Rig
+from tests.support.fault_cases import CASES, Order, healing, order
+from twind import link
+from twind.robot.modes import Motion, RobotState
+from twind.robot.trajectory import Trajectory
+from twind.safety.state_machine import LATCHED
+from twind.virtual.fault_commands import arguments
+
+IDLE = {"free", "replug", "clear", "seed", "record"}
+LOOK = 60.0  # s between two samples of memory
+BACK = 40.0  # s within which commands must bring it back from anything
+
+
+class Life:
+    """`seed` decides everything. `wrong`: what must not be, with the moment."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng([seed, 4])
+        self.rig = Rig()
+        self.tap = Tap(self.rig)
+        self.growth, self.wrong = Growth("loop"), list[str]()
+        self.acts: dict[str, int] = {}
+        self.faults: dict[str, int] = {}
+        self._looked = self._second = self.rig.clock.now()
+        self.far = np.array([CLEAR[name] for name in self.rig.names])
+
+    # ------------------------------------------------------------------------------------ time
+
+    def ticks(self, count: int) -> None:
+        """Let ticks pass; each second is judged, each minute weighed."""
+        rig = self.rig
+        for _ in range(count):
+            rig.ticks(1)
+            now = rig.clock.now()
+            if now - self._second >= 1.0:
+                self._second = now
+                self._judge(now)
+        if len(rig.news) > 3000:
+            del rig.news[:-300]
+
+    def seconds(self, seconds: float) -> None:
+        self.ticks(round(seconds * 100.0))
+
+    def until(self, what: Callable[[], bool], seconds: float) -> bool:
+        for _ in range(round(seconds * 20.0)):
+            if what():
+                return True
+            self.ticks(5)
+        return what()
+
+    def _judge(self, now: float) -> None:
+        loop = self.rig.loop
+        self.tap.look()
+        self.wrong += [f"{now:.2f} bus: {each}" for each in self.tap.wrong[:3]]
+        for monitor in self.tap.monitors.values():
+            monitor.violations.clear()
+        if loop.latches and loop.state not in (
+            *LATCHED,
+            RobotState.INHIBITED,
+            RobotState.DISCONNECTED,
+            RobotState.IDENTIFYING,
+        ):
+            self.wrong.append(f"{now:.2f} latched {sorted(loop.latches)} in state {loop.state.value}")
+        if loop.armed and loop.state in (
+            RobotState.CONNECTED,
+            RobotState.IDENTIFYING,
+            RobotState.DISCONNECTED,
+        ):
+            self.wrong.append(f"{now:.2f} armed in state {loop.state.value}")
+        reference = loop.executor.reference
+        if reference is not None and not np.isfinite(reference.position).all():
+            self.wrong.append(f"{now:.2f} a reference that is no number")
+        if loop.finished:
+            self.wrong.append(f"{now:.2f} the daemon ended")
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self.growth.look(now)
+
+    # ------------------------------------------------------------------------------------ acts
+
+    def call(self, kind: type[link.Command], seconds: float = 15.0, **given: Any) -> link.Reply | None:
+        """A call; None: it was not answered in time, which is wrong."""
+        ticket = self.rig.send(kind, **given)
+        found: list[link.Reply] = []
+
+        def answered() -> bool:
+            found[:] = [reply for reply in self.rig.replies(ticket) if not reply.continues]
+            return bool(found)
+
+        for _ in range(round(seconds * 100.0)):
+            self.ticks(1)
+            if answered():
+                return found[-1]
+        self.wrong.append(f"{self.rig.clock.now():.2f} {kind.__name__} was not answered")
+        return None
+
+    def motion(self) -> None:
+        """A trajectory of some joints, followed for a while or to its end."""
+        rig, random = self.rig, self.random
+        self.call(link.AcquireLease)
+        here = rig.loop.executor.reference
+        if here is None:
+            return
+        knots = int(random.integers(1, 8))
+        way = random.random((knots, len(self.far))) * self.far
+        way[-1] *= random.random() < 0.5
+        commanded = random.random(len(self.far)) < random.uniform(0.1, 1.0)
+        commanded[int(random.integers(len(self.far)))] = True
+        times = np.cumsum(random.uniform(0.6, 2.0, knots))
+        way = np.where(commanded, way, here.position)
+        rig.submit(Trajectory(times, way, commanded, np.zeros_like(way)), more=True, policy="retime")
+        self.seconds(float(random.choice([random.uniform(0.1, times[-1]), times[-1] + 1.0])))
+
+    def stream(self) -> None:
+        """Setpoints of one joint for a while; then it falls silent, or is cancelled."""
+        rig, random = self.rig, self.random
+        self.call(link.AcquireLease)
+        if rig.loop.executor.reference is None:
+            return
+        joint = int(random.integers(len(self.far)))
+        here = float(rig.loop.executor.reference.position[joint])
+        there = float(random.random() * self.far[joint])
+        steps = max(20, round(abs(there - here) / 0.004))
+        for number in range(steps):
+            share = 0.5 - 0.5 * np.cos(np.pi * (number + 1) / steps)
+            rig.send(link.Setpoint, joints=[joint], positions=[float(here + share * (there - here))])
+            self.ticks(1)
+        if random.random() < 0.3:
+            self.call(link.Cancel)
+        self.seconds(0.5)
+
+    def cancel(self) -> None:
+        self.call(link.Cancel)
+        self.seconds(0.3)
+
+    def leave(self) -> None:
+        """The client goes."""
+        self.rig.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
+        self.seconds(0.6)
+
+    def idle(self) -> None:
+        self.seconds(float(self.random.uniform(0.1, 15.0)))
+
+    def lie_down(self) -> None:
+        self.call(link.Disarm)
+        self.seconds(float(self.random.uniform(0.1, 5.0)))
+
+    def stop(self) -> None:
+        """An e-stop in whatever goes on."""
+        self.call(link.EStop, level="cut" if self.random.random() < 0.4 else "settle")
+        self.seconds(float(self.random.uniform(0.0, 6.0)))
+
+    def fault(self) -> None:
+        """One fault of the table, healed after a while."""
+        name = str(self.random.choice(sorted(CASES.keys() - IDLE)))
+        case = CASES[name][int(self.random.integers(len(CASES[name])))]
+        given = order(name, case, self.random)
+        self.faults[name] = self.faults.get(name, 0) + 1
+        if self.random.random() < 0.7:
+            self.motion_begins()
+        self.ticks(int(self.random.integers(0, 60)))
+        self.obey(given)
+        self.seconds(float(self.random.uniform(*case.lasts)))
+        for each in healing(case, given):
+            self.obey(each)
+        self.seconds(float(self.random.uniform(0.0, 1.5)))
+
+    def motion_begins(self) -> None:
+        """Everybody on the way, and left so."""
+        rig = self.rig
+        if rig.loop.executor.reference is None or rig.loop.executor.motion is Motion.IDLE:
+            return
+        self.call(link.AcquireLease)
+        way = np.array([self.far * self.random.random(), np.zeros(len(self.far))])
+        everybody = np.ones(len(self.far), np.bool_)
+        rig.submit(
+            Trajectory(np.array([2.0, 4.0]), way, everybody, np.zeros_like(way)), more=True, policy="retime"
+        )
+
+    def obey(self, given: Order) -> None:
+        name, arguments_ = arguments(given)
+        for bus in self.rig.virtual.values():
+            bus.advance(self.rig.clock.now())
+            getattr(bus.faults, name)(**arguments_)
+
+    # ------------------------------------------------------------------------------------ back
+
+    def ready(self) -> None:
+        """Armed, by commands, from whatever there is, within `BACK`. What cannot be is wrong."""
+        loop, begun, said = self.rig.loop, self.rig.clock.now(), ""
+        while loop.state is not RobotState.ARMED or loop.latches:
+            if self.rig.clock.now() - begun > BACK:
+                latched = sorted(loop.latches)
+                self.wrong.append(
+                    f"{self.rig.clock.now():.2f} no way back: {loop.state.value} {latched} {said}"
+                )
+                return
+            if loop.latches or loop.inherited or loop.procedures.rank is not None:
+                self.call(link.Disarm if self.random.random() < 0.7 else link.EStop)
+                self.until(lambda: loop.procedures.rank is None, 15.0)
+                self.call(link.Reset)
+                self._reboot()
+            self.until(lambda: loop.state is RobotState.CONNECTED, 3.0)
+            self.seconds(1.1)
+            self.call(link.AcquireLease)
+            reply = self.call(link.Arm)
+            said = str(reply)[:300] if reply is not None else ""
+            if reply is not None:
+                self._by_hand(reply)
+
+    def _by_hand(self, refused: link.Reply) -> None:
+        """What a hand took out of its travel a hand puts back, as the refusal says."""
+        for finding in refused.parameters.get("findings") or ():
+            if finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
+                id = self.rig.robot.joints[finding["joint"]].id
+                self.obey({"fault": "hand", "id": id, "rad": 0.0, "speed": 3.0})
+                self.seconds(1.5)
+                self.obey({"fault": "hand", "id": id, "off": True})
+                self.acts["by hand"] = self.acts.get("by hand", 0) + 1
+
+    def _reboot(self) -> None:
+        for name, bus in self.rig.virtual.items():
+            for row in np.flatnonzero(bus.servos["hardware_error_status"]).tolist():
+                self.call(link.Reboot, bus=name, id=bus.servos.registers.id_of(row))
+                self.seconds(0.3)
+
+    def live(self, hours: float) -> dict[str, Any]:
+        """So long, or until ten things were wrong."""
+        begun, cpu = self.rig.clock.now(), time.process_time()
+        acts = (
+            self.motion,
+            self.stream,
+            self.cancel,
+            self.leave,
+            self.idle,
+            self.lie_down,
+            self.stop,
+            self.fault,
+        )
+        weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5])
+        while self.rig.clock.now() - begun < 3600.0 * hours and len(self.wrong) < 10:
+            if self.rig.loop.state is not RobotState.ARMED or self.rig.loop.latches:
+                self.ready()
+            act = acts[int(self.random.choice(len(acts), p=weights / weights.sum()))]
+            act()
+            self.acts[act.__name__] = self.acts.get(act.__name__, 0) + 1
+        lived, cpu = (self.rig.clock.now() - begun) / 3600.0, time.process_time() - cpu
+        packets = sum(monitor.sent_packets for monitor in self.tap.monitors.values())
+        figures = {"hours": round(lived, 3), "cpu_s": round(cpu, 1), "packets": packets}
+        figures["hours_per_s"] = round(lived / cpu, 5)
+        self.wrong += self.growth.wrong()
+        self.rig.close()
+        return (
+            figures | {"acts": self.acts, "faults": self.faults, "wrong": self.wrong} | self.growth_figures()
+        )
+
+    def growth_figures(self) -> dict[str, Any]:
+        return self.growth.figures() if len(self.growth.time) > 3 else {}

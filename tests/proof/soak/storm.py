@@ -1,0 +1,182 @@
+"""Minutes of real processes: daemon, front and virtual servos with the monitor between, in a storm of faults.
+
+A client plays and streams, others come and go, faults are ordered. Each second every process is weighed.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from tests.proof.faults.fault import Fault
+from tests.proof.faults.ground import Ground
+from tests.proof.soak.growth import Growth
+from tests.support.fault_cases import CASES, healing, order
+from twind.client import CallError, Client, ClientError
+
+IDLE = {"free", "replug", "clear", "seed", "record"}
+SPAN = {"head_yaw": 0.6, "l_elbow": -0.8, "r_elbow": -0.8, "l_shoulder_roll": 0.8, "l_knee": 0.5}
+
+
+class Storm:
+    """One robot, until `until`."""
+
+    def __init__(self, seconds: float, seed: int) -> None:
+        self.ground = Ground(Fault(0, "storm", (), 0.0, ""), seed)
+        self.random = self.ground.random
+        self.seconds, self.wrong = seconds, self.ground.wrong
+        self.grown: dict[str, Growth] = {}
+        self.count: dict[str, int] = {}
+        self._second = 0.0
+
+    def live(self) -> dict[str, Any]:
+        ground = self.ground
+        ground.robot()
+        ground.relayed()
+        ground.daemon()
+        self.begun = time.monotonic()
+        self.until = self.begun + self.seconds
+        client = ground.client()
+        client.call("AcquireLease")
+        acts = (self.play, self.stream, self.visit, self.wait, self.fault)
+        while time.monotonic() < self.until and not self.wrong:
+            act = acts[int(self.random.choice(len(acts), p=[0.3, 0.2, 0.15, 0.1, 0.25]))]
+            try:
+                client = self.ready(client)
+                act(client)
+            except ClientError as error:
+                if not isinstance(error, CallError):
+                    client.close()
+                    client = ground.client()
+                self._note("refused")
+            self._note(act.__name__)
+            self.weigh()
+        self.wrong += [each for grown in self.grown.values() for each in grown.wrong()]
+        if ground.running.end() != 0:
+            self.wrong.append("the daemon did not end well")
+        lived = time.monotonic() - self.begun
+        ground.finish()
+        figures = {name: grown.figures() for name, grown in self.grown.items() if len(grown.time) > 3}
+        assert ground.relay is not None
+        return {
+            "seconds": round(lived),
+            "done": self.count,
+            "processes": figures,
+            "bus": ground.relay.counts(),
+        }
+
+    def _note(self, what: str) -> None:
+        self.count[what] = self.count.get(what, 0) + 1
+
+    # ------------------------------------------------------------------------------------ weighing
+
+    def pause(self, seconds: float) -> None:
+        """Time passes; each second is weighed."""
+        end = time.monotonic() + seconds
+        while (now := time.monotonic()) < end:
+            self.weigh()
+            time.sleep(min(0.1, end - now))
+
+    def weigh(self) -> None:
+        """Processes that live, no violation, a second since the last time."""
+        ground, now = self.ground, time.monotonic()
+        if now - self._second < 1.0:
+            return
+        self._second = now
+        assert ground.relay is not None
+        if ground.relay.caught:
+            said = [line for line in ground.relay.said().splitlines() if line.startswith("violation")]
+            self.wrong += [f"bus: {line}" for line in said[:3]] or [ground.relay.said()[-600:]]
+        if ground.running.process.poll() is not None:
+            self.wrong.append(f"the daemon ended: {ground.running.log.read_text()[-400:]}")
+            return
+        pids = {"loop": ground.running.process.pid, "virtual": ground.virtual.process.pid}
+        with suppress(AssertionError, OSError):
+            front = ground.running.front()
+            pids[f"front {front}"] = front
+        for name, pid in pids.items():
+            with suppress(OSError):
+                self.grown.setdefault(name, Growth(name)).look(now, pid)
+
+    # ------------------------------------------------------------------------------------ acts
+
+    def ready(self, client: Client) -> Client:
+        """Armed and without faults, by commands; a new connection where the front hung up."""
+        status = client.call("GetStatus")["status"]
+        if status["state"] == "armed" and not status["faults"]:
+            client.call("AcquireLease", take=True)
+            return client
+        try:
+            self.ground.back(client)
+        except AssertionError as error:
+            self.wrong.append(f"no way back: {error}"[:400])
+        return client
+
+    def play(self, client: Client) -> None:
+        """A random motion, followed to its end or left."""
+        names = list(SPAN)
+        knots = int(self.random.integers(1, 4))
+        points = [
+            {"positions": [float(self.random.random() * SPAN[name]) for name in names]}
+            | {"velocities": [0.0] * len(names), "time_from_start": 1.0 * (k + 1)}
+            for k in range(knots)
+        ]
+        most = float(self.random.uniform(0.2, 2.0))
+        path = {"joint_names": names, "points": points}
+        answers = client.stream("SubmitTrajectory", trajectory=path)
+        for said in answers:
+            self.weigh()
+            if said["phase"] == "running" and said["progress"] > most:
+                answers.close()
+                client.close()
+                break
+
+    def stream(self, client: Client) -> None:
+        """Setpoints for a second or two, then silence."""
+        for number in range(int(self.random.integers(50, 200))):
+            goal = 0.1 * float(np.sin(0.02 * number))
+            client.call("Setpoint", joint_names=["head_yaw"], positions=[goal])
+            time.sleep(0.01)
+        self.weigh()
+
+    def visit(self, client: Client) -> None:
+        """Others come, ask, listen, and go, some without a word."""
+        for _ in range(int(self.random.integers(1, 8))):
+            with suppress(ClientError), self.ground.running.client() as other:
+                other.call("GetStatus", joints=True)
+                if self.random.random() < 0.5:
+                    listening = other.stream("Monitor", topics=["state"], rate=100.0)
+                    for _ in range(int(self.random.integers(1, 30))):
+                        next(listening)
+        self.weigh()
+
+    def wait(self, client: Client) -> None:
+        self.pause(float(self.random.uniform(0.1, 2.0)))
+
+    def fault(self, client: Client) -> None:
+        """One of the table, healed after a while."""
+        name = str(self.random.choice(sorted(CASES.keys() - IDLE)))
+        case = CASES[name][int(self.random.integers(len(CASES[name])))]
+        given = order(name, case, self.random)
+        self._note(f"fault {name}")
+        self.ground.obey(given)
+        self.pause(float(self.random.uniform(*case.lasts)))
+        for each in healing(case, given):
+            self.ground.obey(each)
+        self.pause(float(self.random.uniform(0.1, 1.0)))
+
+
+def storm(seconds: float, seed: int) -> dict[str, Any]:
+    """So long; ends by itself. `wrong`: what must not be."""
+    made = Storm(seconds, seed)
+    try:
+        return made.live() | {"wrong": made.wrong}
+    except Exception as error:
+        said = "" if made.ground.relay is None else made.ground.relay.said()[:500]
+        return {"wrong": [*made.wrong, f"the run itself failed: {error!r}"[:600], said], "done": made.count}
+    finally:
+        with suppress(OSError):  # a relay that ended by itself does not listen
+            made.ground.close()

@@ -1,0 +1,38 @@
+"""A short life, and what weighs it; `make soak` makes it as long as asked for."""
+
+import pytest
+
+from tests.proof.soak.growth import Growth
+from tests.proof.soak.life import Life
+from twind import link
+from twind.robot.modes import RobotState
+
+
+@pytest.mark.slow
+def test_six_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
+    found = Life(2).live(0.1)
+    assert not found["wrong"], found
+    assert sum(found["faults"].values()) > 4
+    assert found["packets"] > 50_000
+
+
+def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None:
+    life = Life(3)
+    life.ready()
+    life.call(link.EStop, level="cut")
+    life.obey({"fault": "hand", "id": 16, "to": 3500, "speed": 10.0})
+    life.seconds(2.0)
+    life.obey({"fault": "hand", "id": 16, "off": True})
+    life.ready()
+    assert (life.wrong, life.acts["by hand"], life.rig.loop.state) == ([], 1, RobotState.ARMED)
+    life.rig.close()
+
+
+@pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
+def test_what_grows_is_found_and_what_only_warms_up_is_not(leak: float, files: int) -> None:
+    grown = Growth("loop")
+    for minute in range(40):
+        grown.time.append(60.0 * minute)
+        grown.memory.append(80.0 + min(minute, 5) + leak * minute)
+        grown.files.append(8 + (files and minute // 20))
+    assert bool(grown.wrong()) == bool(leak or files)

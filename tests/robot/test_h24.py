@@ -1,0 +1,226 @@
+"""The built-in robot: a body that its servos can carry, and motions that nothing refuses."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from twind.config.robot_file import load_robot
+from twind.ctl.offline_check import standing
+from twind.robot import splines
+from twind.robot.arrays import Floats
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.gate import GateThresholds, TrajectoryRequest, check
+from twind.twin.binding import Binding, bind
+from twind.twin.mirror import TwinMirror
+from twind.twin.simulation import Simulation, hush
+
+H24 = load_robot("h24")
+BINDING = bind(H24, None)
+COUNT = len(H24.joints)
+STALL = 4.1  # N·m, XM430-W350 at 12 V
+CLEARANCE = 0.010  # m, `warn_m` of the robot file
+MOTIONS = sorted(H24.motions.glob("*.json"))
+
+
+def motion(path: Path) -> Trajectory:
+    written: dict[str, Any] = json.loads(path.read_text())
+    places = [H24.names.index(name) for name in written["joint_names"]]
+    points = written["points"]
+
+    def column(key: str) -> Floats | None:
+        if not all(key in point for point in points):
+            return None
+        rows = np.zeros((len(points), COUNT))
+        rows[:, places] = [point[key] for point in points]
+        return rows
+
+    position = column("positions")
+    assert position is not None
+    commanded = np.zeros(COUNT, np.bool_)
+    commanded[places] = True
+    time = np.array([point["time_from_start"] for point in points])
+    return Trajectory(time, position, commanded, column("velocities"), column("accelerations"))
+
+
+def at(position: Floats) -> Reference:
+    return Reference(position, np.zeros(COUNT), np.zeros(COUNT))
+
+
+def clearance(binding: Binding, pose: Floats) -> float:
+    """Smallest distance (m) of two geoms that may collide, the floor apart."""
+    model, data = binding.model, mujoco.MjData(binding.model)
+    data.qpos[binding.qpos] = pose
+    mujoco.mj_kinematics(model, data)
+    excluded = {int(pair) for pair in model.exclude_signature}
+    gaps = []
+    solid = [geom for geom in range(model.ngeom) if model.geom_contype[geom] and model.geom_bodyid[geom]]
+    for one, other in itertools.combinations(solid, 2):
+        low, high = sorted((int(model.geom_bodyid[one]), int(model.geom_bodyid[other])))
+        if low != high and model.body_parentid[high] != low and (low << 16) + high not in excluded:
+            gaps.append(mujoco.mj_geomDistance(model, data, one, other, 1.0, None))
+    return min(gaps)
+
+
+def test_h24_has_the_24_joints_of_a_humanoid_in_one_order() -> None:
+    assert COUNT == 24
+    counts = {part: sum(part in name for name in H24.names) for part in ("head_", "waist_")}
+    assert counts == {"head_": 2, "waist_": 2}
+    arms = [name for name in H24.names if "shoulder" in name or "elbow" in name]
+    legs = [name for name in H24.names if any(part in name for part in ("hip", "knee", "ankle"))]
+    assert (len(arms), len(legs)) == (8, 12)
+    assert [joint.id for joint in H24.joints] == list(range(1, 25))
+    assert {joint.type.device for joint in H24.joints} == {"XM430-W350"}
+
+
+def test_h24_split_is_the_same_body_on_two_buses() -> None:
+    split = load_robot("h24-split")
+    assert [bus.baud for bus in split.buses] == [1_000_000, 1_000_000]
+    assert [bus.baud for bus in H24.buses] == [2_000_000]
+    assert split.mjcf == H24.mjcf
+    assert split.poses == H24.poses
+    same = [(j.name, j.sign, j.ratio, j.lower, j.upper) for j in split.joints]
+    assert same == [(j.name, j.sign, j.ratio, j.lower, j.upper) for j in H24.joints]
+
+
+def test_both_hang_on_a_gantry_and_settle_at_zero() -> None:
+    for name in ("h24", "h24-split"):
+        robot = load_robot(name)
+        assert robot.support == "gantry"
+        assert set(robot.poses["rest"].values()) == {0.0}
+
+
+def test_the_body_is_one_that_xm430_can_carry() -> None:
+    model = BINDING.model
+    assert 4.0 < model.body_mass.sum() < 5.0
+    assert np.allclose(model.actuator_forcerange, [-STALL, STALL])
+    assert model.opt.timestep <= 0.005
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_left_and_right_are_mirror_images() -> None:
+    model, data = BINDING.model, mujoco.MjData(BINDING.model)
+    mujoco.mj_kinematics(model, data)
+    for number in range(model.nbody):
+        name = model.body(number).name
+        if name.startswith("l_"):
+            other = model.body("r_" + name[2:]).id
+            assert np.allclose(data.xpos[number] * [1, -1, 1], data.xpos[other])
+            assert model.body_mass[number] == model.body_mass[other]
+    for joint in H24.joints:
+        if joint.name.startswith("l_"):
+            other_joint = H24.joints[H24.names.index("r_" + joint.name[2:])]
+            mirrored = "roll" in joint.name or "yaw" in joint.name
+            bounds = (-joint.upper, -joint.lower) if mirrored else (joint.lower, joint.upper)
+            assert (other_joint.lower, other_joint.upper) == bounds
+
+
+def test_it_has_an_imu_a_floor_and_pairs_that_can_collide() -> None:
+    model = BINDING.model
+    assert model.site("imu").bodyid[0] == model.body("torso").id
+    assert {model.sensor(i).name for i in range(model.nsensor)} >= {
+        "imu_gyro",
+        "imu_acceleration",
+        "imu_quaternion",
+    }
+    assert model.geom("floor").type[0] == mujoco.mjtGeom.mjGEOM_PLANE
+    data = mujoco.MjData(model)
+    pose = np.zeros(COUNT)
+    pose[[H24.names.index(f"{side}_hip_roll") for side in "lr"]] = -0.4, 0.4
+    data.qpos[BINDING.qpos] = pose
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    assert data.ncon > 0  # the legs meet
+
+
+@pytest.mark.parametrize("name", list(H24.poses))
+def test_poses_are_free_of_self_collision_and_light_to_hold(name: str) -> None:
+    pose = np.array([H24.poses[name][joint] for joint in H24.names])
+    assert clearance(BINDING, pose) > CLEARANCE
+    data = mujoco.MjData(BINDING.model)
+    data.qpos[BINDING.qpos] = pose
+    mujoco.mj_inverse(BINDING.model, data)
+    assert np.abs(data.qfrc_inverse).max() < 0.5 * STALL
+
+
+def test_torque_off_at_rest_moves_less_than_two_counts() -> None:
+    hush()
+    simulation = Simulation(BINDING, 0.01)
+    simulation.model.actuator_gainprm[:] = 0.0
+    simulation.model.actuator_biasprm[:] = 0.0  # limp: friction alone
+    for _ in range(300):
+        simulation.step(None)
+    assert np.abs(simulation.state(0.0).position).max() < 2 * 2 * np.pi / 4096
+
+
+def test_a_standing_h24_stands_on_its_own_servos() -> None:
+    hush()
+    binding = bind(replace(H24, support="free"), None)
+    simulation = Simulation(binding, 0.01)
+    pose = np.array([H24.poses["stand"][name] for name in H24.names])
+    simulation.place(pose)
+    for _ in range(200):
+        simulation.step(pose)
+    assert simulation.data.qpos[2] > 0.40  # torso height
+    assert np.abs(simulation.state(0.0).effort).max() < 0.5 * STALL
+
+
+def test_there_are_three_motions_of_every_kind_of_curve() -> None:
+    assert [path.stem for path in MOTIONS] == ["reach", "squat", "wave"]
+    kinds = {(m.velocity is not None) + (m.acceleration is not None) for m in map(motion, MOTIONS)}
+    assert kinds == {0, 1, 2}
+
+
+@pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
+def test_a_motion_starts_and_ends_at_rest_and_the_gate_refuses_nothing(path: Path) -> None:
+    trajectory = motion(path)
+    rest = BINDING.rest
+    assert np.abs(trajectory.position[0] - rest).max() < 1e-9
+    assert np.abs(trajectory.position[-1] - rest).max() < 1e-9
+    verdict = check(trajectory, standing(rest), BINDING.limits, TrajectoryRequest(), GateThresholds()).verdict
+    assert (verdict.refusals, verdict.warnings, verdict.changes) == ((), (), ())
+
+
+@pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
+def test_a_motion_passes_from_where_a_real_robot_hangs(path: Path) -> None:
+    sagged = np.linspace(-0.03, 0.03, COUNT)
+    assert check(
+        motion(path), standing(sagged), BINDING.limits, TrajectoryRequest(), GateThresholds()
+    ).verdict.accepted
+
+
+@pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
+def test_a_motion_keeps_clear_of_the_body_and_within_the_servos_strength(path: Path) -> None:
+    curve = splines.interpolate(motion(path), at(np.array(BINDING.rest)))
+    mirror = TwinMirror(BINDING)
+    data = mujoco.MjData(mirror.model)
+    for t in np.arange(0.0, curve.duration, 0.1):
+        reference = curve.sample(float(t))
+        assert reference is not None
+        assert clearance(BINDING, reference.position) > CLEARANCE
+        data.qpos[:], data.qvel[:] = reference.position, reference.velocity
+        data.qacc[:] = reference.acceleration
+        mujoco.mj_inverse(mirror.model, data)
+        assert np.abs(data.qfrc_inverse).max() < 0.5 * STALL
+
+
+@pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
+def test_the_simulation_tracks_a_motion_and_comes_to_rest(path: Path) -> None:
+    hush()
+    curve = splines.interpolate(motion(path), at(np.array(BINDING.rest)))
+    simulation = Simulation(BINDING, 0.01)
+    worst = 0.0
+    for t in np.arange(0.0, curve.duration + 1.0, 0.01):
+        reference = curve.sample(float(t))
+        assert reference is not None
+        simulation.step(reference.position)
+        state = simulation.state(float(t))
+        worst = max(worst, float(np.abs(state.position - reference.position).max()))
+    assert worst < 0.05
+    assert np.abs(state.velocity).max() < 0.01
+    assert simulation.warnings == 0

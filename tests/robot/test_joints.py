@@ -1,0 +1,31 @@
+"""Joints have one order; names are for the edges, and a wrong one is answered with the right ones."""
+
+import pytest
+
+from tests.support.two_bus_rig import JOINTS
+from twind.robot.joints import JointMap
+
+NAMES = ("l_hip_yaw", "l_hip_roll", "l_knee", "r_hip_yaw", "r_knee", "head_pan")
+ROBOT = JointMap(NAMES, (), (True,) * 6)
+
+
+def test_every_name_has_its_place_in_the_order() -> None:
+    assert [ROBOT.place(name) for name in NAMES] == list(range(6))
+    assert len(ROBOT) == 6
+
+
+def test_a_misspelt_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(KeyError, match="no joint 'l_kne'; nearest: l_knee, r_knee"):
+        ROBOT.place("l_kne")
+
+
+@pytest.mark.parametrize("name", ["", "xyz", "L_KNEE" * 9])
+def test_a_name_like_no_other_is_answered_with_all(name: str) -> None:
+    with pytest.raises(KeyError) as caught:
+        ROBOT.place(name)
+    assert all(known in str(caught.value) for known in NAMES)
+
+
+def test_every_joint_is_on_exactly_one_bus() -> None:
+    places = [int(place) for bus in JOINTS.buses for place in bus.joints]
+    assert sorted(places) == list(range(len(JOINTS)))

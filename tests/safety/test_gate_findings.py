@@ -1,0 +1,123 @@
+"""What the gate tells, to whom, and how much: findings, pauses, what was retimed, what was not known."""
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+
+from tests.support import gate_rig as w
+from twind.robot.finding import ReasonCode, Verdict
+from twind.robot.modes import RobotState
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.gate import TrajectoryRequest, admit, check, checking
+
+BOTH = np.ones(2, np.bool_)
+MOVE = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])
+
+
+def codes(verdict: Verdict) -> list[ReasonCode]:
+    return [finding.code for finding in verdict.refusals]
+
+
+def test_of_one_code_at_most_64_findings_are_told() -> None:
+    n = 70
+    far = w.path([1.0], [[3.0] * n])
+    judged = check(far, w.snapshot(n), w.limits(n), TrajectoryRequest(), w.TH)
+    assert sum(finding.code is ReasonCode.POS_LIMIT for finding in judged.verdict.refusals) == 64
+
+
+def test_what_is_not_said_of_a_demand_is_the_strict_thing() -> None:
+    assert TrajectoryRequest() == TrajectoryRequest(policy="reject", append_stop=False, start_in=0.0)
+
+
+def test_a_start_in_the_past_is_told_against_now() -> None:
+    verdict = check(MOVE, w.snapshot(2), w.limits(), TrajectoryRequest(start_in=-0.5), w.TH).verdict
+    assert [(f.code, f.value, f.bound) for f in verdict.refusals] == [(ReasonCode.CMD_EXPIRED, -0.5, 0.0)]
+
+
+@pytest.mark.parametrize("state", [RobotState.FAULT, RobotState.INHIBITED])
+def test_a_latched_state_names_itself_where_no_code_is_known(state: RobotState) -> None:
+    [finding] = [
+        f
+        for f in admit(w.snapshot(state=state), BOTH, w.TH).refusals
+        if f.code in (ReasonCode.FAULT_LATCHED, ReasonCode.ESTOP_LATCHED)
+    ]
+    assert f"state is {state}" in finding.message
+    verdict = admit(w.snapshot(state=state, latched=(ReasonCode.OVERTEMP,)), BOTH, w.TH)
+    assert any("latched: OVERTEMP;" in f.message for f in verdict.refusals)
+
+
+def test_500_points_are_a_slice_where_nothing_else_is_said() -> None:
+    def pauses(k: int) -> int:
+        path = w.path(list(np.arange(1, k + 1) * 0.01), np.zeros((k, 2)))
+        return len(list(checking(path, w.snapshot(2), w.limits(), TrajectoryRequest(), w.TH)))
+
+    assert [pauses(k) for k in (500, 501)] == [0, 1]
+
+
+def test_work_that_just_fits_into_a_slice_needs_no_pause() -> None:
+    def pauses(step: int, before: Reference, demand: TrajectoryRequest, size: float = 0.0) -> int:
+        path = w.path(list(np.arange(1, 11) * 0.01), np.zeros((10, 2)) + size)
+        snapshot = w.snapshot(2, reference=before)
+        return len(list(checking(path, snapshot, w.limits(), demand, w.TH, points_per_step=step)))
+
+    outside, twice = (
+        w.at_rest([2.01, 0.0]),
+        TrajectoryRequest("retime"),
+    )  # one segment alone, then nine; ten, then ten again
+    assert [pauses(step, outside, TrajectoryRequest()) for step in (10, 9)] == [0, 1]
+    assert [pauses(step, w.at_rest([0.0, 0.0]), twice, 0.05) for step in (20, 19)] == [0, 1]
+
+
+def test_a_retimed_path_says_how_much_slower_against_one() -> None:
+    quick = w.path([0.05, 0.1], [[0.05, 0.0], [0.0, 0.0]])
+    verdict = check(quick, w.snapshot(2), w.limits(), TrajectoryRequest("retime"), w.TH).verdict
+    [told] = verdict.changes
+    assert (told.code, told.bound) == (ReasonCode.RETIMED, 1.0)
+    assert told.value is not None and told.value > 1.0
+
+
+def retimed(path: Trajectory) -> Verdict:
+    return check(path, w.snapshot(2), w.limits(velocity=0.1), TrajectoryRequest("retime"), w.TH).verdict
+
+
+def test_no_stretch_makes_a_path_longer_than_the_longest() -> None:
+    verdict = retimed(w.path([1.0, 50.0], [[0.14, 0.0], [0.14, 0.0]]))
+    assert codes(verdict) == [ReasonCode.VEL_LIMIT]
+    assert verdict.changes == ()
+
+
+def test_what_is_out_of_place_is_not_stretched_too() -> None:
+    verdict = retimed(w.path([1.0, 2.0], [[2.5, 0.0], [0.0, 0.0]]))
+    assert codes(verdict)[0] is ReasonCode.POS_LIMIT
+    assert verdict.changes == ()
+
+
+def test_a_stretched_path_that_is_only_jerky_is_let_in_with_a_warning() -> None:
+    zigzag = 2e-5 * (-1.0) ** np.arange(20)
+    path = w.path(list(np.arange(1, 21) * 0.001), np.stack([zigzag, zigzag], axis=1))
+    verdict = check(path, w.snapshot(2), w.limits(), TrajectoryRequest("retime"), w.TH).verdict
+    assert verdict.accepted
+    assert {finding.code for finding in verdict.changes} == {ReasonCode.RETIMED}
+    assert {finding.code for finding in verdict.warnings} == {ReasonCode.JERK_LIMIT}
+
+
+@pytest.mark.parametrize("unknown", ["position", "velocity", "acceleration"])
+def test_of_an_unknown_reference_only_itself_is_told(unknown: str) -> None:
+    before = replace(w.at_rest([0.1, 0.0]), **{unknown: np.full(2, nan)})
+    for rates in (None, [[0.0, 0.0]] * 2):
+        path = w.path([0.01, 5.0], [[0.1, 0.0], [1.0, 0.0]], rates)
+        assert codes(w.ask(path, w.limits(), before).verdict) == [ReasonCode.START_JUMP] * 2
+
+
+def test_a_jump_at_the_start_is_told_of_the_first_point() -> None:
+    path = w.path([0.5, 9.0], [[1.9, 0.0], [1.9, 0.0]])
+    slow = w.limits(velocity=1.0)
+    [told] = [
+        f
+        for f in w.ask(path, slow, w.at_rest([0.0, 0.0])).verdict.refusals
+        if f.code is ReasonCode.START_JUMP
+    ]
+    assert (told.joint, told.point, told.time, told.value) == (0, 0, 0.5, 1.9)
+    assert told.bound == pytest.approx(0.05 + 0.5)

@@ -1,0 +1,110 @@
+"""What may be written: a step no further than the velocity limit, and a number at all (R21, NaN)."""
+
+from itertools import product
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from tests.support.gate_rig import at_rest
+from tests.support.guard_rig import FINE, LIMITS, PERIOD, STEP, TINY, N, facts, joints, judge, reading
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import BusTraffic, Guard, Reaction
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("step", "fits"), [(STEP - TINY, True), (STEP, True), (STEP + TINY, False), (1.0, False)]
+)
+def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: float, fits: bool) -> None:
+    for mode, motion in product(Mode, Motion):
+        judgement = judge(mode=mode, motion=motion, setpoint_age=0.0, goal=at_rest([0.0, side * step, 0.0]))
+        if fits:
+            assert judgement == FINE
+        else:
+            assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
+            (finding,) = judgement.findings
+            assert (finding.code, finding.joint, finding.value) == (
+                ReasonCode.STEP_LIMIT,
+                1,
+                pytest.approx(step),
+            )
+            assert finding.bound == pytest.approx(STEP)
+
+
+@pytest.mark.parametrize(("full", "cause"), [(0, "a bug of ours"), (1, "the port was full")])
+def test_r21_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: str) -> None:
+    guard = Guard(LIMITS, buses=("left", "right"))
+    traffic = (BusTraffic(), BusTraffic(full=full))
+    judgement = guard.judge(facts(goal=at_rest([0.0, 2 * STEP, 0.0]), traffic=traffic))
+    assert judgement.goal_refused
+    assert cause in judgement.findings[0].message
+
+
+def test_r21_the_bound_follows_the_period() -> None:
+    guard, goal = Guard(LIMITS), at_rest([0.0, STEP, 0.0])
+    assert guard.judge(facts(goal=goal)) == FINE
+    assert guard.judge(facts(goal=goal, period=0.005)).goal_refused
+
+
+@pytest.mark.parametrize(("more", "fits"), [(1e-9, True), (1.05e-9, False)])
+def test_r21_a_rounding_of_a_billionth_is_let_through(more: float, fits: bool) -> None:
+    goal = np.zeros(N)
+    goal[1] = LIMITS.velocity[1] * PERIOD + more
+    assert judge(goal=at_rest(list(goal))).goal_refused is not fits
+
+
+@pytest.mark.parametrize("period", [0.001, 0.05, 1.0])
+def test_r21_a_goal_steps_by_the_period_from_the_first_tick_on(period: float) -> None:
+    assert judge(period=period, goal=at_rest([0.0, 3.9 * period, 0.0])) == FINE
+    assert judge(period=period, goal=at_rest([0.0, 4.1 * period, 0.0])).goal_refused
+
+
+def test_r21_a_first_goal_has_nothing_to_step_from() -> None:
+    assert judge(previous=None, goal=at_rest([1.0, 1.0, 1.0])) == FINE
+
+
+def test_r21_a_last_goal_that_is_no_number_refuses_the_next() -> None:
+    assert judge(previous=joints(0.0, 0.0, nan)).goal_refused
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+def test_a_goal_that_is_no_number_is_refused_in_every_mode(bad: float) -> None:
+    for mode, previous in product(Mode, [np.zeros(N), None]):
+        judgement = judge(mode=mode, goal=at_rest([0.0, 0.0, bad]), previous=previous)
+        assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
+        assert [(finding.code, finding.joint) for finding in judgement.findings] == [
+            (ReasonCode.NONFINITE, 2)
+        ]
+
+
+@pytest.mark.parametrize("state", RobotState)
+def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: RobotState) -> None:
+    closed = (RobotState.IDENTIFYING, RobotState.CONNECTED, RobotState.CALIBRATING, RobotState.INHIBITED)
+    judgement = judge(state=state, motion=Motion.IDLE)
+    assert (judgement.reaction is Reaction.INHIBIT) is (state in closed)
+    assert judgement.goal_refused is (state in closed)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_r14_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side: float) -> None:
+    judgement = judge(
+        measured=reading([side * 2.0, side * 2.01, 0.0]),
+        previous=side * joints(2.01, 2.01, 0.0),
+        goal=at_rest([side * 2.011, side * 2.0, 0.0]),
+    )
+    assert judgement == FINE
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_r14_all_past_their_limits_are_all_told(side: float) -> None:
+    there = np.full(N, side * 2.1)
+    judgement = judge(measured=reading(list(there)), previous=there, goal=at_rest(list(there)))
+    found = [(finding.code, finding.joint) for finding in judgement.findings]
+    assert found == [(ReasonCode.OUT_OF_LIMIT, joint) for joint in range(N)]
+
+
+def test_r05_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
+    judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
+    assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.STATE_STALE, 0)]

@@ -1,0 +1,399 @@
+"""Every rule of the per-tick gate: dense around its threshold, in every mode and state."""
+
+from dataclasses import replace
+from itertools import product
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.gate_rig import at_rest
+from tests.support.guard_rig import FINE, LIMITS, STEP, TINY, N, codes, facts, joints, judge, reading
+from twind.robot.arrays import Floats
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecision, Reaction
+
+# --------------------------------------------------------------------------------------------- all well
+
+
+def test_when_all_is_well_nothing_is_said() -> None:
+    assert judge() == FINE
+
+
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
+def test_a_hold_at_the_last_goal_is_refused_only_where_nothing_may_be_written(
+    mode: Mode, state: RobotState, motion: Motion
+) -> None:
+    judgement = judge(mode=mode, state=state, motion=motion, setpoint_age=0.0)
+    if mode is Mode.LIVE and state in UNWRITABLE:
+        assert (judgement.reaction, judgement.goal_refused) == (Reaction.INHIBIT, True)
+        assert codes(judgement) == [ReasonCode.INTERNAL]
+        assert state.value in judgement.findings[0].message
+    elif motion is Motion.STREAMING and state in (RobotState.FAULT, RobotState.ESTOP):
+        assert judgement.reaction is Reaction.HOLD
+        assert codes(judgement) == [
+            ReasonCode.ESTOP if state is RobotState.ESTOP else ReasonCode.FAULT_LATCHED
+        ]
+        assert not judgement.goal_refused
+    else:
+        assert judgement == FINE
+
+
+def test_nothing_to_write_is_always_fine() -> None:
+    for mode, state in product(Mode, RobotState):
+        assert judge(mode=mode, state=state, motion=Motion.IDLE, goal=None, previous=None) == FINE
+
+
+def test_reactions_are_ordered_by_severity() -> None:
+    order = [Reaction.NONE, Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.INHIBIT]
+    assert sorted(Reaction) == order
+
+
+# ------------------------------------------------------------------------------------------------- R02
+
+
+@pytest.mark.parametrize(
+    ("lateness", "told"),
+    [(0.0, False), (0.002, False), (0.002 + 1e-9, True), (0.5, True), (nan, True), (-1.0, False)],
+)
+def test_r02_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
+    judgement = judge(lateness=lateness)
+    assert judgement.reaction is Reaction.NONE
+    assert codes(judgement) == ([ReasonCode.LOOP_LATE] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("rate", "missed", "reaction"),
+    [
+        (50.0, 4, Reaction.NONE),
+        (50.0, 5, Reaction.HOLD),
+        (100.0, 5, Reaction.HOLD),
+        (500.0, 5, Reaction.NONE),
+        (500.0, 24, Reaction.NONE),
+        (500.0, 25, Reaction.HOLD),
+        (1000.0, 49, Reaction.NONE),
+        (1000.0, 50, Reaction.HOLD),
+        (nan, 5, Reaction.HOLD),
+    ],
+)
+def test_r02_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
+    rate: float, missed: int, reaction: Reaction
+) -> None:
+    found = judge(missed_in_a_row=missed, period=1.0 / rate, goal=None)
+    assert found.reaction is reaction
+    assert codes(found) == [ReasonCode.LOOP_LATE]
+    if reaction:
+        assert found.findings[0].bound == pytest.approx(max(5.0, 0.05 * rate) if rate > 0.0 else 5.0)
+
+
+@pytest.mark.parametrize(
+    ("missed", "reaction", "bound"),
+    [
+        (0, Reaction.NONE, None),
+        (1, Reaction.NONE, None),
+        (2, Reaction.NONE, 2.0),
+        (4, Reaction.NONE, 2.0),
+        (5, Reaction.HOLD, 5.0),
+        (100, Reaction.HOLD, 5.0),
+    ],
+)
+def test_r02_two_missed_ticks_are_told_and_five_hold(
+    missed: int, reaction: Reaction, bound: float | None
+) -> None:
+    judgement = judge(missed_in_a_row=missed)
+    assert judgement.reaction is reaction
+    assert [finding.bound for finding in judgement.findings] == ([] if bound is None else [bound])
+
+
+# ------------------------------------------------------------------------------------------ R03 and R04
+
+
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
+def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
+    mode: Mode, state: RobotState, motion: Motion
+) -> None:
+    judgement = judge(mode=mode, state=state, motion=motion, lease_ok=False, setpoint_age=0.0)
+    lost = motion in MOVING and state not in REACTING
+    if mode is Mode.LIVE and state in UNWRITABLE:
+        assert judgement.reaction is Reaction.INHIBIT
+    else:
+        assert (ReasonCode.LEASE_LOST in codes(judgement)) is lost
+        assert judgement.reaction >= Reaction.HOLD or not lost
+        assert not judgement.latches
+
+
+@pytest.mark.parametrize(
+    ("age", "holds"), [(0.0, False), (0.1, False), (0.1 + 1e-9, True), (1.0, True), (nan, True), (None, True)]
+)
+def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, holds: bool) -> None:
+    judgement = judge(motion=Motion.STREAMING, setpoint_age=age)
+    assert judgement.reaction is (Reaction.HOLD if holds else Reaction.NONE)
+    assert codes(judgement) == ([ReasonCode.STREAM_STALE] if holds else [])
+
+
+# ------------------------------------------------------------------------------------------------- R05
+
+
+@pytest.mark.parametrize(
+    ("age", "bound", "reaction", "latches"),
+    [
+        (0.03, None, Reaction.NONE, False),
+        (0.03 + TINY, 0.03, Reaction.NONE, False),
+        (0.1, 0.03, Reaction.NONE, False),
+        (0.1 + TINY, 0.1, Reaction.HOLD, False),
+        (0.5, 0.1, Reaction.HOLD, False),
+        (0.5 + TINY, 0.5, Reaction.SETTLE, True),
+        (inf, 0.5, Reaction.SETTLE, True),
+        (nan, 0.5, Reaction.SETTLE, True),
+    ],
+)
+@pytest.mark.parametrize("aged_since", [0.0, 0.02])
+def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
+    age: float, bound: float | None, reaction: Reaction, latches: bool, aged_since: float
+) -> None:
+    """Its age counts at the tick: what it was when read, and what has passed since."""
+    measured = reading(age=[0.0, age - aged_since, 0.0], time=0.0)
+    measured = replace(measured, age=measured.age - joints(0.0, 0.0, aged_since))
+    over = {"now": aged_since, "measured": measured, "status_time": np.full(N, -1.0)}
+    judgement = judge(**over)
+    assert (judgement.reaction, judgement.latches) == (reaction, latches)
+    found = [(finding.code, finding.joint, finding.bound) for finding in judgement.findings]
+    assert found == ([] if bound is None else [(ReasonCode.STATE_STALE, 1, bound)])
+    for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
+        elsewhere = judge(**over, **other)
+        assert (elsewhere.reaction, elsewhere.latches) == (Reaction.NONE, False)
+        assert [finding.bound for finding in elsewhere.findings] == ([] if bound is None else [bound])
+
+
+def test_r05_no_reading_at_all_holds_what_we_hold() -> None:
+    judgement = judge(measured=None)
+    assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [ReasonCode.STATE_STALE])
+    assert judge(measured=None, mode=Mode.SIM, state=RobotState.DISCONNECTED, torque_expected=False) == FINE
+
+
+@pytest.mark.parametrize("state", REACTING)
+def test_a_way_to_rest_is_not_cut_short_by_a_hold(state: RobotState) -> None:
+    for over in (
+        {"measured": reading(age=[0.2, 0.0, 0.0])},
+        {"missed_in_a_row": 9},
+        {"lease_ok": False},
+        {"measured": None},
+        {"watchdog": np.array([255, 5, 5], np.int16)},
+        {"measured": reading([2.1, 0.0, 0.0]), "previous": joints(2.1, 0.0, 0.0), "goal": None},
+    ):
+        assert judge(state=state, **over).reaction is Reaction.NONE
+
+
+@pytest.mark.parametrize("state", [RobotState.ARMED, RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: RobotState) -> None:
+    assert judge(state=state, measured=reading(age=[0.6, 0.0, 0.0])).reaction is Reaction.SETTLE
+
+
+# ------------------------------------------------------------------------------------------ R07 and R12
+
+
+def test_r07_dropped_bytes_are_told_and_nothing_more() -> None:
+    judgement = judge(discarded=7)
+    assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
+    assert [(finding.code, finding.value) for finding in judgement.findings] == [(ReasonCode.RX_SHAPE, 7.0)]
+
+
+@pytest.mark.parametrize(("value", "trips"), [(255, True), (254, False), (5, False), (-1, False)])
+def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) -> None:
+    watchdog = np.array([5, 5, value], np.int16)
+    judgement = judge(watchdog=watchdog)
+    if trips:
+        assert (judgement.reaction, judgement.latches) == (Reaction.HOLD, True)
+        assert [(finding.code, finding.joint) for finding in judgement.findings] == [
+            (ReasonCode.WATCHDOG_TRIPPED, 2)
+        ]
+    else:
+        assert judgement == FINE
+    assert judge(watchdog=watchdog, torque_expected=False, motion=Motion.IDLE, goal=None) == FINE
+    assert judge(watchdog=watchdog, mode=Mode.MIRROR) == FINE
+
+
+# ------------------------------------------------------------------------------------------------- R10
+
+
+def refreshes(readings: list[tuple[float, int]], **over: object) -> list[GuardDecision]:
+    """Judgements of ticks in which joint 1's torque was last read at that time, as that."""
+    guard = Guard(LIMITS)
+    result = []
+    for time, value in readings:
+        torque = np.array([1, value, 1], np.int8)
+        result.append(guard.judge(facts(torque=torque, status_time=joints(time, time, time), **over)))
+    return result
+
+
+@pytest.mark.parametrize("value", [0, -1])
+def test_r10_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) -> None:
+    first, same, second = refreshes([(1.0, value), (1.0, value), (1.05, value)])
+    assert first == same == FINE
+    limp = Reaction.DAMP if value == 0 else Reaction.SETTLE  # of a robot without support
+    assert (second.reaction, second.latches) == (limp, True)
+    (finding,) = second.findings
+    assert (finding.code, finding.joint, finding.value, finding.bound) == (
+        ReasonCode.TORQUE_MISMATCH,
+        1,
+        float(value),
+        1.0,
+    )
+
+
+def test_r10_one_wrong_refresh_between_right_ones_is_none() -> None:
+    assert refreshes([(1.0, 0), (1.05, 1), (1.1, 0), (1.15, 1)]) == [FINE] * 4
+
+
+def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
+    guard = Guard(LIMITS)
+    off = np.array([0, 0, 1], np.int8)
+    for times in (joints(1.0, 1.0, 1.0), joints(1.1, 1.0, 1.0)):
+        judgement = guard.judge(facts(torque=off, status_time=times))
+    assert [finding.joint for finding in judgement.findings] == [0]
+
+
+def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
+    guard = Guard(LIMITS)
+
+    def read(time: float, settled: bool = True) -> GuardDecision:
+        off, when = np.zeros(N, np.int8), np.full(N, time)
+        return guard.judge(facts(now=time, torque=off, status_time=when, torque_settled=settled))
+
+    for time in (10.0, 10.005, 10.01):
+        assert read(time, settled=False) == FINE
+    assert read(10.01) == FINE
+    assert read(10.015) == FINE
+    assert read(10.02).latches
+
+
+@pytest.mark.parametrize("over", [{"mode": Mode.MIRROR}, {"torque_expected": False}])
+def test_r10_where_we_hold_nothing_torque_is_not_ours_to_judge(over: dict[str, object]) -> None:
+    assert refreshes([(1.0, 0), (1.1, 0), (1.2, 0)], **over) == [FINE] * 3
+
+
+def test_r10_while_settling_it_is_latched_without_a_hold() -> None:
+    guard = Guard(LIMITS, support="gantry")
+    off = np.array([1, 0, 1], np.int8)
+    for time in (1.0, 1.1):
+        last = guard.judge(facts(torque=off, status_time=np.full(N, time), state=RobotState.SETTLING))
+    assert (last.reaction, last.latches) == (Reaction.NONE, True)
+
+
+# ------------------------------------------------------------------------------------------------- R14
+
+
+HARD = 2.05 + 0.0087
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("place", "fault"), [(2.05, False), (HARD - TINY, False), (HARD, False), (HARD + TINY, True), (9.0, True)]
+)
+def test_r14_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, fault: bool) -> None:
+    there = joints(0.0, 0.0, side * place)
+    given = {"measured": reading(list(there)), "previous": there, "goal": at_rest(list(there))}
+    judgement = judge(**given)
+    assert (judgement.latches, judgement.reaction) == (fault, Reaction.HOLD if fault else Reaction.NONE)
+    if fault:
+        (finding,) = judgement.findings
+        assert (finding.code, finding.joint, finding.value) == (ReasonCode.OUT_OF_LIMIT, 2, side * place)
+        assert finding.bound == pytest.approx(side * HARD)
+    for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
+        elsewhere = judge(**given, **other)
+        assert (elsewhere.latches, elsewhere.reaction) == (False, Reaction.NONE)
+        assert codes(elsewhere) == ([ReasonCode.OUT_OF_LIMIT] if fault else [])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize(
+    ("place", "before", "goal", "outward"),
+    [
+        (2.01, 2.01, 2.01 + 1e-3, True),
+        (2.01, 2.01, 2.01, False),
+        (2.01, 2.01, 2.01 - 1e-3, False),
+        (2.01, 1.99, 2.0, False),  # a goal inside the limits is inwards of the joint
+        (2.01, 1.99, 2.0 + TINY, True),
+        (2.0, 2.01, 2.011, False),  # not past its limit
+        (1.95, 2.01, 2.011, False),
+    ],
+)
+def test_r14_past_its_limit_a_joint_may_only_be_moved_inwards(
+    side: float, motion: Motion, place: float, before: float, goal: float, outward: bool
+) -> None:
+    judgement = judge(
+        motion=motion,
+        setpoint_age=0.0,
+        measured=reading([side * place, 0.0, 0.0]),
+        previous=side * joints(before, 0.0, 0.0),
+        goal=at_rest([side * goal, 0.0, 0.0]),
+    )
+    if outward and motion in MOVING:
+        assert (judgement.reaction, judgement.goal_refused, judgement.latches) == (Reaction.HOLD, True, False)
+        (finding,) = judgement.findings
+        assert (finding.code, finding.joint, finding.bound) == (ReasonCode.OUT_OF_LIMIT, 0, side * 2.0)
+    else:  # above all: a stop that still rolls outwards is never refused
+        assert judgement == FINE
+
+
+def test_r14_before_anything_was_written_there_is_no_outwards() -> None:
+    assert judge(measured=reading([2.01, 0.0, 0.0]), previous=None, goal=at_rest([2.02, 0.0, 0.0])) == FINE
+
+
+# ------------------------------------------------------------------------------------ whatever comes in
+
+
+numbers = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([nan, inf, -inf, 0.0, 2.0, -2.05]))
+rows = st.lists(numbers, min_size=N, max_size=N).map(np.array)
+
+
+@given(
+    goal=st.none() | rows,
+    previous=st.none() | rows,
+    place=st.none() | rows,
+    age=rows,
+    now=st.sampled_from([10.0, 10.02, 9.0, nan]),
+    mode=st.sampled_from(Mode),
+    state=st.sampled_from(RobotState),
+    motion=st.sampled_from(Motion),
+    lease_ok=st.booleans(),
+    lateness=numbers,
+    expected=st.booleans(),
+)
+def test_a_goal_that_leaves_is_finite_and_within_a_step_whatever_else_is_true(
+    goal: Floats | None,
+    previous: Floats | None,
+    place: Floats | None,
+    age: Floats,
+    now: float,
+    mode: Mode,
+    state: RobotState,
+    motion: Motion,
+    lease_ok: bool,
+    lateness: float,
+    expected: bool,
+) -> None:
+    judgement = judge(
+        goal=None if goal is None else at_rest(goal),
+        previous=previous,
+        measured=None if place is None else reading(list(place), list(age)),
+        now=now,
+        mode=mode,
+        state=state,
+        motion=motion,
+        lease_ok=lease_ok,
+        lateness=lateness,
+        torque_expected=expected,
+    )
+    if goal is not None and not judgement.goal_refused:
+        assert np.isfinite(goal).all()
+        assert previous is None or (np.abs(goal - previous) <= STEP + 1e-8).all()
+        assert not (mode is Mode.LIVE and state in UNWRITABLE)
+    if judgement.goal_refused:
+        assert judgement.reaction >= Reaction.HOLD
+    if judgement.latches:
+        assert judgement.findings

@@ -1,0 +1,93 @@
+"""A hop that is slow is told once, and once that it has recovered; never one of them twice."""
+
+from math import inf, isnan, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
+
+CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/reason-codes.md says
+BOUND = 0.05
+LOW, MIDDLE, HIGH = 0.01, 0.045, 0.06
+
+
+def told(*values: tuple[float, float], bound: float = BOUND) -> list[tuple[float, bool]]:
+    """(time, calm) of what is told of (time, value)."""
+    alarm = LatencyAlarm("reply")
+    alerts = [(time, alarm.judge(value, bound, time)) for time, value in values]
+    return [(time, alert.calm) for time, alert in alerts if alert is not None]
+
+
+def test_it_says_of_which_hop_by_how_much_and_what_is_allowed() -> None:
+    alarm = LatencyAlarm("reply")
+    assert alarm.judge(BOUND, BOUND, 1.0) is None
+    assert alarm.judge(HIGH, BOUND, 2.0) == LatencyAlert("reply", HIGH, BOUND)
+    assert alarm.judge(HIGH, BOUND, 3.0) is None
+    assert alarm.judge(LOW, BOUND, 5.0) == LatencyAlert("reply", LOW, BOUND, calm=True)
+    assert alarm.judge(LOW, BOUND, 7.0) is None
+
+
+@pytest.mark.parametrize("wrong", [HIGH, inf, -1e-9, -inf])
+def test_too_long_and_negative_are_told_alike(wrong: float) -> None:
+    assert told((0.0, wrong)) == [(0.0, False)]
+
+
+def test_what_is_not_known_is_no_news_and_nothing_to_be_calm_about() -> None:
+    assert told((0.0, nan), (5.0, LOW)) == []
+    assert told((0.0, HIGH), (0.9, nan), (1.5, LOW), (2.0, LOW)) == [(0.0, False), (2.0, True)]
+
+
+def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_second() -> None:
+    calm = CALM * BOUND
+    assert told((0.0, HIGH), (CALM_FOR, calm)) == [(0.0, False)]
+    assert told((0.0, HIGH), (CALM_FOR + 1e-9, calm)) == [(0.0, False), (CALM_FOR + 1e-9, True)]
+    above = calm * (1.0 + 1e-12)
+    assert told((0.0, 0.0), (0.1, HIGH), (1.2, 0.0)) == [(0.1, False), (1.2, True)]
+    assert told((0.0, HIGH), (0.5, above), (1.2, LOW), (1.4, LOW)) == [(0.0, False)]
+    assert told((0.0, HIGH), (5.0, above), (5.1, LOW)) == [(0.0, False)]
+
+
+def test_one_that_comes_back_before_it_was_calm_is_not_told_again() -> None:
+    assert told((0.0, HIGH), (0.5, LOW), (0.9, HIGH), (1.2, LOW), (1.9, HIGH)) == [(0.0, False)]
+    assert told((0.0, HIGH), (1.5, LOW), (1.6, HIGH)) == [(0.0, False), (1.5, True), (1.6, False)]
+
+
+def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> None:
+    alarm = LatencyAlarm("reply")
+    assert alarm.drop() is None
+    assert alarm.judge(HIGH, BOUND, 1.0) is not None
+    over = alarm.drop()
+    assert over is not None
+    assert (over.hop, over.calm) == ("reply", True)
+    assert isnan(over.value) and isnan(over.bound)
+    assert alarm.drop() is None
+    assert alarm.judge(HIGH, BOUND, 1.1) == LatencyAlert("reply", HIGH, BOUND)
+
+
+steps = st.tuples(
+    st.floats(0.0, 2.0), st.sampled_from([LOW, MIDDLE, HIGH, nan, inf, -1.0]) | st.floats(0.0, 0.1)
+)
+
+
+@given(st.lists(steps, max_size=60))
+def test_whatever_comes_too_slow_and_calm_take_turns_and_calm_was_earned(
+    steps: list[tuple[float, float]],
+) -> None:
+    alarm, now, last, wrong_at = LatencyAlarm("reply"), 0.0, True, -inf
+    for wait, value in steps:
+        now += wait
+        alert = alarm.judge(value, BOUND, now)
+        if alert is not None:
+            assert alert.calm is not last
+            last = alert.calm
+            if alert.calm:
+                assert now - wrong_at > CALM_FOR
+                assert 0.0 <= value <= CALM * BOUND
+            else:
+                assert not 0.0 <= value <= BOUND
+        elif not 0.0 <= value <= BOUND and value == value:
+            assert not last  # it was told before
+        if not 0.0 <= value <= CALM * BOUND:
+            wrong_at = now

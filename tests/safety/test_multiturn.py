@@ -1,0 +1,151 @@
+"""Of a count and the turns beside it exactly one is taken, and must be in the travel; else nobody arms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.config.calibration_file import turn_band
+from twind.robot.finding import ReasonCode
+from twind.robot.turn_range import TurnRange
+from twind.safety.multiturn import chosen, expected, inside, strayed, unfit
+
+WHOLE, FIRST, LAST, SLACK = 4096, 1500, 2600, 98
+MANY = 1_048_575
+
+
+def turns(
+    first: int = FIRST, last: int = LAST, *, whole: int = WHOLE, falls: bool = False, begin: int = 0
+) -> TurnRange:
+    """Of one joint, in a mode of many turns unless it `falls`."""
+    numbers = {
+        "whole": whole,
+        "band": turn_band((first, last), whole)[0],
+        "first": first,
+        "last": last,
+        "slack": SLACK,
+        "least": 0 if falls else -MANY,
+        "most": whole - 1 if falls else MANY,
+        "lower": first + 20,
+        "upper": last - 20,
+        "begin": begin,
+    }
+    arrays = {name: np.array([number]) for name, number in numbers.items()}
+    return TurnRange(known=np.array([True]), falls=np.array([falls]), **arrays)
+
+
+def told(raw: int, of: TurnRange, *, on: bool = False) -> str:
+    """What is said of that reading; empty: nothing."""
+    shift = chosen(np.array([raw]), of)
+    found = unfit(np.array([raw]), shift, of, np.array([on]))
+    assert all(each.code is ReasonCode.CALIB_MISMATCH and each.joint == 0 for each in found)
+    assert len(found) < 2
+    return found[0].message if found else ""
+
+
+@given(st.integers(FIRST - SLACK, LAST + SLACK), st.integers(-200, 200))
+def test_a_reading_any_turns_off_is_put_right(count: int, off: int) -> None:
+    of, raw = turns(), count + off * WHOLE
+    shift = chosen(np.array([raw]), of)
+    assert raw + shift[0] == count
+    assert told(raw, of) == ""
+
+
+@given(
+    st.integers(-50_000, 50_000),
+    st.integers(-20_000, 20_000),
+    st.integers(1, 9000),
+    st.sampled_from([4096, 16384, 1_003_846]),
+)
+def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in_the_travel(
+    raw: int, first: int, span: int, whole: int
+) -> None:
+    of = turns(first, first + span, whole=whole)
+    shift = int(chosen(np.array([raw]), of)[0])
+    count = raw + shift
+    assert shift % whole == 0
+    assert of.band[0] <= count < of.band[0] + whole
+    if told(raw, of) == "":
+        least, most = first - SLACK, first + span + SLACK
+        assert span < whole
+        assert least <= count <= most
+        assert not least <= count - whole <= most
+        assert not least <= count + whole <= most
+
+
+@pytest.mark.parametrize("beyond", [FIRST - SLACK - 1, LAST + SLACK + 1, FIRST + WHOLE // 2])
+@pytest.mark.parametrize("off", [-2, 0, 1])
+def test_a_reading_that_fits_nowhere_is_said(beyond: int, off: int) -> None:
+    raw = beyond + off * WHOLE
+    assert f"reads {raw}: neither that nor a turn beside it is in its travel 1402..2698" in told(raw, turns())
+
+
+def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
+    for count in (FIRST - SLACK, LAST + SLACK):
+        assert told(count, turns()) == ""
+
+
+@pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
+def test_a_travel_of_a_turn_or_more_cannot_be_told_wherever_it_stands(raw: int) -> None:
+    assert "is a turn of its actuator (4096) or more" in told(raw, turns(1500, 1500 + 4096))
+
+
+def test_near_both_ends_of_a_travel_of_nearly_a_turn_nobody_can_tell() -> None:
+    of = turns(0, 4050)
+    assert told(2000, of) == ""
+    assert told(60, of) == ""
+    for raw in (20, 4040, 4090, -40):
+        assert "both fit its travel -98..4148" in told(raw, of)
+
+
+@pytest.mark.parametrize(("raw", "fine"), [(2000, True), (2000 + 4096, True), (2000 - 2 * 4096, False)])
+def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: bool) -> None:
+    of = replace(turns(), least=np.array([-4096]), most=np.array([8191]))
+    message = told(raw, of)
+    assert (message == "") == fine
+    if not fine:
+        assert "reads -6192, +2 turns from where it was calibrated" in message
+        assert "its goals there, -6672..-5612, are outside -4096..8191" in message
+
+
+def test_position_mode_a_turn_off_is_refused_before_torque_and_with_it() -> None:
+    of = turns(falls=True)
+    for on in (False, True):
+        assert told(2000, of, on=on) == ""
+        for off in (-2, -1, 1):
+            message = told(2000 + off * 4096, of, on=on)
+            assert f"{-off:+d} turns from where it was calibrated" in message
+            assert "switch its power off and on" in message
+            assert ("`twindctl disarm`" in message) == on
+
+
+@given(st.integers(-100_000, 100_000), st.integers(-1024, 1024))
+def test_at_torque_on_position_mode_reads_one_turn_and_its_offset(raw: int, offset: int) -> None:
+    (then,) = expected(np.array([raw]), turns(falls=True, begin=offset))
+    assert offset <= then < offset + WHOLE
+    assert (then - raw) % WHOLE == 0
+    assert expected(np.array([raw]), turns(begin=offset)).tolist() == [raw]
+
+
+def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
+    """ROBOTIS forum 7814: offset -512, 3700 without torque, -396 with it."""
+    assert expected(np.array([3700]), turns(falls=True, begin=-512)).tolist() == [-396]
+
+
+def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
+    shift, told = np.array([4096]), np.array([True])
+    assert not strayed(np.array([2000 - 4096]), shift, turns(), told)
+    assert not strayed(np.array([0]), shift, turns(), ~told)
+    [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)
+    assert (finding.value, finding.bound) == (FIRST - SLACK - 1, FIRST - SLACK)
+    assert "out of its travel 1402..2698, in which it was identified" in finding.message
+
+
+def test_who_was_never_measured_is_not_judged_and_stays_as_it_reads() -> None:
+    of = replace(turns(), known=np.array([False]), whole=np.array([0]))
+    for raw in (-100_000, 0, 100_000):
+        assert chosen(np.array([raw]), of).tolist() == [0]
+        assert inside(np.array([raw]), of).all()
+        assert told(raw, of) == ""

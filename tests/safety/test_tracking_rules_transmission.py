@@ -1,0 +1,60 @@
+"""A frozen encoder where two actuators turn two joints together: it is an actuator's, and so it is found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.guard_rig import LIMITS, PERIOD, facts, reading
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.linkage_table import LinkageTable
+from twind.robot.modes import Motion
+from twind.robot.trajectory import Reference
+from twind.robot.transmission import Differential, MappedTransmission, Transmission
+from twind.safety.guard import Guard
+
+AXIS = np.linspace(-2.0, 2.0, 6).tolist()
+LAWS = [
+    Differential([[0.5, 0.5], [0.5, -0.5]]),
+    LinkageTable([AXIS, AXIS], [[0.5 * a + 0.5 * b, 0.5 * a - 0.45 * b] for a in AXIS for b in AXIS]),
+]
+PACE = np.array([0.5, 0.3])  # rad/s, of the actuators
+
+
+def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 40) -> list[Finding]:
+    """Actuators of joints 0 and 2 go at `speeds` (rad/s), and say so; `read` is the share of their way that
+    their encoders show."""
+    away = np.full(2, np.inf)
+    linked = MappedTransmission(np.array([0, 2]), law, -away, away)
+    guard, told = Guard(LIMITS, support="gantry", linked=[linked]), []
+    guard.limit(LIMITS)
+    for tick in range(ticks):
+        now, goal, place, speed = 10.0 + tick * PERIOD, np.zeros(3), np.zeros(3), np.zeros(3)
+        goal[[0, 2]] = law.forward(tick * PERIOD * speeds)
+        place[[0, 2]] = law.forward(tick * PERIOD * speeds * read)
+        speed[[0, 2]] = law.jacobian(tick * PERIOD * speeds * read) @ speeds
+        measured = replace(reading(place.tolist(), time=now), velocity=speed)
+        over = {"now": now, "measured": measured, "goal": Reference(goal, speed, np.zeros(3))}
+        judged = guard.judge(facts(**over, previous=goal, motion=Motion.STREAMING, setpoint_age=0.0))
+        told += [one for one in judged.findings if one.code is ReasonCode.SENSE_FROZEN]
+    return told
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
+@pytest.mark.parametrize("stuck", [0, 1])
+def test_one_encoder_that_stands_still_while_its_motor_turns_is_told_by_its_seat(
+    law: Transmission, stuck: int
+) -> None:
+    read = np.ones(2)
+    read[stuck] = 0.0
+    assert [one.joint for one in found(law, PACE, read)][:1] == [[0, 2][stuck]]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
+@given(speeds=st.sampled_from([(0.5, 0.0), (0.0, 0.5), (0.4, 0.4), (0.4, -0.4), (0.0, 0.0)]))
+def test_who_goes_where_it_is_sent_has_none_also_where_one_actuator_rests(
+    law: Transmission, speeds: tuple[float, float]
+) -> None:
+    assert found(law, np.array(speeds), np.ones(2)) == []

@@ -1,0 +1,53 @@
+"""Frames of every kind, as ours and as python-can's, for the tests of channels."""
+
+import can
+import numpy as np
+
+from twind_drivers.can.channel import CanChannel
+from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
+from twind_drivers.clock import MonotonicClock
+
+
+def cycle(count: int) -> Frames:
+    data = np.random.default_rng(count).integers(0, 256, (count, 8), dtype=np.uint8)
+    return frames(np.arange(1, count + 1), data)
+
+
+def mixed() -> Frames:
+    """One frame of each kind, and every size."""
+    rows = np.zeros(12, FRAME)
+    for size in range(9):
+        rows[size]["id"], rows[size]["size"] = 0x100 + size, size
+        rows[size]["data"][:size] = range(0xF0, 0xF0 + size)
+    rows[9]["id"], rows[9]["size"] = 0x1ABCDEF0 | EXTENDED, 8
+    rows[10]["id"], rows[10]["size"] = 0x123 | REMOTE, 4
+    rows[11]["id"] = 0x7F | EXTENDED | REMOTE
+    return rows
+
+
+def messages_of(rows: Frames) -> list[can.Message]:
+    return [
+        can.Message(
+            arbitration_id=int(row["id"]) & 0x1FFFFFFF,
+            is_extended_id=bool(int(row["id"]) & EXTENDED),
+            is_remote_frame=bool(int(row["id"]) & REMOTE),
+            dlc=int(row["size"]),
+            data=None if int(row["id"]) & REMOTE else payload(row),
+        )
+        for row in rows
+    ]
+
+
+def same(message: can.Message, wanted: can.Message) -> bool:
+    return message.equals(wanted, timestamp_delta=None, check_channel=False, check_direction=False)
+
+
+def heard(channel: CanChannel, count: int) -> Frames:
+    """What a channel hears until `count` frames are there, in real time."""
+    clock, parts, total = MonotonicClock(), [cycle(0)], 0
+    deadline = clock.now() + 5.0
+    while total < count and clock.now() < deadline:
+        clock.wait([channel], deadline)
+        parts.append(channel.receive(clock.now()))
+        total += len(parts[-1])
+    return np.concatenate(parts)

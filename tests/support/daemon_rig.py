@@ -1,0 +1,322 @@
+"""A whole daemon under a fake clock: the real loop, driver and virtual servos in one process, real bytes.
+
+Only the front is missing: its end of the link is in the test's hands, over a real socket pair.
+"""
+
+import os
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from twind import link, memfd
+from twind.config.actuator_types import CAN
+from twind.config.calibration_file import Calibration
+from twind.config.counts import joint_angles, slot_angles, ticks_of
+from twind.config.robot_file import load_robot
+from twind.flight import FlightRing
+from twind.loop import assembly
+from twind.loop.bound_robot import BoundRobot
+from twind.loop.bus_opener import BusOpener
+from twind.loop.bus_tap import FlightRecorder
+from twind.loop.front_link import FrontLink
+from twind.loop.service_notify import Notifier
+from twind.robot.arrays import Floats
+from twind.robot.modes import Mode
+from twind.robot.trajectory import Trajectory
+from twind.safety.gate import GateThresholds
+from twind.twin.binding import bind
+from twind.virtual.bench_servos import BusTiming, can_bus
+from twind.virtual.can_node_setup import unloaded
+from twind.virtual.truth import Truth
+from twind.virtual.virtual_imu import sensor_of
+from twind.virtual.virtual_robot_spec import calibration, fence, specimen
+from twind_drivers.bus import BusReader, PortError
+from twind_drivers.clock import FakeClock
+from twind_drivers.virtual.can.can_loopback import CanLoopback
+from twind_drivers.virtual.serial_loopback import Loopback
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+
+CLIENT = 7
+
+
+class HandFront:
+    """In place of the front's process: a socket pair whose outer end the test holds."""
+
+    def __init__(self) -> None:
+        self.socket, self.outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.socket.setblocking(False)
+        self.outer.setblocking(False)
+        self.briefings: list[int] = []
+
+    def alive(self, now: float) -> None: ...
+
+    def brief(self, briefing: int) -> None:
+        """Kept for the next front."""
+        self.briefings.append(briefing)
+
+    def overdue(self, now: float) -> bool:
+        return False
+
+    def reap(self) -> bool:
+        return False
+
+    def due(self, now: float) -> bool:
+        return False
+
+    def finish(self) -> None:
+        self.end(0.0)
+
+    def end(self, now: float) -> None:
+        if self.socket is not None:
+            self.socket.close()
+            self.outer.close()
+            for briefing in self.briefings:
+                os.close(briefing)
+            self.briefings.clear()
+        self.socket = None
+
+
+class Rig:
+    """`ticks(n)` lets time pass; `send` is a client's call; `replies` what came back to a ticket."""
+
+    def __init__(
+        self,
+        robot: str = "h24",
+        mode: Mode = Mode.LIVE,
+        *,
+        start: Mapping[str, float] | None = None,
+        muscles: type[FirstOrderPhysics] = FirstOrderPhysics,
+        rate_hz: float | None = None,
+        support: str | None = None,
+        truth: Truth | None = None,
+        calibrated: Calibration | None = None,
+        ring: FlightRing | None = None,
+    ) -> None:
+        """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
+        self._muscles = muscles
+        self.clock = FakeClock(100.0)
+        self.robot = load_robot(robot)
+        if rate_hz is not None:
+            self.robot = replace(self.robot, rate_hz=rate_hz)
+        if support is not None:
+            self.robot = replace(self.robot, support=support)
+        self.made, self._stops = specimen(self.robot, truth=truth), truth is not None
+        self.zeros = self.made.zeros
+        start = start if start is not None else self.robot.poses["rest"]
+        self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
+        self.calibration = calibration(self.made) if calibrated is None else calibrated
+        self.one = BoundRobot(self.robot, self.calibration, bind(self.robot, self.calibration))
+        self.names = self.one.binding.joint_map.names
+        buses = [bus.name for bus in self.one.binding.joint_map.buses]
+        self.recorder = None if ring is None else FlightRecorder(ring, buses, self.clock)
+        self.front = self.new_front()
+        self.loop = self.born(mode)
+        self.news: list[Any] = []
+        self._ticket = 0
+        self._deadline = self.clock.now()
+
+    def new_front(self) -> HandFront:
+        """What stands in for the front's process."""
+        return HandFront()
+
+    def born(self, mode: Mode) -> Any:
+        """A daemon that begins on these servos as they are."""
+        recorded = self.recorder
+        tapes = {} if recorded is None else dict(recorded.tapes)
+        self.buses = BusOpener(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz, tapes)
+        return assembly.build(
+            self.one,
+            mode=mode,
+            rate_hz=self.robot.rate_hz,
+            clock=self.clock,
+            where={bus.name: f"virtual:{bus.name}" for bus in self.robot.buses},
+            opener=self._open,
+            enabler=self.buses.enable,
+            link=FrontLink(self.front, *([] if recorded is None else [recorded.link])),  # type: ignore[arg-type]
+            notifier=Notifier({}),
+            thresholds=GateThresholds(),
+            realtime={},
+            rewire=self._rewire,
+            tapes=tapes,
+        )
+
+    def _rewire(self, one: BoundRobot) -> Any:
+        self.buses = replace(self.buses, robot=one.file, joints=one.binding.joint_map)
+        return self.buses.enable
+
+    def close(self) -> None:
+        self.loop.close()
+
+    # ------------------------------------------------------------------------- the virtual robot
+
+    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
+        joints = self.made.joints(bus)
+        pose = slot_angles(self.robot, {name: start.get(name, 0.0) for name in self.robot.names})
+        ticks = [ticks_of(joint, self.zeros[joint.name], pose[joint.name]) for joint in joints]
+        if self.robot.bus(bus).kind == CAN:
+            shafts = unloaded(ticks, now=self.clock.now())
+            fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
+            rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
+            return can_bus(bus, nodes, shafts, BusTiming(), bitrate=rate, now=self.clock.now())
+        muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
+        if self._stops:  # a body of MuJoCo has its own
+            fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
+        baud, now = self.robot.bus(bus).baud, self.clock.now()
+        sensor = sensor_of(self.robot, bus, None)
+        return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
+
+    def _open(self, name: str) -> BusReader:
+        if not self.virtual[name].plugged:
+            raise PortError(f"virtual:{name}", "no such port")
+        if self.robot.bus(name).kind == CAN:
+            return self.buses.can_reader(name, CanLoopback(self.virtual[name], self.clock))
+        return self.buses.reader(name, Loopback(self.virtual[name], self.clock))
+
+    # ------------------------------------------------------------------------- time and calls
+
+    def ticks(self, count: int) -> None:
+        """Let `count` ticks pass and collect the news."""
+        for _ in range(count):
+            self._deadline = max(self._deadline, self.clock.now())
+            self.clock.sleep_until(self._deadline)
+            self.loop.run(until=self.clock.now() + 1e-9)
+            self._deadline += self.loop.period
+            self._collect()
+
+    def seconds(self, seconds: float) -> None:
+        """Let time pass."""
+        self.ticks(round(seconds / self.loop.period))
+
+    def _collect(self) -> None:
+        while True:
+            try:
+                self.news.append(link.decode_news(self.front.outer.recv(link.DATAGRAM)))
+            except (BlockingIOError, OSError):
+                return
+
+    def send(self, kind: type[link.Command], *, client: int = CLIENT, **parameters: Any) -> int:
+        """A call of `client`; its ticket."""
+        self._ticket += 1
+        command = kind(ticket=self._ticket, client=client, uid=0, holder="test", **parameters)
+        self.front.outer.send(link.encode(command))  # type: ignore[arg-type]
+        return self._ticket
+
+    def call(self, kind: type[link.Command], *, ticks: int = 300, **parameters: Any) -> link.Reply:
+        """A call and its last reply, within `ticks`."""
+        ticket = self.send(kind, **parameters)
+        for _ in range(ticks):
+            self.ticks(1)
+            done = [reply for reply in self.replies(ticket) if not reply.continues]
+            if done:
+                return done[-1]
+        raise AssertionError(f"{kind.__name__} was not answered within {ticks} ticks")
+
+    def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:
+        """Submit a trajectory; its ticket."""
+        self._ticket += 1
+        parameters.setdefault("generation", self.loop.reloads.generation)
+        command = link.Submit(
+            ticket=self._ticket,
+            client=client,
+            id=f"t{self._ticket}",
+            points=len(path.time),
+            commanded=np.flatnonzero(path.commanded).tolist(),
+            velocity=path.velocity is not None,
+            acceleration=path.acceleration is not None,
+            **parameters,
+        )
+        fd = memfd.seal("path", link.pack_path(path))
+        socket.send_fds(self.front.outer, [link.encode(command)], [fd])
+        os.close(fd)
+        return self._ticket
+
+    def adopt(self, changes: Mapping[str, Any], *, announced: bool = True, **parameters: Any) -> link.Reply:
+        """Changes of the front's, with the next briefing; what the loop answers."""
+        if parameters.get("reread", True) and announced:
+            self.front.outer.send(link.encode(link.ReloadStarted()))
+        self._ticket += 1
+        given = {"generation": self.loop.reloads.generation + 1} | parameters
+        command = link.ApplyChanges(ticket=self._ticket, client=0, changes=dict(changes), **given)
+        fd = memfd.seal("briefing", b"for the next front")
+        socket.send_fds(self.front.outer, [link.encode(command)], [fd])
+        os.close(fd)
+        self.ticks(2)
+        return self.replies(self._ticket)[-1]
+
+    def replies(self, ticket: int) -> list[link.Reply]:
+        """Everything that answered a ticket so far."""
+        return [news for news in self.news if isinstance(news, link.Reply) and news.ticket == ticket]
+
+    def events(self, code: str | None = None) -> list[link.Event]:
+        """Events so far."""
+        found = [news for news in self.news if isinstance(news, link.Event)]
+        return [event for event in found if code is None or event.code == code]
+
+    # ------------------------------------------------------------------------- common ground
+
+    def connect(self) -> None:
+        """Until everybody is identified, and every slow register was read once."""
+        for _ in range(200):
+            self.ticks(1)
+            if self.loop.state == "connected" and np.isfinite(self.loop.hardware.slow.health_time).all():
+                return
+        raise AssertionError(
+            f"not connected: {self.loop.state}, {[event.message for event in self.events()]}"
+        )
+
+    def arm(self) -> None:
+        """Connected, leased, armed."""
+        self.connect()
+        self.call(link.AcquireLease)
+        reply = self.call(link.Arm)
+        assert reply.error is None, reply
+
+    def lease(self) -> None:
+        """Keep the lease."""
+        assert self.call(link.AcquireLease).error is None
+
+    def path(self, joint: str, position: Sequence[float], time: Sequence[float]) -> Trajectory:
+        """Positions of one joint; the others keep what they do."""
+        place = self.names.index(joint)
+        rows = np.tile(self.loop.measured.position, (len(time), 1))
+        rows[:, place] = position
+        commanded = np.zeros(len(self.names), np.bool_)
+        commanded[place] = True
+        return Trajectory(np.array(time, np.float64), rows, commanded)
+
+    @property
+    def truth(self) -> Floats:
+        """Where the joints really are, rad (n,)."""
+        self._advance()
+        pose = joint_angles(self.robot, {name: self._angle(name) for name in self.robot.names})
+        return np.array([pose[name] for name in self.robot.names])
+
+    def _angle(self, name: str) -> float:
+        joint = next(joint for joint in self.made.wired.joints if joint.name == name)
+        row = [other.name for other in self.robot.joints if other.bus == joint.bus].index(name)
+        bus = self.virtual[joint.bus]
+        ticks = (
+            bus.truth(self.clock.now())[row]["position"]
+            if bus.kind == CAN
+            else bus.servos.muscles.position[row]
+        )
+        return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn
+
+    @property
+    def counts(self) -> Floats:
+        """Where the servos really are, ticks, bus after bus."""
+        self._advance()
+        return np.concatenate([bus.servos.muscles.position.copy() for bus in self.virtual.values()])
+
+    def _advance(self) -> None:
+        """The servos' own time goes on without traffic too."""
+        for bus in self.virtual.values():
+            bus.advance(self.clock.now())
+
+    def register(self, key: str) -> np.ndarray:
+        """One register of all servos, bus after bus."""
+        return np.concatenate([np.asarray(bus.servos[key]) for bus in self.virtual.values()])

@@ -1,0 +1,20 @@
+"""A streamer whose endpoint is killed at random:
+`python tests/support/stream_sigkill_runs.py SECONDS [SEED]`."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.end_to_end.concurrent.test_stream_command import killed_at_random, simulated
+
+
+def main() -> int:
+    seconds, seed = float(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    with tempfile.TemporaryDirectory() as name, simulated(Path(name) / "run") as daemon:
+        kills, samples, told = killed_at_random(daemon.sockets, Path(name), seconds, seed, 4.0, 3.0)
+    print(f"{kills} kills in {seconds:g} s: {samples} samples, each once; {told['failures']} failures")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

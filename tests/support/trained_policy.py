@@ -1,0 +1,48 @@
+"""A policy for Stand-v0, trained from scratch in a test-sized run: once for each state of the code, and kept.
+
+Two tests want it, in two runs of pytest: what is judged against the zero policy is what stands on the robot.
+"""
+
+import argparse
+import hashlib
+import threading
+from pathlib import Path
+
+import pytest
+
+import twind.learn
+from twind.ctl.progress import ProgressLine
+from twind.learn.training.trainer import Trainer
+from twind.learn.training.training_folder import BEST, RUN, read_run, taken
+from twind.learn.training.training_reporter import TrainingReporter
+from twind.learn.training.training_settings import TrainingSettings, chosen
+
+STEPS = 61_440  # 30 updates; 30 s of CPU
+
+
+def settings(seed: int = 0) -> TrainingSettings:
+    """The defaults, but shorter and with fewer evaluations."""
+    return chosen("Stand", {"steps": STEPS, "evaluate_every": 20_480, "seed": seed})
+
+
+def train(folder: Path, wanted: TrainingSettings) -> Path:
+    """Train in `folder`, or take what was trained there. The policy file."""
+    options = argparse.Namespace(json=True)
+    with taken(folder) as mine:
+        if not (folder / RUN).exists() or read_run(folder)[1]["ended"] != "done":
+            course = Trainer(wanted, mine, TrainingReporter(options), None)
+            try:
+                course.run(threading.Event(), ProgressLine(options, "train"))
+            finally:
+                course.close()
+    return folder / BEST
+
+
+def policy(config: pytest.Config) -> Path:
+    """The policy file of seed 0, of the code as it is."""
+    room = Path(twind.learn.__file__).parent
+    said = hashlib.sha256(repr(settings()).encode())
+    for each in sorted(room.rglob("*.py")) + sorted((room.parent / "robots").glob("h24.*")):
+        said.update(each.read_bytes())
+    assert config.cache is not None
+    return train(Path(config.cache.mkdir(f"stand-{said.hexdigest()[:16]}")), settings())

@@ -1,0 +1,369 @@
+"""The way of a command: every hop once, and no figure of what did not happen."""
+
+from dataclasses import replace
+from math import inf, isnan, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.robot.state import JointState
+from twind.robot.trajectory import Reference
+from twind.safety.latency_alarm import LatencyAlert
+from twind.telemetry.command_latency import STREAM, CommandLatencyTracer
+from twind.telemetry.timing_monitor import COMMAND, TimingMonitor
+
+VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/reason-codes.md says
+# Powers of two, so that sums of them are exact.
+TICK, ANSWER = 2.0**-7, 2.0**-8  # s
+CALLED, JUDGING, WAITING = 2.0**-8, 2.0**-10, 2.0**-11  # s
+FAR = 2.0 * VISIBLE
+BOTH = np.array([True, True])
+
+
+class World:
+    """Two joints that stand; time is the test's."""
+
+    def __init__(self, begin: tuple[float, float] = (1.0, -1.0)) -> None:
+        self.health = TimingMonitor(1)
+        self.way = CommandLatencyTracer(self.health)
+        self.now = 10.0
+        self.begin = np.array(begin)
+        self.state = JointState(
+            self.now, self.begin, np.zeros(2), np.zeros(2), np.zeros(2), np.ones(2, np.bool_), 0.0
+        )
+
+    def command(self, id: str = "t", *, speed: float = 0.0, joints: np.ndarray = BOTH) -> None:
+        """Called a little ago, judged, accepted."""
+        taken = self.way.take(self.now - CALLED, self.now)
+        self.now += JUDGING
+        self.way.judge(taken, self.now)
+        before = Reference(self.begin, np.array([speed, 0.0]), np.zeros(2))
+        self.way.accept(taken, id, joints, before, self.now)
+        self.now += WAITING
+
+    def tick(self, goal: list[float] | None, moved: list[float] | None = None) -> None:
+        """A goal so far from where it began (None: none leaves), then a reading so far, a little later."""
+        if goal is None:
+            self.way.silence()
+        else:
+            self.way.write(self.begin + goal, self.now, self.state)
+        place = self.state.position if moved is None else self.begin + moved
+        self.state = replace(self.state, position=place)
+        self.way.look(self.state, self.now + ANSWER)
+        self.now += TICK
+
+    def told(self) -> dict[str, int]:
+        """How many figures there are of each hop."""
+        return {name: self.health.hops[name].count for name in COMMAND if self.health.hops[name].count}
+
+    def last(self, hop: str) -> float:
+        return self.health.hops[hop].now
+
+
+ON_ITS_WAY = {"received": 1, "gated": 1, "written": 1, "command": 1}
+WHOLE = {"received": 1, "gated": 1, "written": 1, "moved": 1, "command": 1}
+
+
+def test_every_hop_of_a_command_is_told_once() -> None:
+    world = World()
+    world.command()
+    world.tick([FAR / 4, 0.0])
+    world.tick([FAR, 0.0])  # from here a move is asked for that can be seen
+    world.tick([FAR, 0.0], [FAR / 4, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == WHOLE
+    assert world.last("received") == CALLED
+    assert world.last("gated") == JUDGING
+    assert world.last("written") == WAITING
+    assert world.last("command") == CALLED + JUDGING + WAITING
+    assert world.last("moved") == 2 * TICK + ANSWER
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_joint_has_moved_when_it_went_where_it_was_told_and_far_enough(joint: int, side: float) -> None:
+    world = World()
+    world.command()
+    ask = np.zeros(2)
+    ask[joint] = side * VISIBLE * 1.000001
+    world.tick(ask.tolist(), (-3.0 * ask).tolist())
+    world.tick(ask.tolist(), (0.99 * ask).tolist())
+    assert world.told() == ON_ITS_WAY
+    world.tick(ask.tolist(), ask.tolist())
+    assert world.told() == WHOLE
+
+
+def test_who_is_asked_to_move_is_who_is_asked_most_and_nobody_for_less_than_can_be_seen() -> None:
+    world = World()
+    world.command()
+    world.tick([VISIBLE * 0.999999, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+    world = World()
+    world.command()
+    world.tick([FAR, 2.0 * FAR])
+    world.tick([FAR, 2.0 * FAR], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+    world.tick([FAR, 2.0 * FAR], [FAR, FAR])
+    assert world.told() == WHOLE
+
+
+# ------------------------------------------------------------------------------------- no figure
+
+
+def test_a_refused_one_has_no_figure_but_of_its_judgement() -> None:
+    world = World()
+    world.way.judge(world.way.take(world.now - 0.003, world.now), world.now + 0.001)
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == {"received": 1, "gated": 1}
+
+
+def test_one_that_ended_before_its_first_goal_left_has_none_of_it() -> None:
+    world = World()
+    world.command("t")
+    world.way.end("another")
+    world.way.end("t")
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == {"received": 1, "gated": 1}
+    world.command("t")
+    world.way.end("another")
+    world.tick([FAR, 0.0])
+    assert world.told()["written"] == 1
+
+
+def test_one_that_was_replaced_before_its_first_goal_left_has_none_of_it() -> None:
+    world = World()
+    world.command("one")
+    world.now += 0.5
+    world.command("two")
+    world.tick([FAR, 0.0])
+    assert world.told() == ON_ITS_WAY | {"received": 2, "gated": 2}
+    assert world.last("command") == CALLED + JUDGING + WAITING
+
+
+def test_while_no_goal_leaves_it_is_waited_and_the_wait_counts() -> None:
+    world = World()
+    world.command()
+    for _ in range(3):
+        world.tick(None)
+    assert "written" not in world.told()
+    world.tick([0.0, 0.0])
+    assert world.last("written") == 3 * TICK + WAITING
+
+
+def test_a_joint_that_never_moves_has_no_figure_and_later_moves_are_not_its() -> None:
+    world = World()
+    world.command()
+    for _ in range(round(PATIENCE / TICK) + 1):
+        world.tick([FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+
+
+@pytest.mark.parametrize(("late", "moved"), [(0.0, 1), (TICK, 0)])
+def test_one_that_has_not_moved_after_the_patience_is_given_up_and_no_sooner(late: float, moved: int) -> None:
+    world = World()
+    world.command()
+    world.tick([FAR, 0.0])
+    world.now += PATIENCE - ANSWER - TICK + late
+    world.tick([FAR, 0.0])  # looked at, to the bit, so much after it was asked
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told().get("moved", 0) == moved
+
+
+@pytest.mark.parametrize(("wait", "moved"), [(PATIENCE, 1), (PATIENCE + TICK, 0)])
+def test_a_command_that_asks_nobody_for_a_visible_move_is_not_waited_for_for_ever(
+    wait: float, moved: int
+) -> None:
+    world = World()
+    world.command()
+    world.tick([0.0, 0.0])
+    world.now += wait - TICK
+    world.tick([0.0, 0.0])
+    world.tick([FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == (WHOLE if moved else ON_ITS_WAY)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_visible_move_is_this_far_and_no_less(side: float) -> None:
+    below = float(np.nextafter(VISIBLE, 0.0))
+    for asked, gone, moved in ((VISIBLE, VISIBLE, 1), (below, VISIBLE, 0), (VISIBLE, below, 0)):
+        world = World(begin=(0.0, 0.0))
+        world.command()
+        world.tick([side * asked, 0.0])
+        world.tick([side * asked, 0.0], [side * gone, 0.0])
+        assert world.told().get("moved", 0) == moved
+
+
+def test_one_whose_goals_turn_back_has_no_figure() -> None:
+    world = World()
+    world.command()
+    world.tick([FAR, 0.0])
+    world.tick([0.0, 0.0])
+    world.tick([0.0, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+
+
+def test_a_joint_that_falls_after_its_torque_went_has_not_moved_as_told() -> None:
+    world = World()
+    world.command()
+    world.tick([FAR, 0.0])
+    world.tick(None, [FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+
+
+def test_in_another_mode_it_is_another_robot() -> None:
+    world = World()
+    world.command()
+    world.way.forget()
+    world.tick([FAR, 0.0])
+    assert "written" not in world.told()
+    world.command()
+    world.tick([FAR, 0.0])
+    world.way.forget()
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert "moved" not in world.told()
+
+
+def test_one_that_moved_before_it_was_asked_moved_for_another_reason() -> None:
+    world = World()
+    world.command()
+    world.tick([0.0, 0.0], [FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+
+
+@pytest.mark.parametrize("what", ["reference", "reading", "unheard", "not commanded", "unknown"])
+def test_only_who_stands_and_is_commanded_and_heard_is_looked_at(what: str) -> None:
+    world = World()
+    fast = np.array([1.000001 * STILL, 0.0])
+    if what == "reading":
+        world.state = replace(world.state, velocity=-fast)
+    if what == "unknown":
+        world.state = replace(world.state, velocity=np.array([nan, 0.0]))
+    if what == "unheard":
+        world.state = replace(world.state, heard=np.array([False, True]))
+    joints = np.array([False, True]) if what == "not commanded" else BOTH
+    world.command(speed=-1.000001 * STILL if what == "reference" else 0.0, joints=joints)
+    world.tick([FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == ON_ITS_WAY
+    world.tick([FAR, FAR], [FAR, 0.0])  # the other one is
+    world.tick([FAR, FAR], [FAR, FAR])
+    assert world.told() == WHOLE
+
+
+def test_standing_has_a_bound_of_its_own_and_nobody_standing_is_nobody_looked_at() -> None:
+    world = World()
+    world.state = replace(world.state, velocity=np.array([-STILL, STILL]))
+    world.command(speed=-STILL)
+    world.tick([FAR, 0.0])
+    world.tick([FAR, 0.0], [FAR, 0.0])
+    assert world.told() == WHOLE
+    world = World()
+    world.command(joints=~BOTH)
+    world.tick([FAR, FAR])
+    world.tick([FAR, FAR], [FAR, FAR])
+    assert world.told() == ON_ITS_WAY
+
+
+# ------------------------------------------------------------------------------------- one after another
+
+
+def test_a_trajectory_that_replaces_one_takes_the_look_over() -> None:
+    world = World()
+    world.command("one")
+    world.tick([FAR, 0.0])
+    world.command("two")
+    world.tick([0.0, FAR], [FAR, 0.0])
+    assert "moved" not in world.told()
+    world.tick([0.0, FAR], [FAR, FAR])
+    assert world.told()["moved"] == 1
+
+
+def test_of_a_stream_the_start_is_looked_at_and_not_every_setpoint_anew() -> None:
+    world = World()
+    for step in range(1, 6):
+        world.command(STREAM)
+        world.tick([step * 0.6 * VISIBLE, 0.0])
+    world.command(STREAM)
+    world.tick([4.0 * VISIBLE, 0.0], [1.1 * VISIBLE, 0.0])
+    assert world.told() == {"received": 6, "gated": 6, "written": 6, "moved": 1, "command": 6}
+    assert world.last("moved") == 4 * (TICK + JUDGING + WAITING) + ANSWER
+
+
+# ------------------------------------------------------------------------------------- wrong times, bounds
+
+
+@pytest.mark.parametrize("received", [None, nan, inf, 11.0])
+def test_a_call_of_which_nobody_knows_when_it_came_is_a_violation_and_in_no_average(
+    received: float | None,
+) -> None:
+    world = World()
+    taken = world.way.take(received, world.now, bound=inf)
+    world.way.accept(taken, "t", BOTH, Reference(world.begin, np.zeros(2), np.zeros(2)), world.now)
+    world.tick([0.0, 0.0])
+    for hop in ("received", "command"):
+        window = world.health.hops[hop]
+        assert (window.violations, window.buckets[-1], window.sum) == (1, 1, 0.0)
+        assert isnan(window.now)
+        assert isnan(window.mean)
+    assert world.health.hops["written"].violations == 0
+
+
+def test_a_long_path_is_judged_long_and_only_a_setpoint_is_late_for_it() -> None:
+    for bound, violations in ((inf, 0), (None, 1)):
+        world = World()
+        taken = world.way.take(world.now - 0.3, world.now, bound)
+        world.way.judge(taken, world.now + 0.3)
+        world.now += 0.3
+        world.way.accept(taken, "t", BOTH, Reference(world.begin, np.zeros(2), np.zeros(2)), world.now)
+        world.tick([0.0, 0.0])
+        for hop in ("received", "gated", "command"):
+            assert world.health.hops[hop].violations == violations
+        assert [alert.hop for alert in world.health.alerts()] == ["received", "gated", "command"][
+            : 3 * violations
+        ]
+
+
+def test_a_goal_that_leaves_late_is_late_whoever_asked_for_it() -> None:
+    world = World()
+    taken = world.way.take(world.now, world.now, inf)
+    world.way.accept(taken, "t", BOTH, Reference(world.begin, np.zeros(2), np.zeros(2)), world.now)
+    world.now += 0.06
+    world.tick([0.0, 0.0])
+    assert world.health.alerts() == [LatencyAlert("written", pytest.approx(0.06), 0.05)]
+
+
+# ------------------------------------------------------------------------------------- whatever happens
+
+events = st.sampled_from(
+    ["one", "two", STREAM, "end one", "end stream", "forget", "goal", "goal", "goal", "silence"]
+)
+
+
+@given(st.lists(st.tuples(events, st.floats(-0.03, 0.03), st.floats(-0.03, 0.03)), max_size=60))
+def test_whatever_happens_there_are_no_more_figures_of_a_hop_than_of_the_one_before(happens: list) -> None:
+    world, gated = World(), 0
+    for event, goal, moved in happens:
+        if event in ("one", "two", STREAM):
+            world.command(event)
+            gated += 1
+        elif event.startswith("end"):
+            world.way.end("one" if event == "end one" else STREAM)
+        elif event == "forget":
+            world.way.forget()
+        else:
+            world.tick(None if event == "silence" else [goal, 0.0], [moved, 0.0])
+    told = {name: world.health.hops[name].count for name in COMMAND}
+    assert told["received"] == told["gated"] == gated
+    assert gated >= told["written"] == told["command"] >= told["moved"]
+    for hop in COMMAND:
+        window = world.health.hops[hop]
+        assert sum(window.buckets) == window.count
+        assert not window.count or window.min >= 0.0

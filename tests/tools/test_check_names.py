@@ -1,0 +1,95 @@
+"""The check of names fails for an offender of each kind, and for an allowed entry without an offender."""
+
+from pathlib import Path
+
+import pytest
+
+from tools import check_names
+
+CLEAN = '"""A module."""\n'
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A tree without an offender."""
+    for package in check_names.PACKAGES:
+        (tmp_path / package / "room").mkdir(parents=True)
+        (tmp_path / package / "__init__.py").write_text(CLEAN)
+        (tmp_path / package / "room" / "__init__.py").write_text(CLEAN)
+    (tmp_path / "tools").mkdir()
+    (tmp_path / check_names.WORDS).write_text("told\nreins\n")
+    (tmp_path / check_names.ALLOWED).write_text("# the offenders that are left\n")
+    return tmp_path
+
+
+def plant(tree: Path, path: str, text: str) -> None:
+    (tree / path).write_text(CLEAN + text)
+
+
+def test_a_tree_without_an_offender_passes(tree: Path) -> None:
+    plant(tree, "twind/lease.py", 'class Lease:\n    """A right to command."""\n')
+    assert check_names.offenders(tree) == set()
+    assert check_names.main([str(tree)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("files", "offender"),
+    [
+        pytest.param(
+            {"twind/a.py": "class Line: ...\n", "bench/b.py": "class Line: ...\n"},
+            "class Line: bench/b.py, twind/a.py",
+            id="class-name-twice",
+        ),
+        pytest.param(
+            {"twind/verb.py": "", "twind/room/verb.py": ""},
+            "module verb: twind/room/verb.py, twind/verb.py",
+            id="module-name-twice",
+        ),
+        pytest.param(
+            {"twind/a.py": 'def reply():\n    """Of one press: the replies."""\n'},
+            "docstring twind/a.py::reply",
+            id="docstring-relative-clause",
+        ),
+        pytest.param(
+            {"twind/a.py": 'class Verdict:\n    """What is known of a joint."""\n'},
+            "docstring twind/a.py::Verdict",
+            id="docstring-what-is",
+        ),
+        pytest.param(
+            {"twind/a.py": "class StateTold: ...\n"}, "retired-word twind/a.py::StateTold", id="class-word"
+        ),
+        pytest.param({"twind/reins.py": ""}, "retired-word twind/reins.py", id="module-word"),
+        pytest.param(
+            {"twind/a.py": "class Client:\n    def _told_of(self): ...\n"},
+            "retired-word twind/a.py::Client._told_of",
+            id="function-word",
+        ),
+    ],
+)
+def test_a_planted_offender_fails_the_check_until_it_is_allowed(
+    tree: Path, files: dict[str, str], offender: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path, text in files.items():
+        plant(tree, path, text)
+    assert check_names.offenders(tree) == {offender}
+    assert check_names.main([str(tree)]) == 1
+    assert offender in capsys.readouterr().out
+    (tree / check_names.ALLOWED).write_text(f"{offender}\n")
+    assert check_names.main([str(tree)]) == 0
+
+
+def test_modules_of_different_packages_may_have_the_same_name(tree: Path) -> None:
+    plant(tree, "twind/budget.py", "")
+    plant(tree, "drivers/twind_drivers/budget.py", "")
+    assert check_names.offenders(tree) == set()
+
+
+def test_an_allowed_entry_without_an_offender_fails_until_it_is_removed(tree: Path) -> None:
+    (tree / check_names.ALLOWED).write_text("# left\nretired-word twind/gone.py\n")
+    assert check_names.main([str(tree)]) == 1
+    assert check_names.main(["--shrink", str(tree)]) == 0
+    assert (tree / check_names.ALLOWED).read_text() == "# left\n"
+
+
+def test_the_repository_passes() -> None:
+    assert check_names.main([]) == 0

@@ -1,0 +1,170 @@
+"""How far apart bodies are: which pairs are judged, and that no distance is overstated."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.support.clearance_rig import Oracle, arm, arm_file, h24
+from twind.robot.finding import ReasonCode
+from twind.twin.binding import Binding, BindingError, bind
+from twind.twin.collision_model import CollisionModel, candidates
+
+FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
+WALL = '<geom name="wall" type="box" pos="0.6 0 0.3" size="0.02 0.5 0.5"/>'
+
+
+@pytest.fixture(scope="module")
+def robot() -> Binding:
+    return h24()
+
+
+def poses(binding: Binding, count: int, share: float) -> np.ndarray:
+    random = np.random.default_rng(3)
+    wide = binding.limits.upper - binding.limits.lower
+    found = binding.rest + (random.random((count, len(binding.rest))) - 0.5) * share * wide
+    return np.asarray(np.clip(found, binding.limits.lower, binding.limits.upper))
+
+
+def test_the_pairs_are_those_that_mujoco_itself_looks_at(robot: Binding) -> None:
+    spec = mujoco.MjSpec.from_string(robot.mjcf)
+    for geom in spec.geoms:
+        geom.margin = 5.0
+    spec.delete(next(geom for geom in spec.geoms if geom.name == "floor"))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_collision(model, data)
+    theirs = {frozenset(model.geom(int(g)).name for g in pair) for pair in data.contact.geom}
+    ours = {frozenset(robot.model.geom(g).name for g in pair.geoms) for pair in CollisionModel(robot).pairs}
+    assert ours == theirs
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_distance_is_what_mujoco_measures_up_to_the_reach(robot: Binding, share: float) -> None:
+    bodies = CollisionModel(robot)
+    oracle = Oracle(robot, [pair.geoms for pair in bodies.pairs])
+    places = poses(robot, 150, share)
+    found = bodies.distances(places)
+    boxes = np.isin(np.arange(len(bodies.pairs)), bodies.boxes)
+    assert boxes.any()
+    touching = 0
+    for row, place in zip(found, places, strict=True):
+        truth = oracle.row(place)
+        near = ~boxes & (truth < bodies.reach)
+        assert row[near] == pytest.approx(truth[near], abs=1e-9)
+        assert (row[~near] == bodies.reach).all()
+        bodies.place(place)
+        measured = [bodies.between(pair, 1.0) for pair in bodies.boxes]
+        assert measured == pytest.approx(truth[boxes].tolist(), abs=1e-9)
+        touching += int((truth < 0.0).any())
+    assert touching > 10
+
+
+def test_no_pair_comes_closer_than_its_levers_allow(robot: Binding) -> None:
+    bodies = CollisionModel(robot)
+    oracle = Oracle(robot, [pair.geoms for pair in bodies.pairs])
+    starts = poses(robot, 60, 1.0)
+    ends = poses(robot, 120, 1.0)[60:]
+    tightest = 0.0
+    for one, other in zip(starts, ends, strict=True):
+        for share in (1.0, 0.1, 0.01):
+            there = one + share * (other - one)
+            first, last = oracle.row(one), oracle.row(there)
+            outside = (first > 0.0) & (last > 0.0) & (first < 1.0) & (last < 1.0)
+            bound = bodies.levers @ np.abs(there - one)
+            assert (np.abs(first - last)[outside] <= bound[outside] + 1e-9).all()
+            moved = outside & (bound > 1e-6)
+            tightest = max(tightest, float((np.abs(first - last)[moved] / bound[moved]).max(initial=0.0)))
+    assert tightest > 0.5  # else the levers would prove little
+
+
+def test_each_lever_is_reached_by_some_pose(tmp_path: Path) -> None:
+    """Stretched out, the tip of an arm moves as far as its levers say: they are bounds, and tight ones."""
+    binding = arm(tmp_path)
+    bodies = CollisionModel(binding)
+    pair = next(k for k, pair in enumerate(bodies.pairs) if pair.bodies == ("base", "tip"))
+    assert bodies.levers[pair] == pytest.approx([0.43, 0.23, 0.03])
+    elbow = next(k for k, pair in enumerate(bodies.pairs) if pair.bodies == ("base", "middle"))
+    assert bodies.levers[elbow] == pytest.approx([0.2 + 0.15 + 0.02, 0.15 + 0.02, 0.0])
+
+
+def test_what_is_allowed_is_not_judged(tmp_path: Path) -> None:
+    everything = {pair.bodies for pair in CollisionModel(arm(tmp_path)).pairs}
+    assert everything == {("base", "upper"), ("base", "middle"), ("base", "tip"), ("upper", "tip")}
+    some = {pair.bodies for pair in CollisionModel(arm(tmp_path, "{allow: [[tip, base]]}")).pairs}
+    assert some == everything - {("base", "tip")}
+    only = {
+        pair.bodies for pair in CollisionModel(arm(tmp_path, "{pairs: [[tip, base], [upper, tip]]}")).pairs
+    }
+    assert only == {("base", "tip"), ("upper", "tip")}
+
+
+@pytest.mark.parametrize(
+    ("collision", "message"),
+    [
+        (
+            "{allow: [[tipp, base]]}",
+            "collision.allow: the model has no body and no geom 'tipp'; nearest: tip",
+        ),
+        ("{pairs: [[upper, middle]]}", "the model never lets [upper, middle] collide"),
+        ("{pairs: [[tip, base]], allow: [[base, tip]]}", "or `allow` does"),
+    ],
+)
+def test_names_that_mean_nothing_are_refused(tmp_path: Path, collision: str, message: str) -> None:
+    with pytest.raises(BindingError) as caught:
+        CollisionModel(arm(tmp_path, collision))
+    assert message in str(caught.value)
+
+
+def test_the_world_counts_where_the_base_has_a_place_in_it(tmp_path: Path) -> None:
+    def codes(support: str, collision: str = "{}") -> set[ReasonCode]:
+        binding = arm(tmp_path, collision, support=support, world=FLOOR + WALL)
+        return {pair.code for pair in CollisionModel(binding).pairs}
+
+    assert codes("gantry") == {ReasonCode.SELF_COLLISION}
+    assert codes("fixed") == {ReasonCode.SELF_COLLISION, ReasonCode.FLOOR, ReasonCode.KEEP_OUT}
+    assert codes("gantry", "{world: true}") == {
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.FLOOR,
+        ReasonCode.KEEP_OUT,
+    }
+    assert codes("fixed", "{world: false}") == {ReasonCode.SELF_COLLISION}
+    assert codes("fixed", "{allow: [[floor, tip], [floor, middle], [floor, upper]]}") == {
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.KEEP_OUT,
+    }
+
+
+def test_a_wall_has_the_distance_of_the_world(tmp_path: Path) -> None:
+    bodies = CollisionModel(arm(tmp_path, "{world_m: 0.03}", support="fixed", world=WALL))
+    found = {pair.bodies: pair.block for pair in bodies.pairs}
+    assert found["wall", "tip"] == 0.03
+    assert found["base", "tip"] == 0.002
+    wall = [pair.bodies for pair in bodies.pairs].index(("wall", "tip"))
+    assert bodies.distances(np.zeros((1, 3)))[0, wall] == bodies.reach
+
+
+def test_a_model_whose_masks_let_nothing_collide_has_no_pairs(tmp_path: Path) -> None:
+    robot = arm_file(tmp_path)
+    xml = (tmp_path / "arm.xml").read_text()
+    (tmp_path / "arm.xml").write_text(xml.replace("<geom ", '<geom contype="2" conaffinity="1" '))
+    assert not candidates(bind(robot, None).model)
+
+
+def test_a_height_field_of_the_world_must_be_allowed(tmp_path: Path) -> None:
+    world = '<geom name="ground" type="hfield" hfield="ground"/>'
+    robot = arm_file(tmp_path, support="fixed", world=world)
+    xml = (tmp_path / "arm.xml").read_text()
+    asset = '<asset><hfield name="ground" nrow="2" ncol="2" size="1 1 0.1 0.1"/></asset><worldbody>'
+    (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset))
+    with pytest.raises(BindingError, match="height field"):
+        CollisionModel(bind(robot, None))
+
+
+def test_the_model_that_is_shared_stays_as_it_is(robot: Binding) -> None:
+    before = robot.model.geom_margin.copy()
+    CollisionModel(robot)
+    assert np.array_equal(robot.model.geom_margin, before)
+    assert not robot.model.geom_margin.any()

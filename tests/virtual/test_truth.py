@@ -1,0 +1,233 @@
+"""What is true of a virtual specimen is read, refused, drawn; servos, body and calibration follow it."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twind.config.calibration_file import load_calibration
+from twind.config.counts import angle_of
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import ConfigError
+from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind.virtual.truth import PLAIN, JointTruth, Truth, load_truth, random_truth
+from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, save, specimen
+from twind_drivers.virtual.virtual_servos import VirtualServos
+
+H24 = load_robot("h24")
+KNEE = H24.joints[H24.names.index("l_knee")]
+
+
+def made_with(**knee: object) -> VirtualRobotSpec:
+    return specimen(H24, truth=Truth({"l_knee": JointTruth(**knee)}))  # type: ignore[arg-type]
+
+
+def servo(made: VirtualRobotSpec, joint: str, physics: bool = False) -> tuple[VirtualServos, int]:
+    """The servos of the bus of h24, and the row at that joint."""
+    servos = buses(made, physics=physics)["main"].servos
+    servos.settle(0.0)
+    return servos, H24.names.index(joint)
+
+
+def shows(made: VirtualRobotSpec, joint: str, physics: bool = False) -> int:
+    servos, row = servo(made, joint, physics)
+    return int(servos.readings.position.get()[row])
+
+
+# ---------------------------------------------------------------------------------------- the file
+
+
+def load(tmp_path: Path, text: str) -> Truth:
+    (tmp_path / "truth.yaml").write_text(text)
+    return load_truth(tmp_path / "truth.yaml", H24)
+
+
+def test_a_file_says_what_the_dataclass_says(tmp_path: Path) -> None:
+    said = {
+        "zero_ticks": 4020,
+        "sign": -1,
+        "stops_rad": [-0.1, 2.2],
+        "friction_nm": 0.08,
+        "backlash_ticks": 3,
+        "turns": -1,
+        "homing_offset": -512,
+        "drive_mode": 1,
+        "startup_configuration": 1,
+        "tag": 613,
+        "registers": {"shutdown": 53},
+        "firmware": 46,
+        "forgets_offset": True,
+        "seam_seed": 3,
+    }
+    found = load(tmp_path, json.dumps({"joints": {"l_knee": said, "r_knee": {"swapped_with": "head_yaw"}}}))
+    assert found.of("l_knee") == JointTruth(**said | {"stops_rad": (-0.1, 2.2)})
+    assert set(found.of("l_knee").said()) == set(said)
+    assert (found.holder("r_knee"), found.holder("head_yaw")) == ("head_yaw", "r_knee")
+    assert found.of("head_pitch") == PLAIN and found.holder("head_pitch") == "head_pitch"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("joints: {l_kne: {sign: 1}}", "joints.l_kne: unknown key; nearest: l_knee"),
+        ("joints: {l_knee: {zero: 1}}", "joints.l_knee.zero: unknown key"),
+        ("joints: {l_knee: {sign: 0}}", "0 is neither 1 nor -1"),
+        ("joints: {l_knee: {sign: 2}}", "2 is outside"),
+        ("joints: {l_knee: {zero_ticks: 1.5}}", "a whole number is expected"),
+        ("joints: {l_knee: {friction_nm: -0.1}}", "-0.1 is outside"),
+        ("joints: {l_knee: {friction_nm: .nan}}", ".nan is not a finite number"),
+        ("joints: {l_knee: {stops_rad: [2.0, 1.0]}}", "2 is not below 1"),
+        ("joint: {}", "joint: unknown key"),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        load(tmp_path, text)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ({"l_kne": PLAIN}, "h24 has no joint 'l_kne'"),
+        ({"l_knee": JointTruth(swapped_with="l_knee")}, "is no other joint of its bus"),
+        ({"l_knee": JointTruth(swapped_with="tail")}, "is no other joint of its bus"),
+        (
+            {"l_knee": JointTruth(swapped_with="r_knee"), "r_knee": JointTruth(swapped_with="head_yaw")},
+            "swapped with another one",
+        ),
+        ({"l_knee": JointTruth(registers={"present_position": 1})}, "no EEPROM register 'present_position'"),
+        ({"l_knee": JointTruth(registers={"homing": 1})}, "no EEPROM register 'homing'"),
+        ({"l_knee": JointTruth(tag=5000)}, "moving_threshold 5000 is outside 0..1023"),
+    ],
+)
+def test_a_truth_that_cannot_be_is_refused(joints: dict[str, JointTruth], words: str) -> None:
+    with pytest.raises(VirtualRobotSpecError) as refused:
+        specimen(H24, truth=Truth(joints))
+    assert words in str(refused.value)
+
+
+def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
+    mixed = load_robot("h24-mixed")
+    specimen(mixed, truth=Truth({"l_knee": JointTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}))
+    with pytest.raises(
+        VirtualRobotSpecError, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
+    ):
+        specimen(mixed, truth=Truth({"l_knee": JointTruth(turns=1)}))
+
+
+# ---------------------------------------------------------------------------------------- what follows
+
+
+def test_an_empty_truth_changes_nothing_but_that_joints_end() -> None:
+    plain, told = specimen(H24), specimen(H24, truth=Truth())
+    assert plain.zeros == told.zeros == plain.shown == told.shown
+    assert plain.hinge("l_knee").stops == (-math.inf, math.inf)
+    assert all(map(math.isfinite, told.hinge("l_knee").stops)), "the model's range"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    zero=st.integers(-9000, 9000),
+    sign=st.sampled_from([1, -1]),
+    offset=st.sampled_from([0, -512, 1024, -1025, 2900]),
+    reverse=st.booleans(),
+)
+def test_shown_is_what_the_register_shows_at_angle_0(
+    zero: int, sign: int, offset: int, reverse: bool
+) -> None:
+    made = made_with(zero_ticks=zero, sign=sign, homing_offset=offset, drive_mode=int(reverse))
+    rest = H24.poses["rest"]["l_knee"]
+    way = sign * (-1 if reverse else 1)
+    travelled = round(rest * way * 4096 / math.tau)
+    assert abs(shows(made, "l_knee") - (made.shown["l_knee"] + travelled)) <= 1
+    least = offset if abs(offset) <= 1024 else 0
+    assert least <= shows(made, "l_knee") < least + 4096, "one turn and the offset, after a boot"
+
+
+def test_the_count_starts_turns_off_and_the_calibration_does_not_know() -> None:
+    off, right = made_with(turns=-2), made_with()
+    assert shows(off, "l_knee") == shows(right, "l_knee") - 2 * 4096
+    assert off.shown == right.shown
+    assert calibration(off).joints == calibration(right).joints
+
+
+def test_servos_with_exchanged_ids_sit_where_they_were() -> None:
+    made = specimen(H24, truth=Truth({"l_knee": JointTruth(swapped_with="r_knee")}))
+    servos, left = servo(made, "l_knee")
+    right = H24.names.index("r_knee")
+    ids = servos.registers.ids()
+    assert (ids[left], ids[right]) == (H24.joints[right].id, H24.joints[left].id)
+    found, plain = calibration(made).by_name, specimen(H24)
+    assert found["l_knee"].zero_ticks == plain.zeros["r_knee"], "of the servo with its id"
+    assert found["l_knee"].id == H24.joints[left].id
+
+
+def test_registers_and_firmware_are_as_told() -> None:
+    made = made_with(tag=613, startup_configuration=1, firmware=46, registers={"shutdown": 53})
+    servos, row = servo(made, "l_knee")
+    memory = servos.memory
+    keys = ("moving_threshold", "startup_configuration", "shutdown")
+    told = {key: memory.value(row, memory.tables[row][key]) for key in keys}
+    assert told == {"moving_threshold": 613, "startup_configuration": 1, "shutdown": 53}
+    entry = calibration(made).by_name["l_knee"]
+    assert (entry.device.tag, entry.device.firmware) == (613, 46)
+    assert servos["torque_enable"][row] == 1, "bit 0 of 60"
+
+
+def test_the_fitting_calibration_has_the_travel_from_stop_to_stop_and_is_read_back(tmp_path: Path) -> None:
+    made = made_with(zero_ticks=4020, stops_rad=(-0.1, 2.2))
+    save(made, tmp_path / "one.yaml")
+    entry = load_calibration(tmp_path / "one.yaml", H24).by_name["l_knee"]
+    ends = sorted(angle_of(KNEE, entry.zero_ticks, ticks) for ticks in entry.sweep_ticks)
+    assert ends == pytest.approx([-0.1, 2.2], abs=0.001)
+    assert entry.seam_margin_ticks == 0, "it crosses the seam"
+
+
+def test_a_wrong_sign_is_not_in_the_calibration() -> None:
+    """A sweep by hand sees counts, not angles: what it finds has the file's sign, right or wrong."""
+    entry = calibration(made_with(sign=-KNEE.sign)).by_name["l_knee"]
+    assert entry.sign == KNEE.sign
+    low, high = sorted(angle_of(KNEE, entry.zero_ticks, ticks) for ticks in entry.sweep_ticks)
+    assert high < 0.2 and low < -1.5, "the knee bends the wrong way"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_body_is_wired_as_told(sign: int) -> None:
+    """The joint stands where it rests whatever counts it, and its encoder counts the way it is wired."""
+    made = made_with(sign=sign)
+    servos, row = servo(made, "l_knee", physics=True)
+    wired = made.wired.joints[row]
+    angle = angle_of(wired, made.zeros["l_knee"], round(float(servos.muscles.position[row])))
+    assert wired.sign == sign
+    assert angle == pytest.approx(H24.poses["rest"]["l_knee"], abs=0.005)
+
+
+# ---------------------------------------------------------------------------------------- drawn
+
+
+@pytest.mark.parametrize("name", ["h24", "h24-mixed"])
+def test_a_drawn_truth_is_the_same_for_the_same_seed_and_another_for_another(name: str) -> None:
+    robot = load_robot(name)
+    assert random_truth(robot, 7) == random_truth(robot, 7) != random_truth(robot, 8)
+    assert set(random_truth(robot, 7).joints) == set(robot.names)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10_000))
+def test_every_drawn_specimen_can_be_used_as_its_calibration_says(seed: int) -> None:
+    made = specimen(H24, truth=random_truth(H24, seed))
+    for entry, joint in zip(calibration(made).joints, H24.joints, strict=True):
+        low, high = entry.sweep_ticks
+        assert 0 <= low < high <= 4095, "position mode goes to one turn alone"
+        ends = sorted(angle_of(joint, entry.zero_ticks, ticks) for ticks in (low, high))
+        assert ends[0] < joint.lower and joint.upper < ends[1], "stops lie outside the limits"
+
+
+def test_drawn_zeros_are_all_over_the_encoder() -> None:
+    zeros = np.array([list(specimen(H24, truth=random_truth(H24, seed)).zeros.values()) for seed in range(5)])
+    assert zeros.min() < 900 and zeros.max() > 3200

@@ -1,0 +1,145 @@
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.virtual_serial_host import Host
+from twind.virtual.fault_commands import FaultCommandError
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.virtual_server import PAGE, STALL, ServoClock, VirtualBusServer
+from twind_drivers.clock import FakeClock
+
+
+def test_the_servos_do_not_live_through_a_stall() -> None:
+    real = FakeClock(100.0)
+    clock = ServoClock(real)
+    for _ in range(50):
+        real.sleep_until(real.now() + 0.002)
+        clock.now()
+    assert clock.now() == pytest.approx(100.1)
+    real.sleep_until(real.now() + 5.0)
+    assert clock.now() == pytest.approx(100.1 + STALL)
+    assert clock.lost == pytest.approx(5.0 - STALL)
+
+
+def server(*names: str) -> tuple[VirtualBusServer, dict[str, Host], list[str]]:
+    hosts = {name: Host([1, 2]) for name in names}
+    ports = {name: VirtualPtyPort(name, None) for name in names}
+    said: list[str] = []
+    buses = {name: host.bus for name, host in hosts.items()}
+    return (
+        VirtualBusServer(
+            buses, ports, ServoClock(FakeClock()), lambda name, path: said.append(f"{name} {path}")
+        ),
+        hosts,
+        said,
+    )
+
+
+def test_orders_reach_the_bus_they_name() -> None:
+    made, hosts, _ = server("left", "right")
+    assert made.obey({"fault": "silence", "bus": "right", "id": 2})["ok"]
+    assert hosts["left"].servos.listening.tolist() == [True, True]
+    assert hosts["right"].servos.listening.tolist() == [True, False]
+    for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
+        with pytest.raises(FaultCommandError, match="there are left, right"):
+            made.obey(wrong)
+    with pytest.raises(FaultCommandError, match="there are state, history"):
+        made.obey({"query": "weather"})
+
+
+def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -> None:
+    made, hosts, said = server("main")
+    made.obey({"fault": "unplug"})
+    assert not hosts["main"].bus.plugged
+    answer = made.obey({"fault": "replug"})
+    assert hosts["main"].bus.plugged
+    assert said == [f"main {answer['path']}"]
+
+
+def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
+    port = VirtualPtyPort("main", tmp_path / "main")
+    before = port.path
+    port.unplug()
+    port.plug(renamed=True)
+    assert port.path != before
+    assert os.readlink(tmp_path / "main") == port.path
+    port.close()
+
+
+def test_a_link_that_somebody_serves_is_refused_untouched_also_while_it_is_unplugged(tmp_path: Path) -> None:
+    link = tmp_path / "main"
+    first = VirtualPtyPort("main", link)
+    with pytest.raises(OSError, match=f"{link}: another twind-virtual serves it; end it"):
+        VirtualPtyPort("main", link)
+    assert os.readlink(link) == first.path
+    first.unplug()
+    with pytest.raises(OSError, match="another twind-virtual"):
+        VirtualPtyPort("main", link)
+    first.close()
+    VirtualPtyPort("main", link).close()
+
+
+def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path: Path) -> None:
+    link = tmp_path / "main"
+    link.symlink_to("/dev/pts/none")
+    port = VirtualPtyPort("main", link)
+    assert os.readlink(link) == port.path
+    link.unlink()
+    link.symlink_to("/dev/null")
+    port.close()
+    assert os.readlink(link) == "/dev/null"
+
+
+def test_what_was_recorded_is_given_page_by_page() -> None:
+    made, hosts, _ = server("main")
+    with pytest.raises(FaultCommandError, match='"record"'):
+        made.obey({"query": "history"})
+    made.obey({"fault": "record", "count": 2000})
+    history = hosts["main"].servos.history
+    assert history is not None
+    for at in range(PAGE + 7):
+        history.note(at * 0.001, np.array([at, -at]))
+    first = made.obey({"query": "history"})
+    assert (first["ids"], first["more"], len(first["time"])) == ([1, 2], True, PAGE)
+    rest = made.obey({"query": "history", "since": first["time"][-1]})
+    assert (rest["more"], rest["position"][-1]) == (False, [PAGE + 6, -PAGE - 6])
+    assert len(rest["time"]) == 7
+    with pytest.raises(FaultCommandError, match="a time in s"):
+        made.obey({"query": "history", "since": "now"})
+    json.dumps(first)
+
+
+def test_the_state_tells_the_truth_of_every_servo() -> None:
+    made, hosts, _ = server("main")
+    host = hosts["main"]
+    host.torque(1)
+    host.muscles.position[1] += 0.25
+    state = made.obey({"query": "state"})
+    one, two = state["buses"]["main"]["servos"]
+    assert (one["id"], one["torque"], one["goal"], one["tripped_at"]) == (1, True, 2048, None)
+    assert (two["torque"], two["position"]) == (False, 2048.25)
+    assert np.isfinite(one["heard_ago"])
+
+
+def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not() -> None:
+    real, host = FakeClock(), Host([1, 2])
+    clock = ServoClock(real)
+    made = VirtualBusServer(
+        {"main": host.bus}, {"main": VirtualPtyPort("main", None)}, clock, lambda name, path: None
+    )
+
+    def shown() -> list[int]:
+        host.servos.settle(clock.now())
+        made.clocks_go_on()
+        host.servos.changed()  # the registers are shown anew
+        host.servos.settle(clock.now())
+        return [int(each) for each in host.servos.memory.column("realtime_tick", 2).get()]
+
+    before, lived = shown(), clock.now()
+    real.sleep_until(real.now() + 5.0)
+    assert clock.now() - lived == pytest.approx(STALL)
+    assert shown() == [each + 5000 for each in before]
+    assert shown() == [each + 5000 for each in before]  # counted once

@@ -1,0 +1,101 @@
+"""Check of names and docstrings, run by `make lint`: `python tools/check_names.py [--shrink] [ROOT]`.
+
+Class names are unique in the program, module names in each package. A docstring begins with a noun or a verb.
+Retired words stand in no name of a class, module or function. `tools/allowed_names.txt` lists the offenders
+that are left. An entry without an offender fails the check too, so the list can only shrink.
+"""
+
+import argparse
+import ast
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+HOME = Path(__file__).parents[1]
+ALLOWED = Path("tools/allowed_names.txt")
+WORDS = Path("tools/retired_words.txt")
+PACKAGES = ("twind", "drivers/twind_drivers", "calibration/twind_calibration", "bench")
+SAME_IN_EACH_PACKAGE = {"__init__", "__main__"}
+RELATIVE_CLAUSE = re.compile(r"(Of|Who|Whom|Whose|What is)\b")
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def definitions(node: ast.AST, within: str = "") -> Iterator[tuple[str, Definition]]:
+    """Classes and functions below a node, with their qualified names."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, Definition):
+            name = f"{within}.{child.name}" if within else child.name
+            yield name, child
+            yield from definitions(child, name)
+        else:
+            yield from definitions(child, within)
+
+
+def words(name: str) -> set[str]:
+    """Lower-case words of a name in CamelCase or snake_case."""
+    return {word.lower() for word in WORD.findall(name)}
+
+
+def duplicates(kind: str, places: dict[str, list[str]]) -> Iterator[str]:
+    """One offender per name that stands in several places."""
+    for name, paths in sorted(places.items()):
+        if len(paths) > 1:
+            yield f"{kind} {name}: {', '.join(sorted(paths))}"
+
+
+def offenders(root: Path) -> set[str]:
+    """All offenders of the tree at `root`, each as `KIND PLACE`."""
+    retired = set((root / WORDS).read_text().split())
+    found: set[str] = set()
+    classes: dict[str, list[str]] = defaultdict(list)
+    for package in PACKAGES:
+        modules: dict[str, list[str]] = defaultdict(list)
+        for path in sorted((root / package).rglob("*.py")):
+            place = path.relative_to(root).as_posix()
+            modules[path.stem].append(place)
+            if words(path.stem) & retired:
+                found.add(f"retired-word {place}")
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            documented: list[tuple[str, Definition | ast.Module]] = [(place, tree)]
+            for name, node in definitions(tree):
+                documented.append((f"{place}::{name}", node))
+                if isinstance(node, ast.ClassDef) and "." not in name:
+                    classes[name].append(place)
+                if words(node.name) & retired:
+                    found.add(f"retired-word {place}::{name}")
+            for where, node in documented:
+                if RELATIVE_CLAUSE.match(ast.get_docstring(node) or ""):
+                    found.add(f"docstring {where}")
+        found.update(
+            duplicates("module", {n: p for n, p in modules.items() if n not in SAME_IN_EACH_PACKAGE})
+        )
+    found.update(duplicates("class", classes))
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print what is wrong. Returns the exit code: 1 where something is."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("root", type=Path, nargs="?", default=HOME)
+    parser.add_argument("--shrink", action="store_true", help="remove the entries whose offender is gone")
+    options = parser.parse_args(arguments)
+    found = offenders(options.root)
+    listed = (options.root / ALLOWED).read_text().splitlines()
+    allowed = {line for line in listed if line and not line.startswith("#")}
+    gone = allowed - found
+    if options.shrink and gone:
+        (options.root / ALLOWED).write_text("\n".join(line for line in listed if line not in gone) + "\n")
+        gone = set()
+    for each in sorted(found - allowed):
+        print(f"{each}: rename or reword it (glossary and words: tools/retired_words.txt)")
+    for each in sorted(gone):
+        print(f"{each}: gone; remove it from {ALLOWED}: python tools/check_names.py --shrink")
+    return int(bool(found - allowed or gone))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

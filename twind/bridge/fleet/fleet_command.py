@@ -1,0 +1,133 @@
+"""Robots here and elsewhere: who they are, what they do, how they are, and who is lost."""
+
+import argparse
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Sequence
+
+from twind.bridge.fleet.fleet_monitor import PERIOD, FleetMonitor
+from twind.bridge.fleet.fleet_roster import FleetRoster, RobotRecord
+from twind.bridge.fleet.fleet_table import rows, told
+from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
+from twind.ctl.monitor_command import is_live
+from twind.ctl.stop_signals import told_to_stop
+from twind.ctl.verb import DONE, NO_DAEMON, UsageError, harmless
+
+PATIENCE = 3.0  # s for the answers to a list that is wanted now
+WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which robots, by which network; once, again and again, or on a page."""
+    parser.epilog = (
+        "Robots here are found by their sockets (all instances, or the one of --socket), robots elsewhere by "
+        "their uplinks. A robot that goes away stays in the list as lost. Exit code 3: there is nobody, a "
+        "ROBOT that was named is lost or does not answer, or the network that was named cannot be joined."
+    )
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="these alone; who is not there is lost")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C or q")
+    way.add_argument("--view", action="store_true", help="side by side in a browser, with stop and e-stop")
+    parser.add_argument("--count", type=int, metavar="N", help="with --watch: end after N lists")
+    parser.add_argument("--port", type=int, metavar="N", help="with --view: of its page")
+    parser.add_argument("--open", action="store_true", help="with --view: open a browser")
+    add_options(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """A list, one a second, or a page."""
+    if options.count is not None and (options.count < 1 or not options.watch):
+        raise UsageError(f"--count {options.count}: goes with --watch, and is at least 1")
+    if (options.port is not None or options.open) and not options.view:
+        raise UsageError("--port and --open go with --view")
+    lookout = FleetMonitor(FleetRoster(options.robots), place(options, os.environ), options.socket)
+    try:
+        if options.view:
+            return _view(lookout, options)
+        return _watch(lookout, options) if options.watch else _once(lookout, options)
+    finally:
+        lookout.close()
+
+
+def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
+    lookout.once(PATIENCE, _say)
+    robots = lookout.roll.robots()
+    network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
+    if lookout.trouble and (network or not robots):
+        _say(lookout.trouble)
+    _show(robots, options)
+    named = [each for each in robots if each.name in options.robots]
+    silent = [each for each in named if each.lost or each.odd or each.told_at is None]
+    return NO_DAEMON if not robots or silent or (network and lookout.trouble) else DONE
+
+
+def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
+    with told_to_stop() as stop:
+        if is_live() and not options.json:
+            lookout.begin(lambda _why: None)
+            _draw(lookout, options.count, stop)
+            return DONE
+        lookout.begin(_say)
+        shown = 0
+        while shown != options.count and not stop.wait(PERIOD):
+            shown += 1
+            _show(lookout.roll.robots(), options)
+    return DONE
+
+
+def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> None:
+    """On a terminal, until a key or a signal ends it."""
+    from rich.console import Console
+
+    from twind.ctl.picture.picture_renderer import Palette
+    from twind.ctl.picture.styled_lines import cut, line
+    from twind.ctl.picture.terminal_screen import TerminalScreen
+
+    palette, pictures = Palette.of(Console(file=sys.stdout)), 0
+    with TerminalScreen().entered() as screen:
+        while not stop.is_set() and pictures != count:
+            pictures += 1
+            size = screen.size()
+            picture = rows(lookout.roll.robots(), time.monotonic(), size[0])
+            if lookout.trouble:
+                picture += [(), cut(line((lookout.trouble, "warn")), size[0])]
+            screen.draw([palette.text(each) for each in picture[: size[1]]], size)
+            if "quit" in screen.wait(PERIOD / 2.0):
+                return
+
+
+def _view(lookout: FleetMonitor, options: argparse.Namespace) -> int:
+    from twind.observe.view import needed
+
+    needed(options.port)
+    from twind.bridge.fleet.viewer_robots import found
+    from twind.observe.viewing.fleet import watch
+
+    lookout.begin(_say)
+    return watch(lambda: found(lookout), port=options.port, open_page=options.open, as_json=options.json)
+
+
+def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
+    now = time.monotonic()
+    if options.json:
+        # ASCII: what robots say goes to a terminal without what would command it.
+        print(json.dumps({"robots": [told(each, now) for each in robots]}, allow_nan=False), flush=True)
+        return
+    from rich.console import Console
+
+    from twind.ctl.picture.picture_renderer import Palette, plain
+
+    if is_live():
+        console = Console(file=sys.stdout)
+        palette = Palette.of(console)
+        said = "\n".join(palette.text(each) for each in rows(robots, now, console.width))
+    else:
+        said = plain(rows(robots, now, int(os.environ.get("COLUMNS") or 0) or WIDTH))
+    print((said if robots else "no robots") + ("\n" if options.watch else ""), flush=True)
+
+
+def _say(why: str) -> None:
+    print(f"twindctl: {harmless(why)}", file=sys.stderr, flush=True)

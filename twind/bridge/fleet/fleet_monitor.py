@@ -1,0 +1,106 @@
+"""Asks all robots, here and elsewhere, and keeps the roll. Imports Zenoh when a network is joined."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from twind.bridge.fleet.fleet_roster import FleetRoster
+from twind.bridge.fleet.local_daemons import LocalDaemonPoller
+from twind.bridge.fleet.remote import SharedSession, joining
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, SessionError, leave, open_now, opened
+from twind.ctl.verb import UsageError
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from twind.bridge.fleet.remote_robots import RemoteRobotPoller
+
+PERIOD = 1.0  # s between two questions
+FINDING = 0.3  # s in which whoever is there has been found
+
+
+class FleetMonitor:
+    """From `once` or `begin` to `close`. `way`: by which robots elsewhere are reached, once there is one.
+
+    `trouble`: why there is none.
+    """
+
+    def __init__(self, roll: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
+        """`only`: of this machine the daemon in this folder alone."""
+        self.roll, self.trouble = roll, ""
+        self.way: SharedSession | None = None
+        self._place = place
+        self._here = LocalDaemonPoller(roll, only)
+        self._elsewhere: RemoteRobotPoller | None = None
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def once(self, patience: float, tell: Callable[[str], None]) -> None:
+        """Everybody is asked once; returns when all have answered, after `patience` s at the latest.
+
+        `tell`: of who is left out.
+        """
+        deadline = time.monotonic() + patience
+        self._here.ask()
+        try:
+            self._enter(open_now(self._place, joining(self._place)), tell)
+        except (SessionError, UsageError) as error:
+            self.trouble = str(error)
+        if self._elsewhere is not None:
+            self._elsewhere.ask()
+            self._stop.wait(FINDING)
+        self._here.wait(deadline - time.monotonic())
+        while self.roll.waiting() and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    def begin(self, tell: Callable[[str], None]) -> None:
+        """Everybody is asked again and again. `tell`: of a network that is not there yet, and of
+        who is left out."""
+        for what in (lambda: self._join(tell), self._ask):
+            thread = threading.Thread(target=what, daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def close(self) -> None:
+        """Leave the network. May be called twice."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(2.0 * PERIOD)
+        if self.way is not None:
+            with contextlib.suppress(Exception):  # whatever is wrong with it, it is over
+                leave(self.way.session)
+        self.way = self._elsewhere = None
+
+    def _join(self, tell: Callable[[str], None]) -> None:
+        try:
+            session = opened(self._place, self._stop, self._told(tell))
+        except (SessionError, UsageError) as error:
+            self.trouble = str(error)
+            tell(self.trouble)
+            return
+        if session is not None:
+            self._enter(session, tell)
+
+    def _told(self, tell: Callable[[str], None]) -> Callable[[str], None]:
+        def told(why: str) -> None:
+            self.trouble = why
+            tell(why)
+
+        return told
+
+    def _enter(self, session: zenoh.Session, tell: Callable[[str], None]) -> None:
+        from twind.bridge.fleet.remote_robots import RemoteRobotPoller
+
+        self.way, self.trouble = SharedSession(session, str(self._place)), ""
+        self._elsewhere = RemoteRobotPoller(self.roll, session, tell)
+
+    def _ask(self) -> None:
+        while not self._stop.is_set():
+            self._here.ask()
+            if self._elsewhere is not None:
+                self._elsewhere.ask()
+            self._stop.wait(PERIOD)

@@ -1,0 +1,50 @@
+"""The lease of a robot from afar: kept by renewing it, whether the answers come quickly or not."""
+
+import json
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
+
+MISSING = "LEASE_MISSING"  # the finding that a lease is not held
+RENEWED = 0.3 * LEASE_S  # s between two; each is sent whether the one before was answered or not
+
+
+class LeaseRenewer:
+    """What a Grant gives. `lost`: why it is no longer ours. `confirmed`: s, monotonic, when it was still."""
+
+    def __init__(self, reach: RemoteRobotEndpoint, grant: Mapping[str, Any], came: float) -> None:
+        """`came`: s, monotonic, when the grant was here."""
+        self._reach = reach
+        self.id = str(grant["lease"])
+        self._robot_time, self._came = float(grant["now"]), came
+        self.confirmed, self._due = came, came + RENEWED
+        self.lost = ""
+
+    def deadline(self, now: float) -> float:
+        """s, of the robot's clock: a lease's life from now on. Early by the way of the grant, never late."""
+        return self._robot_time + (now - self._came) + LEASE_S
+
+    def tend(self, now: float) -> float:
+        """Renew it when it is due; s until it is due again."""
+        if now >= self._due and not self.lost:
+            self._due = now + RENEWED
+            self._reach.ask(
+                ("lease",), {"op": "renew", "lease": self.id}, 5.0 * LEASE_S, self._renewed, lambda: None
+            )
+        return max(0.0, self._due - now)
+
+    def _renewed(self, message: bytes) -> None:
+        """Only that it is held by us no more ends it: who is too busy to renew it now may be asked again."""
+        try:
+            told = json.loads(message)
+            error = told.get("error")
+            codes = [each.get("code") for each in told["parameters"].get("findings") or ()]
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return  # no message: it confirms nothing
+        if not error:
+            self.confirmed = time.monotonic()
+        elif MISSING in codes:
+            self.lost = str(error)

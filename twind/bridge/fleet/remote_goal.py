@@ -1,0 +1,138 @@
+"""One trajectory sent from afar: asked for once, then followed; where nothing is told, asked after."""
+
+import json
+import threading
+import uuid
+from collections.abc import Mapping
+from typing import Any
+
+from twind.bridge.fleet.answers import error_name
+from twind.bridge.fleet.lease_renewer import LeaseRenewer
+from twind.bridge.fleet.reply_queue import ReplyQueue
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.motion_session import ENDS
+
+QUIET = 1.0  # s without a word after which it is asked what became of the goal
+GONE = 3.0  # s without any answer after which the robot counts as lost
+JUDGED = 20.0  # s that a goal may be judged; meanwhile the answers to renewals tell that the robot is there
+LONGEST = 64 << 10  # bytes of a report; none that is longer comes from an uplink
+EARLY = 32  # reports that may come before the answer to the goal
+
+
+class RemoteGoal:
+    """Its answers go into the inbox as those of SubmitTrajectory with `more` do."""
+
+    def __init__(
+        self,
+        reach: RemoteRobotEndpoint,
+        hold: LeaseRenewer,
+        path: Mapping[str, Any],
+        inbox: ReplyQueue,
+        now: float,
+    ) -> None:
+        """Sends it. `path`: a Trajectory; `now`: s, monotonic."""
+        self._reach, self._hold, self._inbox = reach, hold, inbox
+        self._lock = threading.Lock()
+        self.over = self._closed = False
+        self._open = self._again = False  # a question is on its way; it was asked after
+        self._answered = False  # by the gate
+        self._early: list[dict[str, Any]] = []  # told before the gate's answer was here
+        self._last: dict[str, Any] = {}
+        self._heard = False  # since the last look
+        self._asked, self._alive = now, now
+        name = uuid.uuid4().hex
+        # Asked again by its name and lease it is never run twice: the answer is what became of the first.
+        self._named = {"goal": name, "lease": hold.id}
+        whole = self._named | {"deadline": hold.deadline(now), "trajectory": path}
+        self._told = reach.hear(("goals", name), self._progress)
+        self._ask(whole, JUDGED)
+
+    def close(self) -> None:
+        """Hear no more of it. May be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._told.undeclare()
+
+    def tend(self, now: float) -> float:
+        """Renew the lease, ask after a goal of which nothing is heard; s until it is to be done again."""
+        if self._heard:
+            self._heard, self._alive, self._asked = False, now, max(self._asked, now)
+        self._alive = max(self._alive, self._hold.confirmed)
+        if now - self._alive > GONE:
+            self._inbox.end(
+                f"{self._reach.robot}: no answer for {GONE:g} s; the lease has lapsed, so its motion is held"
+            )
+        elif now - self._asked > QUIET and not self._open:
+            self._asked, self._again = now, True
+            self._ask(self._named, GONE)
+        return min(self._hold.tend(now), QUIET)
+
+    def _ask(self, what: Mapping[str, Any], patience: float) -> None:
+        """One at a time: while the gate thinks, repeats would fill the robot's queue of goals."""
+        self._open = True
+        self._reach.ask(("goal",), what, patience, self._answer, self._unheard)
+
+    def _unheard(self) -> None:
+        self._open = False
+
+    def _answer(self, message: bytes) -> None:
+        """Of the gate, or of the uplink that was asked again."""
+        self._open = False
+        told = _parameters(message)
+        with self._lock:
+            if told is None and self._again and not self._ends(message):
+                return  # asked after, and too busy to say: that is no end
+            self._heard = True
+            if told is None:
+                self._end(message)
+            elif not self._answered:
+                self._answered = True
+                for each in [told, *self._early]:
+                    self._tell(each)
+            else:
+                self._tell(told)
+
+    def _ends(self, error: bytes) -> bool:
+        """Of what was accepted only a refusal is the end."""
+        name = error_name(error)
+        return name == "Refused" if self._answered else name != "Busy"
+
+    def _progress(self, payload: bytes) -> None:
+        if len(payload) > LONGEST:
+            return
+        told = _parameters(b'{"parameters":%b}' % payload)
+        with self._lock:
+            self._heard = True
+            if told is None:
+                return
+            if self._answered:
+                self._tell(told)
+            elif len(self._early) < EARLY:
+                self._early.append(told)
+
+    def _tell(self, told: dict[str, Any]) -> None:
+        """Once each: what is answered and what is told overlap."""
+        if self.over or told == self._last or (told["phase"] == "accepted" and self._last):
+            return
+        self._last = told
+        ended = told["phase"] in ENDS
+        message = json.dumps({"parameters": told} | ({} if ended else {"continues": True})).encode()
+        if ended:
+            self._end(message)
+        else:
+            self._inbox.answer(message)
+
+    def _end(self, message: bytes) -> None:
+        if not self.over:
+            self.over = True
+            self._inbox.answer(message)
+
+
+def _parameters(message: bytes) -> dict[str, Any] | None:
+    """What is told of a goal; None: an error, or no message."""
+    try:
+        told: dict[str, Any] = json.loads(message)["parameters"]
+        told.setdefault("progress", 0.0)
+        return told if told["phase"] else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None

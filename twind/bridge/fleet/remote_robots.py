@@ -1,0 +1,77 @@
+"""The robots that one session of Zenoh reaches: found by their tokens, all asked by one question."""
+
+import time
+from collections.abc import Callable
+
+import zenoh
+
+from twind.bridge.fleet.fleet_roster import MOST, UPLINK, FleetRoster
+from twind.bridge.fleet.robot_endpoint import ALIVE
+from twind.bridge.zenoh.zenoh_keys import ROOT, robot_of
+from twind.protocol.strict_json import loads
+
+PATIENCE = 5.0  # s for an answer
+QUESTION = f"{ROOT}/*/ask/GetStatus"
+GONE = "its uplink ended, or the way to it is lost"
+
+
+class RemoteRobotPoller:
+    """Keeps the roll: who comes and goes by itself, what they say whenever it is told to ask."""
+
+    def __init__(self, roll: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
+        """Of the session, which whoever opened it ends. `tell`: who is left out, each reason once."""
+        self._roll, self._session, self._tell = roll, session, tell
+        self._left_out: set[str] = set()
+        self._tokens = session.liveliness().declare_subscriber(
+            f"{ROOT}/*/{ALIVE}", self._changed, history=True
+        )
+
+    def close(self) -> None:
+        """Hear no more of them."""
+        self._tokens.undeclare()
+
+    def ask(self) -> None:
+        """Everybody, by one question. Returns at once."""
+        begun = time.monotonic()
+        self._session.get(
+            QUESTION,
+            lambda reply: self._answered(reply, begun),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,  # else all answers wait for the last robot
+            payload=b'{"joints":true}',
+            timeout=PATIENCE,
+        )
+
+    def _changed(self, sample: zenoh.Sample) -> None:
+        name = self._name(sample.key_expr)
+        if name is None:
+            return
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._roll.lost(name, UPLINK, GONE)
+        elif not self._roll.there(name, UPLINK):
+            self._leave_out("many", f"more than {MOST} robots: the others are left out")
+
+    def _answered(self, reply: zenoh.Reply, begun: float) -> None:
+        """What cannot be understood is said in its robot's row."""
+        name = None if reply.ok is None else self._name(reply.ok.key_expr)
+        if reply.ok is None or name is None:
+            return
+        now = time.monotonic()
+        try:
+            answer = loads(reply.ok.payload.to_bytes())
+        except ValueError as error:
+            self._roll.odd(name, UPLINK, str(error))
+        else:
+            self._roll.told(name, UPLINK, answer, now, now - begun)
+
+    def _name(self, key: zenoh.KeyExpr) -> str | None:
+        try:
+            return robot_of(str(key))
+        except ValueError as error:
+            self._leave_out("name", f"left out, as all of such names: {error}")
+            return None
+
+    def _leave_out(self, kind: str, why: str) -> None:
+        if kind not in self._left_out:
+            self._left_out.add(kind)
+            self._tell(why)

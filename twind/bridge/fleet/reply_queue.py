@@ -1,0 +1,94 @@
+"""What has come for one connection, until it is taken. Threads of Zenoh fill it, and wait for nobody."""
+
+import json
+import threading
+import time
+from collections import deque
+
+from twind.client import Disconnected
+
+ROOM = 1 << 20  # bytes of news that may wait
+ANSWERS = 256  # messages that must arrive and may wait
+
+
+class ReplyQueue:
+    """Messages of the interface, as bytes. Where news find no room the oldest go, counted; answers stay, and
+    more of them than anybody takes are the end."""
+
+    def __init__(self, room: int = ROOM, answers: int = ANSWERS) -> None:
+        self._room, self._news = room, 0  # bytes
+        self._most, self._answers = answers, 0
+        self._messages: deque[tuple[bytes, bool]] = deque()  # message, whether it is news
+        self._lost = 0  # news since the last that was taken
+        self._ended: str | None = None
+        self._came = threading.Condition()
+
+    def answer(self, message: bytes) -> None:
+        """One that must arrive. Where there is no room for it, what came is all."""
+        with self._came:
+            if self._answers < self._most:
+                self._answers += 1
+                self._messages.append((message, False))
+            else:
+                self._ended = self._ended or f"{self._most} answers wait, and nobody takes them"
+            self._came.notify()
+
+    def news(self, message: bytes) -> None:
+        """One of many."""
+        with self._came:
+            self._messages.append((message, True))
+            self._news += len(message)
+            while self._news > self._room:
+                self._drop()
+            self._came.notify()
+
+    def end(self, why: str) -> None:
+        """Nothing comes any more. What has come can still be taken; the first reason stays."""
+        with self._came:
+            self._ended = self._ended or why
+            self._came.notify()
+
+    def take(self, patience: float) -> bytes | None:
+        """The next message, None: none within `patience` s. Raises Disconnected."""
+        deadline = time.monotonic() + patience
+        with self._came:
+            while not self._messages:
+                if self._ended is not None:
+                    raise Disconnected(self._ended)
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    return None
+                self._came.wait(left)
+            return self._next()
+
+    def rest(self) -> list[bytes]:
+        """All that has come."""
+        with self._came:
+            return [self._next() for _ in range(len(self._messages))]
+
+    def _next(self) -> bytes:
+        message, news = self._messages.popleft()
+        if not news:
+            self._answers -= 1
+            return message
+        self._news -= len(message)
+        lost, self._lost = self._lost, 0
+        return with_lost(message, lost) if lost else message
+
+    def _drop(self) -> None:
+        """The oldest news."""
+        place = next(place for place, (_, news) in enumerate(self._messages) if news)
+        self._news -= len(self._messages[place][0])
+        del self._messages[place]
+        self._lost += 1
+
+
+def with_lost(message: bytes, lost: int) -> bytes:
+    """News that say that so many before them were lost, beside what they say of it themselves. What is none
+    stays as it is: whoever takes it says so."""
+    try:
+        told = json.loads(message)
+        told["parameters"]["dropped"] = told["parameters"].get("dropped", 0) + lost
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return message
+    return json.dumps(told).encode()

@@ -1,0 +1,60 @@
+"""Which news of a robot are heard from afar, and how many of them. Pure."""
+
+import re
+
+from twind.bridge.zenoh.zenoh_keys import RATES, TOPICS
+from twind.client import NotCarried
+
+USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz where nobody says, as Monitor has them
+SLACK = 0.25  # of the time between two that are wanted: by how much one may be too early
+_TIME = re.compile(rb'"time":(\d+(?:\.\d+)?)')
+
+
+def keys(topics: list[str], rate: float | None) -> dict[str, tuple[str, ...]]:
+    """Chunks of the key of each topic. States come at the next rate above `rate`, Hz. Raises NotCarried."""
+    known = ("state", *TOPICS)
+    for topic in topics:
+        if topic not in known:
+            raise NotCarried(f"topic {topic!r}: not from afar; there are: {', '.join(known)}")
+    return {topic: ("state", offered(rate)) if topic == "state" else ("news", topic) for topic in topics}
+
+
+def offered(rate: float | None) -> str:
+    """The slowest of the rates that are sent that is not below `rate`, Hz."""
+    asked = rate or USUAL["state"]
+    return next((each for each in RATES if each != "full" and float(each) >= asked), "full")
+
+
+class TopicRateLimiter:
+    """Lets through as many a second as were asked for, of a topic that has a rate; of others all.
+
+    By the time at which the robot said it: on the way some come late, and others close behind.
+    """
+
+    def __init__(self, topic: str, rate: float | None) -> None:
+        asked, sent = rate or USUAL.get(topic, 0.0), _sent(topic, rate)
+        self._period = 1.0 / asked if sent is None or asked < sent else 0.0  # s; 0: all
+        self._last, self._due = 0.0, float("-inf")  # s, the robot's clock
+
+    def takes(self, message: bytes) -> bool:
+        """It is time for one. What tells no time is let through."""
+        said = _TIME.search(message, 0, 200) if self._period else None
+        if said is None:
+            return True
+        now = float(said[1])
+        if now < self._last:  # it was started anew
+            self._due = float("-inf")
+        self._last = now
+        if now + SLACK * self._period < self._due:
+            return False
+        behind = now - self._due > self._period  # a gap, for which nothing is made up
+        self._due = (now if behind else self._due) + self._period
+        return True
+
+
+def _sent(topic: str, rate: float | None) -> float | None:
+    """Hz at which a topic comes, 0: whenever there is something, None: at the loop's rate."""
+    if topic != "state":
+        return USUAL.get(topic, 0.0)
+    chosen = offered(rate)
+    return None if chosen == "full" else float(chosen)

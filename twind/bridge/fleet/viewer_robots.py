@@ -1,0 +1,31 @@
+"""Robots of the roll for a viewer: names, and ways to each. Imports Zenoh when one is elsewhere."""
+
+from collections.abc import Mapping
+
+from twind.bridge.fleet.fleet_monitor import FleetMonitor
+from twind.bridge.fleet.fleet_roster import UPLINK, RobotRecord
+from twind.bridge.fleet.remote import SharedSession, client
+from twind.client import Client
+from twind.observe.viewing.robot_connections import RobotConnections, local
+
+
+def found(lookout: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
+    """Whoever was ever there, by name and place."""
+    ways = {(each.name, each.where): _ways(each, lookout.way) for each in lookout.roll.robots()}
+    return {whose: way for whose, way in ways.items() if way is not None}
+
+
+def _ways(robot: RobotRecord, shared: SharedSession | None) -> RobotConnections | None:
+    """None: no network is joined that leads to it."""
+    if robot.where != UPLINK:
+        return local(robot.where)
+    if shared is None:
+        return None
+    network = shared
+
+    def way(patience: float) -> Client:
+        connection = client(robot.name, network, patience)
+        connection.connect()
+        return connection
+
+    return RobotConnections((way,), way)

@@ -1,0 +1,270 @@
+"""A robot from afar behind an ordinary `twind.client.Client`: each call becomes a question over Zenoh.
+
+What no uplink carries is refused here, before anything is sent: whoever arms, or changes the mode, stands
+beside the robot.
+"""
+
+import getpass
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol
+
+import zenoh
+
+from twind.bridge.fleet.answers import error_name
+from twind.bridge.fleet.lease_renewer import LeaseRenewer
+from twind.bridge.fleet.remote_goal import RemoteGoal
+from twind.bridge.fleet.remote_stop import RemoteStop
+from twind.bridge.fleet.reply_queue import ReplyQueue
+from twind.bridge.fleet.robot_endpoint import RemoteRobotEndpoint
+from twind.bridge.fleet.topic_rate_limiter import TopicRateLimiter, keys
+from twind.bridge.zenoh.zenoh_keys import ASKED, LEASE_S, STOPS, robot_key
+from twind.client import Disconnected, NoDaemon, NotCarried
+
+FOUND = 2.0  # s within which a robot that is there is found
+IDLE = 5.0  # s between two looks at a line on which nothing runs
+PARTING = 0.5  # s that giving a lease back may take when the line is closed
+Parameters = Mapping[str, Any]
+
+
+class SessionProvider(Protocol):
+    """Where sessions come from: one of its own for each line, or one that many share."""
+
+    @property
+    def where(self) -> str:
+        """Which network, for people."""
+
+    def enter(self, patience: float) -> zenoh.Session:
+        """Raises ClientError: the network cannot be joined."""
+
+    def leave(self, session: zenoh.Session) -> None:
+        """It is needed no more."""
+
+
+class ZenohClientLine:
+    """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space. Raises ValueError: it is
+    none."""
+
+    def __init__(self, robot: str, way: SessionProvider) -> None:
+        robot_key(robot)
+        self.where = f"robot {robot} by {way.where}"
+        self._robot, self._way = robot, way
+        self._reach: RemoteRobotEndpoint | None = None
+        self._inbox = ReplyQueue()
+        self._hold: LeaseRenewer | None = None
+        self._there = threading.Event()
+        self._errand: RemoteGoal | RemoteStop | None = None  # what is looked after until it is over
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    @property
+    def is_open(self) -> bool:
+        """The network is joined, and nobody has hung up since."""
+        return self._reach is not None
+
+    def open(self, patience: float) -> None:
+        """Join the network. Raises NoDaemon. Whether the robot is there the first question tells."""
+        if self._reach is not None:
+            return
+        reach = RemoteRobotEndpoint(self._way.enter(patience), self._robot)
+        inbox = self._inbox = ReplyQueue()
+        try:
+            self._there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
+            self._subscribers = [reach.watch(self._there.set, lambda: inbox.end(gone))]
+        except BaseException:
+            self._forget(reach)
+            raise
+        self._reach = reach
+
+    def close(self) -> None:
+        """Hang up. A lease is given back, else it lapses: what moves under it ends in a hold."""
+        if self._reach is None:
+            return
+        reach, self._reach = self._reach, None
+        if self._hold is not None and not self._hold.lost:
+            released = threading.Event()
+            with suppress(Disconnected):
+                reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
+                released.wait(PARTING)
+        self._forget(reach)
+
+    def cut(self) -> None:
+        """Nothing comes any more, for whoever waits in another thread."""
+        self._inbox.end(f"{self.where}: hung up")
+
+    def _forget(self, reach: RemoteRobotEndpoint) -> None:
+        if self._errand is not None:
+            self._errand.close()
+        for each in self._subscribers:
+            each.undeclare()
+        self._errand, self._hold, self._subscribers = None, None, []
+        self._way.leave(reach.session)
+
+    # ------------------------------------------------------------------------------------------ messages
+
+    def send(self, message: bytes, patience: float) -> None:
+        """Ask. Raises NotCarried; NoDaemon: the robot is not there. A stop waits for no robot to be seen."""
+        assert self._reach is not None
+        call = json.loads(message)
+        method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
+        parameters: Parameters = call["parameters"]
+        if method in STOPS:
+            self._errand = RemoteStop(self._reach, method, parameters, self._inbox, time.monotonic())
+            return
+        carry = self._carrier(method, more)
+        if not self._there.wait(min(patience, FOUND)):
+            self.close()
+            raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
+        carry(parameters, patience)
+
+    def receive(self, patience: float) -> bytes:
+        """The next message. Raises TimeoutError, Disconnected, NoDaemon."""
+        deadline = time.monotonic() + patience
+        while (left := deadline - time.monotonic()) > 0.0:
+            message = self._inbox.take(min(left, self._tend()))
+            if message is not None:
+                return self._understood(message)
+        raise TimeoutError
+
+    def waiting(self) -> list[bytes]:
+        """What has come already."""
+        return self._inbox.rest()
+
+    def _tend(self) -> float:
+        """What is under way lives as long as somebody here waits for its answers; s until the next look."""
+        errand = self._errand
+        return IDLE if errand is None or errand.over else errand.tend(time.monotonic())
+
+    def _understood(self, message: bytes) -> bytes:
+        if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":
+            told = json.loads(message).get("parameters", {}).get("message", "")
+            raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {told}")
+        return message
+
+    # ------------------------------------------------------------------------------------------ calls
+
+    def _carrier(self, method: str, more: bool) -> Callable[[Parameters, float], None]:
+        """How a call is made. Raises NotCarried."""
+        if method in ASKED:
+            return partial(self._ask, ("ask", method))
+        if method == "Check":
+            return partial(self._ask, ("check",))
+        if method in _LEASE:
+            return partial(_LEASE[method], self)
+        if method in _STREAMS and more:
+            return partial(_STREAMS[method], self)
+        raise NotCarried(
+            f"{method}: not from afar; whoever arms {self._robot}, or sets it up, stands beside it"
+        )
+
+    def _ask(
+        self,
+        parts: tuple[str, ...],
+        what: Parameters,
+        patience: float,
+        told: Callable[[bytes], None] | None = None,
+    ) -> None:
+        assert self._reach is not None
+        inbox = self._inbox
+        silent = f"{self.where}: nobody answers {'/'.join(parts)}: it went away, or this is not for us"
+        self._reach.ask(parts, what, patience, told or inbox.answer, lambda: inbox.end(silent))
+
+    def _acquire(self, parameters: Parameters, patience: float) -> None:
+        assert self._reach is not None
+        inbox, reach = self._inbox, self._reach
+        what = {"op": "acquire", "holder": holder()}
+
+        def answered(message: bytes) -> None:
+            """Held by another, who tells the robot's clock: only by that is it taken, and never later."""
+            now = _held_at(message) if parameters.get("take") else None
+            if now is None:
+                granted(message)
+                return
+            taking = what | {"take": True, "deadline": now + LEASE_S}
+            with suppress(Disconnected):  # closed meanwhile
+                reach.ask(("lease",), taking, patience, granted, lambda: inbox.answer(message))
+
+        def granted(message: bytes) -> None:
+            came = time.monotonic()
+            try:
+                said = json.loads(message)
+                if "error" in said:  # LeaseHeld has a lease and a clock as well
+                    inbox.answer(message)
+                    return
+                grant = said["parameters"]
+                self._hold = LeaseRenewer(reach, grant, came)
+            except (ValueError, KeyError, TypeError):
+                inbox.answer(message)  # whoever asked says that it is none
+            else:
+                told = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
+                inbox.answer(json.dumps({"parameters": {"lease": told}}).encode())
+
+        self._ask(("lease",), what, patience, answered)
+
+    def _release(self, _parameters: Parameters, patience: float) -> None:
+        hold, self._hold = self._hold, None
+        if hold is None:
+            self._inbox.answer(b'{"parameters":{}}')
+        else:
+            self._ask(*_release(hold), patience)
+
+    def _renew(self, _parameters: Parameters, patience: float) -> None:
+        if self._hold is None:
+            raise NotCarried("RenewLease: AcquireLease comes first")
+        self._ask(("lease",), {"op": "renew", "lease": self._hold.id}, patience)
+
+    def _submit(self, parameters: Parameters, _patience: float) -> None:
+        if self._hold is None:
+            raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
+        assert self._reach is not None
+        now = time.monotonic()
+        self._errand = RemoteGoal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+
+    def _monitor(self, parameters: Parameters, _patience: float) -> None:
+        assert self._reach is not None
+        rate = parameters.get("rate")
+        for topic, parts in keys(parameters["topics"], rate).items():
+            self._subscribers.append(self._reach.hear(parts, self._thinned(TopicRateLimiter(topic, rate))))
+
+    def _thinned(self, thinned: TopicRateLimiter) -> Callable[[bytes], None]:
+        inbox = self._inbox
+
+        def heard(message: bytes) -> None:
+            if thinned.takes(message):
+                inbox.news(message)
+
+        return heard
+
+
+def holder() -> str:
+    """What the robot's people are told of whoever holds its lease."""
+    try:
+        return f"{getpass.getuser()}@{socket.gethostname()}"
+    except (KeyError, OSError):  # a user without a name
+        return socket.gethostname()
+
+
+def _held_at(message: bytes) -> float | None:
+    """When another had the lease, s of the robot's clock; None: this says no such thing."""
+    try:
+        told = json.loads(message)
+        held = str(told.get("error")).endswith(".LeaseHeld")
+        return float(told["parameters"]["now"]) if held else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _release(hold: LeaseRenewer) -> tuple[tuple[str, ...], Parameters]:
+    return ("lease",), {"op": "release", "lease": hold.id}
+
+
+_LEASE = {
+    "AcquireLease": ZenohClientLine._acquire,
+    "RenewLease": ZenohClientLine._renew,
+    "ReleaseLease": ZenohClientLine._release,
+}
+_STREAMS = {"Monitor": ZenohClientLine._monitor, "SubmitTrajectory": ZenohClientLine._submit}

@@ -1,0 +1,245 @@
+"""Motions of a bridge: the lease, trajectories sent under it, what became of them. Standard library, 3.10.
+
+One connection of its own. It is opened for a trajectory, renews the lease while one of them is under way,
+and is closed soon after the last has ended, so that others may drive. Who holds it and dies lets go of the
+motion: the daemon then holds the robot. Trajectories go without `more`, so that a newer one replaces the
+older. `Monitor` reports on another connection how each ends (`heard`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Any
+
+from twind.client import Client, ClientError, Refused
+
+PATIENCE = 15.0  # s for a verdict: the front may take 10 to judge a long path
+SOON = 2.0  # s for all other answers
+RENEW = 0.3  # s between two renewals of a lease that lasts 1
+LINGER = 0.5  # s after the last motion until the lease is given back
+LATE = 1.0  # s after which a motion is over that nobody performs any more, though its end was not heard
+EARLY = 64  # ends kept of motions that are not known yet: an end may be heard before the answer
+MOVING = ("active", "streaming")  # of `Status.motion`
+STOPPED = ("cancelled", "aborted")  # ends after which the robot is not where its sender expects it
+ENDS = ("succeeded", "replaced", *STOPPED)
+LOST = "lost"  # phase of an end that was not received, or cannot be read
+
+BROKEN = (
+    {"code": "LEASE_LOST", "message": "the connection to the daemon broke: it lets go of such motions"},
+)
+UNREADABLE = (
+    {
+        "code": "INTERNAL",
+        "message": "the daemon reported an end without a phase that this bridge knows: restart both, so that "
+        "their versions are the same",
+    },
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEnd:
+    """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (it is not known how)."""
+
+    id: str
+    phase: str
+    findings: Sequence[Mapping[str, Any]] = ()
+
+    @property
+    def stopped(self) -> bool:
+        """The robot is not where the sender of the motion expects it."""
+        return self.phase in (*STOPPED, LOST)
+
+
+def reported_end(answer: Mapping[str, Any]) -> MotionEnd | None:
+    """The end of a motion that this answer of `Monitor` reports; None: it reports none.
+
+    An end whose phase is missing (older daemons) or unknown is LOST. Its id is then "" where the daemon gives
+    none: any motion may have ended, so every motion is over. Streamed setpoints end with id "" as well.
+    """
+    if answer["topic"] != "events" or answer["event"]["code"] != "MOTION":
+        return None
+    event = answer["event"]
+    name, phase = event.get("id") or "", event.get("phase")
+    return MotionEnd(name, phase, event["findings"]) if phase in ENDS else MotionEnd(name, LOST, UNREADABLE)
+
+
+@dataclass(slots=True)
+class _Motion:
+    begins: float  # s, monotonic
+    orphaned: float = inf  # s, when the connection broke that it was sent on
+
+
+class MotionSession:
+    """`heard`, `driving` and `cut` belong to any thread, all else to one.
+
+    `held`: the lease was asked for by `hold`, and is still ours as far as we know.
+    """
+
+    def __init__(self, operator: Callable[[], Client], now: Callable[[], float] = time.monotonic) -> None:
+        """`operator` makes a connection that may command; it need not be open. `now`: s, monotonic."""
+        self._operator, self._now = operator, now
+        self._client: Client | None = None
+        self.held = False
+        self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
+        self._still = inf  # s, since when nothing moves, as far as statuses tell
+        self._lock = threading.Lock()
+        self._under: dict[str, _Motion] = {}
+        self._over: dict[str, MotionEnd] = {}  # heard, and not told yet
+        self._let_go = False  # an end came that cannot be read: what is under way must not go on
+
+    @property
+    def driving(self) -> tuple[str, ...]:
+        """Motions that are under way or wait for their start."""
+        with self._lock:
+            return tuple(self._under)
+
+    def hold(self) -> None:
+        """Have the lease, and keep it until `close`, whether anything moves or not.
+
+        Raises ClientError: LeaseHeld by somebody else, NoDaemon.
+        """
+        client = self._connected(SOON)
+        try:
+            client.call("AcquireLease")
+        except ClientError:
+            self.close()
+            raise
+        self.held, self._renewed = True, self._now()
+
+    def submit(self, trajectory: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Have it judged and followed: the answer `accepted`, with its id and verdict.
+
+        Raises ClientError: Refused by the gate, LeaseHeld by somebody else, NoDaemon.
+        """
+        client = self._connected(PATIENCE)
+        try:
+            client.call("AcquireLease")
+            answer = client.call("SubmitTrajectory", trajectory=trajectory)
+            name = str(answer["id"])
+        except ClientError:
+            if not client.connected:
+                self._lose()
+            elif not self.driving and not self.held:  # who is refused keeps nobody else from driving
+                self.close()
+            raise
+        except Exception:  # whether it runs is not known: with the lease it is let go
+            self._lose()
+            raise
+        finally:
+            self._renewed = self._now()
+        self._quiet = self._renewed
+        with self._lock:
+            self._under[name] = _Motion(self._renewed + (trajectory.get("start_in") or 0.0))
+        return answer
+
+    def keep(self) -> list[MotionEnd]:
+        """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
+        now, over = self._now(), self._taken()
+        if self._let_go:
+            self.close()
+        elif self.driving or self.held:
+            self._quiet = now
+            if now - self._renewed >= RENEW:
+                self._renewed = now
+                self._renew()
+        elif now - self._quiet >= LINGER:
+            self.close()
+        return over
+
+    def heard(self, answer: Mapping[str, Any]) -> None:
+        """Take an answer of `Monitor`: events report ends, a status whether anything still moves."""
+        ended = reported_end(answer)
+        if ended is not None and ended.phase == LOST and not ended.id:
+            self._end_all(ended)
+        elif ended is not None:
+            self._end(ended)
+        elif answer["topic"] == "status":
+            self._look(still=answer["status"]["motion"] not in MOVING)
+
+    def close(self) -> None:
+        """Give the lease back and hang up: what is under way decelerates and holds. May be called twice."""
+        if self._client is not None and self._client.connected:
+            self._client.timeout = SOON
+            with contextlib.suppress(ClientError, RuntimeError):
+                self._client.call("ReleaseLease")
+        self._lose()
+
+    def cut(self) -> None:
+        """Hang up though another thread waits for an answer: the lease ends, the daemon holds what moves."""
+        client = self._client
+        if client is not None:
+            client.cut()
+
+    # ------------------------------------------------------------------------------------------ inside
+
+    def _connected(self, patience: float) -> Client:
+        if self._client is None:
+            self._client = self._operator()
+        self._client.timeout = patience
+        return self._client
+
+    def _end(self, ended: MotionEnd) -> None:
+        with self._lock:
+            self._over.setdefault(ended.id, ended)
+            strangers = [name for name in self._over if name not in self._under]
+            for name in strangers[: max(0, len(strangers) - EARLY)]:
+                del self._over[name]
+
+    def _end_all(self, ended: MotionEnd) -> None:
+        """Which motion ended is not known: all of ours are over, and `keep` gives the lease back."""
+        with self._lock:
+            names = tuple(self._under)
+            self._let_go = True
+        for name in names:
+            self._end(replace(ended, id=name))
+
+    def _look(self, *, still: bool) -> None:
+        """Where nothing moves for a while, what should have begun has ended unheard."""
+        now = self._now()
+        with self._lock:
+            if not still:
+                self._still = inf
+                return
+            self._still = min(self._still, now)  # an end is told after the status that has it
+            late = now - LATE
+            gone = [name for name, motion in self._under.items() if max(motion.begins, self._still) < late]
+        for name in gone:
+            self._end(MotionEnd(name, LOST))
+
+    def _taken(self) -> list[MotionEnd]:
+        """Ends of our motions, each once."""
+        late = self._now() - LATE
+        with self._lock:
+            for name, motion in self._under.items():
+                if motion.orphaned < late:
+                    self._over.setdefault(name, MotionEnd(name, LOST, BROKEN))
+            names = [name for name in self._under if name in self._over]
+            for name in names:
+                del self._under[name]
+            return [self._over.pop(name) for name in names]
+
+    def _renew(self) -> None:
+        if self._client is None:
+            return
+        self._client.timeout = SOON
+        try:
+            self._client.call("RenewLease")
+        except Refused:  # somebody took it, or it lapsed: our motion has ended by that, and the event says so
+            self.held = False
+        except ClientError:
+            self._lose()
+
+    def _lose(self) -> None:
+        """The connection is over, and with it our lease: the daemon holds the robot, if there is one."""
+        if self._client is not None:
+            self._client.close()
+        self._client, self.held, now = None, False, self._now()
+        with self._lock:
+            self._let_go = False
+            for motion in self._under.values():
+                motion.orphaned = min(motion.orphaned, now)

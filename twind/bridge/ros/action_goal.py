@@ -1,0 +1,98 @@
+"""A goal of FollowJointTrajectory as the daemon takes it, and what became of it as its client reads it.
+
+Pure: goals are whatever has the fields of control_msgs/action/FollowJointTrajectory. Standard library, 3.10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from twind.bridge.ros.ros_trajectory import COLUMNS as TAKEN
+from twind.ros import JOINT_TRAJECTORY, encode
+
+SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_TOLERANCE, GOAL_TOLERANCE = 0, -1, -2, -3, -4, -5
+CODES = {
+    "UNKNOWN_JOINT": INVALID_JOINTS,
+    "DUP_JOINT": INVALID_JOINTS,
+    "NO_JOINTS": INVALID_JOINTS,
+    "CMD_EXPIRED": OLD_STAMP,
+    "PATH_TOLERANCE": PATH_TOLERANCE,
+    "GOAL_TOLERANCE": GOAL_TOLERANCE,
+}
+
+COLUMNS = (*TAKEN, "effort")
+
+Said = Mapping[str, Any]  # of `Orders.goal`: phase, findings, message
+State = Mapping[str, Any]  # an answer of Monitor, topic `state`
+
+
+def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
+    """Code and words of a goal's last word. `asked`: its own client cancelled it."""
+    findings: Sequence[Mapping[str, Any]] = last.get("findings") or ()
+    words = "; ".join(f"{each['code']}: {each['message']}" for each in findings)
+    words = words or str(last.get("message") or "")
+    if last["phase"] == "succeeded":
+        return SUCCESSFUL, words
+    if last["phase"] == "cancelled":
+        return (SUCCESSFUL, words) if asked else (INVALID_GOAL, words or "cancelled by another")
+    if last["phase"] == "replaced":
+        return INVALID_GOAL, words or "replaced by a newer command"
+    codes = [CODES[each["code"]] for each in findings if each["code"] in CODES]
+    return (codes or [INVALID_GOAL])[0], words
+
+
+def unserved(goal: Any) -> str:
+    """What a goal has of joints that turn about more than one axis; newer types have fields for it."""
+    multi = getattr(goal, "multi_dof_trajectory", None)
+    parts = {
+        "multi_dof_trajectory": multi is not None and (multi.joint_names or multi.points),
+        "component_path_tolerance": getattr(goal, "component_path_tolerance", ()),
+        "component_goal_tolerance": getattr(goal, "component_goal_tolerance", ()),
+    }
+    return ", ".join(name for name, given in parts.items() if given)
+
+
+def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]:
+    """JointTolerances of a goal as the daemon takes them: 0 keeps the default, -1 looks at nothing."""
+    rows: dict[str, dict[str, Any]] = {}
+    for key, given in (("path", path), ("goal", goal)):
+        for each in given:
+            rows.setdefault(each.name, {"joint": each.name})[key] = float(each.position)
+    return list(rows.values())
+
+
+def as_bytes(trajectory: Any) -> bytes:
+    """CDR of a JointTrajectory object. rclpy leaves up to 12 bytes of junk behind its own, measured."""
+    return encode(
+        JOINT_TRAJECTORY,
+        {
+            "header": {"stamp": _time(trajectory.header.stamp), "frame_id": trajectory.header.frame_id},
+            "joint_names": list(trajectory.joint_names),
+            "points": [
+                {key: list(getattr(point, key)) for key in COLUMNS}
+                | {"time_from_start": _time(point.time_from_start)}
+                for point in trajectory.points
+            ],
+        },
+    )
+
+
+def _time(time: Any) -> dict[str, int]:
+    return {"sec": time.sec, "nanosec": time.nanosec}
+
+
+def seconds(duration: Any) -> float:
+    """Of a builtin_interfaces Duration."""
+    return float(duration.sec) + float(duration.nanosec) / 1e9
+
+
+def places(state: State, names: Sequence[str]) -> tuple[list[float], list[float], list[float]] | None:
+    """Desired, actual and their difference in rad, of these joints; None: one of them is not known."""
+    joints = {joint["name"]: joint for joint in state["joints"]}
+    moved = "position" if state.get("mode") == "live" else "simulated"
+    rows = [(joints.get(name, {}).get("goal"), joints.get(name, {}).get(moved)) for name in names]
+    known = [(float(goal), float(place)) for goal, place in rows if goal is not None and place is not None]
+    if len(known) < len(names):
+        return None
+    return [goal for goal, _ in known], [place for _, place in known], [goal - place for goal, place in known]

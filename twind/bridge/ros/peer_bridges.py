@@ -1,0 +1,57 @@
+"""Other bridges that take commands in the same graph: one message would move two robots. Library, 3.10.
+
+Each bridge reads the topic /bridge/status that all of them write. Nothing is asked, and no graph is looked
+through, so it is the same on every back end.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import uuid
+from collections.abc import Callable
+
+from twind.ros import STRING, CdrError, decode
+
+SILENT = 5.0  # s without a status after which one is gone; each says something twice a second
+MOST = 16  # that are kept
+LONGEST = 1 << 20  # bytes of a status
+
+
+class PeerBridges:
+    """Any thread may call anything. `id` is ours, as `bridge.id` of our own status."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        """`now`: s, monotonic."""
+        self.id, self._now = uuid.uuid4().hex[:8], now
+        self._lock = threading.Lock()
+        self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, and when heard
+
+    def heard(self, data: bytes) -> None:
+        """A String of /bridge/status, of whomever. What is none is nobody."""
+        try:
+            said = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
+            bridge = said["bridge"]
+            name, robot = str(bridge.get("id"))[:64], str(said.get("robot") or "unknown")[:64]
+            takes = bool(bridge.get("commands"))
+        except (CdrError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return
+        with self._lock:
+            self._others.pop(name, None)
+            if takes and name != self.id:
+                while len(self._others) >= MOST:
+                    del self._others[next(iter(self._others))]
+                self._others[name] = robot, self._now()
+
+    def wrong(self) -> str:
+        """Who else takes commands here, and what to do; "": nobody."""
+        since = self._now() - SILENT
+        with self._lock:
+            known = [f"{robot} (bridge {name})" for name, (robot, at) in self._others.items() if at > since]
+        if not known:
+            return ""
+        return (
+            f"another bridge takes commands in this domain: {', '.join(sorted(known))}. One message would "
+            "move both, so only stops are done: give each robot a ROS_DOMAIN_ID, or all but one --no-commands"
+        )

@@ -1,0 +1,305 @@
+"""One run of a ROS bridge: over as many daemons, and as many lives of the graph, as there are. Library, 3.10.
+
+Two threads listen to the daemon, one to its readings, one to all else; what they hear goes out at once. One
+takes trajectories to the gate, three do stops and modes. This one joins the graph, again where it was lost,
+and says how all of it is once a second. Nobody waits for a reader: what the graph does not take is dropped
+there, what the daemon had to drop is counted.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from twind.bridge.ros.command_journal import CommandJournal
+from twind.bridge.ros.peer_bridges import PeerBridges
+from twind.bridge.ros.ros_diagnostics import Diagnostics, latencies, words
+from twind.bridge.ros.ros_endpoints import (
+    DIAGNOSTICS,
+    GET_STATUS,
+    LATENCY,
+    NEIGHBOURS,
+    RESULTS,
+    SERVICES,
+    STATUS,
+    TOPICS,
+    TRAJECTORY,
+    RosService,
+    RosTopic,
+)
+from twind.bridge.ros.ros_service_calls import RosServiceCalls, denied
+from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
+from twind.bridge.ros.ros_subscriber import RosSubscriber
+from twind.bridge.ros.ros_transport import RosTransport, TransportError
+from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
+from twind.client import Client, NoDaemon
+from twind.client.clock_pair import clocks
+from twind.client.transition_reporter import TransitionReporter
+
+OTHERS = ("status", "latency", "events", "trajectories")
+OFTEN = 10.0  # Hz, of status and latencies, where they change
+AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
+STEP = 0.1  # s that a command may wait to be seen, where nothing wakes who takes it
+STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
+URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
+REACH = 0.5  # s to be let in at observe.sock: a full queue must not hold up an e-stop
+NO_COMMANDS = "--no-commands; of what comes from ROS the e-stop alone is done"
+GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
+
+
+class RosBridge:
+    """What runs. `run` returns the exit code. `orders` takes trajectories, of a back end's actions too."""
+
+    def __init__(
+        self,
+        transport: RosTransport,
+        sockets: str | None = None,
+        *,
+        rate: float | None = None,
+        commands: bool = True,
+        tell: Callable[[str], None],
+        stop: threading.Event,
+    ) -> None:
+        """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
+        self._transport, self._tell, self._stop = transport, tell, stop
+        self._sockets = sockets
+        self._looks = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
+        self._speech, self._diagnostics = RosStateMessages(), Diagnostics()
+        self._graph, self._deaf, self._odd = TransitionReporter(), TransitionReporter(), TransitionReporter()
+        self._journal, self._neighbours, self._alone = (
+            CommandJournal(tell),
+            PeerBridges(),
+            TransitionReporter(),
+        )
+        self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
+        self._calls = RosServiceCalls(
+            self._operator,
+            self._observer,
+            self.orders.stop,
+            self._status_text,
+            self._closed,
+            self._result,
+            tell,
+        )
+        self._readings = RosSubscriber(self._observer, ("state",), self._reading, tell, stop, rate=rate)
+        self._news = RosSubscriber(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
+        self._joined = False
+        self._wrong = ""  # with the graph
+        self._denied = ""  # why this user may not command
+        self._asked_of = -1  # lives of the daemon when that was asked
+        self._over = ""  # why we say no more
+        self._status: Mapping[str, Any] | None = None
+        self._joints: Sequence[Mapping[str, Any]] = ()
+        self._told_at = float("-inf")
+
+    def run(self) -> int:
+        """Until told to stop; 0."""
+        taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
+        try:
+            self._journal.start()
+            self._calls.start()
+            self._readings.start()
+            self._news.start()
+            taking.start()
+            while not self._stop.is_set():
+                self._tended()
+                self._stop.wait(AGAIN)
+        finally:
+            self._stop.set()
+            self.orders.stop()
+            self._end(taking)
+        return 0
+
+    # ------------------------------------------------------------------------------------------ the graph
+
+    def _tended(self) -> None:
+        """`_tend`, whatever another daemon says that we do not understand."""
+        wrong = ""
+        try:
+            self._tend()
+        except Exception as error:  # noqa: BLE001  whoever ends here lets go of every motion
+            wrong = f"{type(error).__name__}: {error}; tried again"
+        if self._odd.news(wrong, time.monotonic()) and wrong:
+            self._tell(wrong)
+
+    def _tend(self) -> None:
+        """Join the graph where that is to be done; say how everything is."""
+        if self._news.lives != self._asked_of:
+            self._asked_of = self._news.lives
+            self._ask_rights()
+        if not self._joined:
+            self._join()
+        if self._readings.wrong:
+            self._joints = ()
+        if self._news.wrong or not self._news.there:
+            self._status = None
+            self._publish_status()
+        if not self._looks:
+            both = self._neighbours.wrong()
+            if self._alone.news(both, time.monotonic()):
+                self._tell(both or "the other bridge is gone: commands are taken again")
+        deaf = self._news.error if self._readings.there else ""  # a daemon that is away is told once
+        if self._deaf.news(deaf, time.monotonic()) and deaf:
+            self._tell(f"{deaf}; status and results are missing")
+        now = clocks().wall_ns
+        self._publish(DIAGNOSTICS, self._diagnostics.message(now, self._bridge(), self._status, self._joints))
+
+    def _join(self) -> None:
+        self._transport.close()
+        try:
+            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._heard, self._asked)
+        except TransportError as error:
+            self._wrong = str(error)
+        else:
+            self._joined, self._wrong = True, ""
+            self._publish_status()
+        if self._graph.news(self._wrong, time.monotonic()):
+            self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
+
+    def _publish(self, topic: RosTopic, data: bytes) -> None:
+        if not self._joined:
+            return
+        try:
+            self._transport.publish(topic, data)
+        except TransportError as error:
+            if self._stop.is_set():
+                return  # it is being left, by us
+            self._joined, self._wrong = False, str(error)
+            if self._graph.news(self._wrong, time.monotonic()):
+                self._tell(f"{self._wrong}; tried again")
+
+    def _heard(self, topic: RosTopic, data: bytes) -> None:
+        """A message of the graph; in a thread of the back end."""
+        if topic == NEIGHBOURS:
+            self._neighbours.heard(data)
+        elif topic is TRAJECTORY:
+            self.orders.put(data)
+        else:
+            self._calls.heard(topic, data)
+
+    def _asked(self, service: RosService, data: bool | None) -> tuple[bool, str]:
+        done, message = self._calls.asked(service, data)
+        if service is not GET_STATUS:
+            phase = "done" if done else "refused"
+            self._journal.note({"topic": service.name, "phase": phase, "message": message})
+        return done, message
+
+    def _result(self, result: Mapping[str, Any]) -> None:
+        self._journal.note(result)
+        robot = (self._status or {}).get("robot")
+        self._publish(RESULTS, words({**result, "robot": robot, "bridge": self._neighbours.id}))
+
+    def _closed(self, stop: bool = False) -> str:
+        """Why no command is taken, or, with `stop`, not even that; "": they are. An e-stop always is."""
+        if self._looks:
+            return f"this bridge only looks: {self._looks}"
+        if self._denied:
+            return f"this bridge only looks: {self._denied}; the e-stop alone is done"
+        return "" if stop else self._neighbours.wrong()
+
+    # ------------------------------------------------------------------------------------------ the daemon
+
+    def _observer(self) -> Client:
+        """A connection that only reads, and stops: it leaves the operators their places."""
+        client = Client(self._sockets, name="observe", timeout=REACH)
+        try:
+            client.connect()
+        except NoDaemon:
+            return self._operator()
+        return client
+
+    def _operator(self) -> Client:
+        return Client(self._sockets)
+
+    def _reading(self, answer: Mapping[str, Any]) -> None:
+        """In the thread that hears readings."""
+        self._joints = answer["joints"]
+        self._send(self._speech.state(answer, clocks()))
+
+    def _take(self, answer: Mapping[str, Any]) -> None:
+        """In the thread that hears all else."""
+        topic = answer["topic"]
+        if topic == "status":
+            self._speech.status(answer["status"])
+            self._keep(answer["status"], answer["time"])
+        elif topic == "latency":
+            self._publish(LATENCY, latencies(answer["latency"]))
+        elif topic == "trajectories":
+            self._send(self._speech.accepted(answer, clocks()))
+        self.orders.heard(answer)
+
+    def _send(self, messages: Sequence[Message]) -> None:
+        for topic, data in messages:
+            self._publish(topic, data)
+
+    def _keep(self, status: Mapping[str, Any], time: float) -> None:
+        """Tell a status that says something new at once, others now and then."""
+        before, self._status = self._status, status
+        news = before is None or any(before[key] != status[key] for key in URGENT)
+        if news or time - self._told_at >= STATUS_PERIOD:
+            self._told_at = time
+            self._publish_status()
+
+    def _take_orders(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self.orders.step(STEP)
+            except Exception as error:  # noqa: BLE001  one command that breaks us is not the last one
+                self._tell(f"a command was lost: {type(error).__name__}: {error}")
+        self.orders.close()
+
+    def _ask_rights(self) -> None:
+        """Once for each daemon: who may not command offers nothing that does."""
+        found = "" if self._looks else denied(self._operator)
+        if found is None or bool(found) == bool(self._denied):
+            return
+        self._denied = found
+        self._tell(f"no command is taken from ROS: {found}" if found else "commands are taken from ROS")
+
+    # ------------------------------------------------------------------------------------------ what is said
+
+    def _bridge(self) -> dict[str, Any]:
+        """How we are: what a reader of a latched status must know before it believes the rest."""
+        daemon = self._over or self._news.wrong
+        return {
+            "id": self._neighbours.id,
+            "daemon": self._news.there and not daemon,
+            "error": daemon or self._readings.wrong or self._wrong or None,
+            "commands": not (self._looks or self._denied or self._over),
+            "refuses": self._closed() or None,
+            "dropped": self._readings.dropped + self._news.dropped,
+            "undelivered": getattr(self._transport, "dropped", 0),  # DDS alone knows
+            "driving": 0 if self._over else len(self.orders.driving),
+        }
+
+    def _said(self) -> dict[str, Any]:
+        status = None if self._over or self._news.wrong else self._status
+        return {**(status or {}), "bridge": self._bridge()}
+
+    def _publish_status(self) -> None:
+        self._publish(STATUS, words(self._said()))
+
+    def _status_text(self, now: Mapping[str, Any] | str) -> str:
+        """As `_said`, by what the daemon says `now`, or by why it does not."""
+        bridge = self._bridge()
+        if isinstance(now, str):
+            return json.dumps({"bridge": bridge | {"daemon": False, "error": now}}, ensure_ascii=False)
+        return json.dumps({**now, "bridge": bridge}, ensure_ascii=False)
+
+    def _end(self, taking: threading.Thread) -> None:
+        """The lease first: what is under way is let go. Whoever hangs is left behind after GRACE."""
+        taking.join(GRACE)
+        self._journal.close()
+        leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
+        leaving.start()
+        leaving.join(GRACE)
+
+    def _leave(self) -> None:
+        """The last word stays with who heard it: that nobody is here any more."""
+        self._over = "the bridge has ended"
+        self._publish_status()
+        self._joined = False
+        self._transport.close()

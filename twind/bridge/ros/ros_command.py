@@ -1,0 +1,152 @@
+"""the robot in a ROS 2 graph, with or without ROS on this machine: joint states out, trajectories in
+
+A client of observe.sock, and of control.sock for commands, which meet the gate as any other. With ROS it is
+a node of the distribution's own rclpy. Without ROS it speaks Zenoh, or DDS, which only publishes. It stays on
+this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from importlib.util import find_spec
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
+from twind.ctl.extras import how_to_add
+from twind.ctl.stop_signals import told_to_stop
+from twind.ctl.verb import Rejected, UsageError, harmless
+
+if TYPE_CHECKING:
+    from twind.bridge.ros.discovery import DiscoverySettings
+    from twind.bridge.ros.ros_transport import RosTransport
+
+# name -> (what joins the graph, the modules that it needs)
+BACK_ENDS = {
+    DDS: ("twind.bridge.ros.dds:DdsTransport", ("cyclonedds",)),
+    ZENOH: ("twind.bridge.ros.zenoh:ZenohTransport", ("zenoh", "xxhash")),
+}
+DISTROS = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
+_ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unixsock-stream|serial)/\S+")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl ros`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument(
+        "--backend",
+        choices=[RCLPY, *BACK_ENDS],
+        help="what joins the graph; dds only publishes and takes no commands (default: rclpy where one is "
+        "sourced, in /opt/ros or built by `make ros`; else zenoh where RMW_IMPLEMENTATION is rmw_zenoh_cpp; "
+        "else dds)",
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="instead of ROS_DOMAIN_ID")
+    parser.add_argument(
+        "--distro", metavar="NAME", help="of the peers, instead of ROS_DISTRO (default jazzy)"
+    )
+    parser.add_argument("--rate", type=float, metavar="HZ", help="readings a second (default: the loop's)")
+    parser.add_argument(
+        "--no-commands",
+        dest="commands",
+        action="store_false",
+        help="look only: of what comes from ROS the e-stop alone is done; with dds nothing is",
+    )
+    parser.add_argument(
+        "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
+    )
+    parser.add_argument("--zenoh-config", type=Path, metavar="FILE", help="configuration of the session")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Bridge until told to stop; 0. A graph that the settings cannot name: 2."""
+    from twind.bridge.ros.discovery import DiscoveryError, discovery
+    from twind.bridge.ros.ros_transport import TransportError
+
+    if options.rate is not None and not (isfinite(options.rate) and options.rate > 0.0):
+        raise UsageError(f"--rate {options.rate:g}: must be above 0 Hz")
+    try:
+        graph = discovery(os.environ, domain=options.domain, distro=options.distro)
+    except DiscoveryError as error:
+        raise UsageError(str(error)) from None
+    options.backend = options.backend or usual(os.environ, options.distro, tell)
+    _sensible(options, graph)
+    with told_to_stop() as stop:
+        try:
+            return _bridge(options, graph, stop)
+        except TransportError as error:
+            raise Rejected(str(error)) from None
+
+
+def _sensible(options: argparse.Namespace, graph: DiscoverySettings) -> None:
+    """What our own back ends would take without a word. With rclpy, ROS itself knows. Raises UsageError."""
+    if options.backend != RCLPY and graph.distro not in DISTROS:
+        raise UsageError(f"distribution {graph.distro!r}: must be one of {', '.join(DISTROS)}")
+    endpoint = options.zenoh_connect
+    if endpoint is not None and _ENDPOINT.fullmatch(endpoint) is None:
+        raise UsageError(f"--zenoh-connect {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT")
+
+
+def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threading.Event) -> int:
+    if options.backend == RCLPY:
+        from twind.bridge.ros.rclpy_launcher import launch
+
+        tell(_headline(options, graph))
+        return launch(options, tell, stop)
+    from twind.bridge.ros.ros_bridge import RosBridge
+
+    transport = made(options, graph)
+    tell(_headline(options, graph, transport.refuses))
+    course = RosBridge(
+        transport, options.socket, rate=options.rate, commands=options.commands, tell=tell, stop=stop
+    )
+    return course.run()
+
+
+def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
+    """The back end. Raises UsageError: a package that it needs is missing."""
+    where, needs = BACK_ENDS[options.backend]
+    missing = [each for each in needs if find_spec(each) is None]
+    if missing:
+        words = f"--backend {options.backend} needs {' and '.join(missing)}: {how_to_add('ros')}"
+        raise UsageError(f"{words}; where ROS is installed: --backend rclpy")
+    module, _, name = where.partition(":")
+    kind: Callable[..., Any] = getattr(import_module(module), name)
+    if options.backend == ZENOH:
+        made: RosTransport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
+        return made
+    transport: RosTransport = kind(graph, tell)
+    return transport
+
+
+def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: str = "") -> str:
+    """What is begun, and who may do what by it. `refuses`: why the back end takes no commands."""
+    from twind.bridge.ros.ros_service_calls import denied
+    from twind.client import Client
+
+    # Who is named is only asked first: whoever knows a port comes in.
+    network = f"this network ({', '.join([graph.range.value, *graph.peers])})"
+    reach = "this machine" if graph.local else network
+    if options.backend == ZENOH:
+        reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
+    where = f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}"
+    if refuses:
+        return f"{where}; look only: {refuses}"
+    why = denied(lambda: Client(options.socket)) if options.commands else "--no-commands"
+    if why:
+        return f"{where}; look only: {why}; of what comes from ROS the e-stop alone is done"
+    return f"{where}; {reach} may move the robot"
+
+
+def tell(line: str) -> None:
+    """One line for whoever reads standard error."""
+    with suppress(OSError):  # nobody reads it any more: what it tells of goes on
+        print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)

@@ -1,0 +1,76 @@
+"""The one table: which topics and services there are, of which type and quality. Standard library, 3.10.
+
+State is RELIABLE KEEP_LAST 10: a BEST_EFFORT writer does not match RELIABLE readers, which most are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twind.ros import (
+    DIAGNOSTIC_ARRAY,
+    FLOATS,
+    IMU,
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    SET_BOOL,
+    STRING,
+    TRIGGER,
+)
+
+NODE = "twind"  # the node's name; no namespace
+MODES = ("sim", "mirror", "live")
+
+
+@dataclass(frozen=True, slots=True)
+class RosTopic:
+    """One topic. `out`: we write it, else we read it. All are RELIABLE, KEEP_LAST `depth`."""
+
+    name: str
+    kind: str
+    out: bool
+    depth: int = 10
+    latched: bool = False  # TRANSIENT_LOCAL: who comes later has the last one
+
+
+@dataclass(frozen=True, slots=True)
+class RosService:
+    """One service; only where a back end truly serves them."""
+
+    name: str
+    kind: str = TRIGGER
+
+
+HW_JOINTS = RosTopic("/hw/joint_states", JOINT_STATE, out=True)
+SIM_JOINTS = RosTopic("/sim/joint_states", JOINT_STATE, out=True)
+# Another name in mirror: who feeds /sim/joint_states elsewhere must not be fed by it.
+MIRRORED_JOINTS = RosTopic("/sim/joint_states_mirrored", JOINT_STATE, out=True)
+JOINTS = RosTopic("/joint_states", JOINT_STATE, out=True)
+INERTIAL = RosTopic("/imu", IMU, out=True)
+ACCEPTED = RosTopic("/hw/joint_trajectory", JOINT_TRAJECTORY, out=True)
+LATENCY = RosTopic("/bridge/latency", FLOATS, out=True)
+STATUS = RosTopic("/bridge/status", STRING, out=True, depth=1, latched=True)
+RESULTS = RosTopic("/bridge/results", STRING, out=True)
+DIAGNOSTICS = RosTopic("/diagnostics", DIAGNOSTIC_ARRAY, out=True)
+
+TRAJECTORY = RosTopic("/cmd/joint_trajectory", JOINT_TRAJECTORY, out=False)
+SET_MODE = RosTopic("/bridge/set_mode_cmd", STRING, out=False)
+STOP = RosTopic("/bridge/stop_cmd", STRING, out=False)
+E_STOP = RosTopic("/bridge/estop_cmd", STRING, out=False)
+
+TOPICS = (
+    *(HW_JOINTS, SIM_JOINTS, MIRRORED_JOINTS, JOINTS, INERTIAL),
+    *(ACCEPTED, LATENCY, STATUS, RESULTS, DIAGNOSTICS),
+    *(TRAJECTORY, SET_MODE, STOP, E_STOP),
+)
+
+GET_STATUS = RosService("/bridge/get_status")
+SET_LIVE = RosService("/bridge/set_mode", SET_BOOL)  # true: live, false: mirror
+TO_MODE = {mode: RosService(f"/bridge/set_mode_{mode}") for mode in MODES}
+TO_STOP = RosService("/bridge/stop")
+TO_E_STOP = RosService("/bridge/estop")
+
+# Ours and that of any other bridge in the graph, read: not of the robot, and so not in the table.
+NEIGHBOURS = RosTopic(STATUS.name, STRING, out=False, latched=True)
+
+SERVICES = (GET_STATUS, SET_LIVE, *TO_MODE.values(), TO_STOP, TO_E_STOP)

@@ -1,0 +1,249 @@
+"""Trajectories from ROS on their way to the gate, and every outcome told. Standard library, Python 3.10.
+
+Whoever hears a command puts it down and goes on (`put`, `goal`); one thread takes it to the daemon (`step`).
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from math import inf
+from typing import Any
+
+from twind.bridge.motion_session import LOST, MotionSession, reported_end
+from twind.bridge.ros.ros_command_queue import PACE, ROOM, RosCommand, RosCommandQueue, Told
+from twind.bridge.ros.ros_endpoints import TRAJECTORY
+from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, InvalidRosCommand, heading, trajectory
+from twind.client import CallError, Client, ClientError, Refused
+
+PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
+RUNNING = 1.0  # s between two words to whoever follows a motion
+SOON = 2.0  # s for the answer to a cancel
+MORE = 64 << 10  # bytes of JSON that tolerances may take beside a path
+UNHEARD = "how it ended was not heard, though the daemon moves nothing any more: its log may know"
+
+Result = dict[str, Any]
+
+
+class TrajectoryDispatcher:
+    """`put`, `goal`, `stop`, `heard` may be called from any thread; `step` and `close` belong to one."""
+
+    def __init__(
+        self,
+        operator: Callable[[], Client],
+        say: Told,
+        wall_ns: Callable[[], int] = time.time_ns,
+        now: Callable[[], float] = time.monotonic,
+        closed: Callable[[], str] = str,
+    ) -> None:
+        """`say` gets every outcome. `wall_ns`: the clock that stamps are read by, ns since 1970.
+
+        `closed`: why no command is taken; "": they are.
+        """
+        self._driving, self._inbox, self._operator = (
+            MotionSession(operator, now),
+            RosCommandQueue(now),
+            operator,
+        )
+        self._say, self._wall_ns, self._now, self._closed = say, wall_ns, now, closed
+        self._stopped = -inf  # s, monotonic: what came before is void
+        self._mode, self._mode_at = "", -inf  # of the daemon, and when it was heard of
+        self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
+        self._begun: dict[str, RosCommand] = {}
+        self._said = 0.0  # s, monotonic, when motions were last said to run
+
+    def put(self, data: bytes) -> None:
+        """A command came: CDR bytes of a JointTrajectory. Returns at once."""
+        self._put(RosCommand(data[: LONGEST + 1], heading(data), self._now()))
+
+    def goal(
+        self,
+        data: bytes,
+        told: Told,
+        *,
+        goal_time: float | None = None,
+        tolerances: Sequence[Mapping[str, Any]] | None = None,
+    ) -> Callable[[], None]:
+        """A command whose sender follows it: `told` hears each `phase`. The answer cancels it: all holds."""
+        given = {"goal_time": goal_time, "tolerances": tolerances}
+        more = {key: value for key, value in given.items() if value is not None}
+        command = RosCommand(data[: LONGEST + 1], heading(data), self._now(), told, more)
+        self._put(command)
+
+        def cancel() -> None:
+            if command.began == inf or not self._cancelled():
+                command.cancelled = True
+                self._inbox.wake()
+
+        return cancel
+
+    def stop(self) -> None:
+        """Somebody stops the robot: nothing that was asked for before begins after it."""
+        self._void(self._now())
+
+    def heard(self, answer: Mapping[str, Any]) -> None:
+        """Take an answer of `Monitor`, topics events and status. A stop by another client counts too."""
+        self._driving.heard(answer)
+        if answer["topic"] == "events":
+            ended = reported_end(answer)
+            stopped = ended is not None and ended.stopped and ended.id not in self._let_go
+            if stopped or answer["event"]["code"] == "LEASE_LOST":
+                self._void(answer["time"])
+        elif answer["topic"] == "status":
+            mode = answer["status"]["mode"]
+            if self._mode and mode != self._mode:
+                self._void(self._mode_at)  # it was another one after that
+            self._mode, self._mode_at = mode, answer["time"]
+
+    @property
+    def driving(self) -> tuple[str, ...]:
+        """Motions of ours that are under way."""
+        return self._driving.driving
+
+    def step(self, patience: float) -> None:
+        """Wait up to `patience` s for a command, take it to the daemon, tell what ended."""
+        command = self._inbox.take(patience)
+        if command is not None:
+            self._take(command)
+        self._withdraw()
+        for ended in self._driving.keep():
+            known = self._begun.pop(ended.id, None)
+            self._let_go.discard(ended.id)
+            if known is not None:
+                known.began = inf
+                message = "; ".join(str(each.get("message", "")) for each in ended.findings)
+                if ended.phase == LOST and not message:
+                    message = UNHEARD
+                self._tell(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
+        self._tell_running()
+        self._tell_dropped()
+
+    def close(self) -> None:
+        """Give the lease back: what is under way is let go, and the daemon holds."""
+        self._driving.close()
+        for name, command in self._begun.items():
+            self._tell(
+                command, "cancelled", id=name, message="the bridge ended: the robot decelerates and holds"
+            )
+        self._begun.clear()
+
+    # ------------------------------------------------------------------------------------------ one command
+
+    def _put(self, command: RosCommand) -> None:
+        for gone in self._inbox.put(command):
+            self._tell(gone, "refused", message=f"more than {ROOM} commands wait: send it again")
+
+    def _take(self, command: RosCommand) -> None:
+        if command.cancelled:
+            self._tell(command, "cancelled")
+            return
+        closed = self._closed()
+        if closed:
+            command.data = b""
+            self._tell(command, "refused", message=closed, error="NotAllowed")
+            return
+        try:
+            answer = self._driving.submit(self._asked(command))
+        except InvalidRosCommand as unfit:
+            self._tell(command, "refused", message=str(unfit), findings=unfit.findings)
+        except Refused as refusal:
+            self._tell(command, "refused", message=str(refusal), findings=refusal.findings)
+        except CallError as error:
+            self._tell(command, "refused", message=call_text(error), error=error.name)
+        except ClientError as error:
+            self._tell(command, "refused", message=str(error), error=type(error).__name__)
+        except Exception as error:  # noqa: BLE001  whatever breaks us, its sender hears of it
+            self._tell(command, "refused", message=f"{type(error).__name__}: {error}", error="internal")
+        else:
+            self._accepted(command, answer)
+
+    def _asked(self, command: RosCommand) -> dict[str, Any]:
+        """What the daemon is asked, if it is still wanted. Raises Unfit."""
+        data, command.data = command.data, b""  # it may be long, and a motion too
+        waited = self._now() - command.came
+        if command.came <= self._stopped:
+            raise InvalidRosCommand("BUSY", "the robot was stopped after this was sent: send it again")
+        if waited > PATIENT:
+            why = f"waited {waited:.1f} s here, at most {PATIENT:g}: send it again"
+            raise InvalidRosCommand("CMD_EXPIRED", why, value=waited, bound=PATIENT)
+        size = len(json.dumps(command.more))
+        if size > MORE:
+            raise InvalidRosCommand("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
+        return {**trajectory(data, self._wall_ns()), **command.more}
+
+    def _accepted(self, command: RosCommand, answer: Mapping[str, Any]) -> None:
+        command.began = self._now()
+        self._begun[answer["id"]] = command
+        self._inbox.accepted(command)
+        verdict = answer.get("verdict") or {}
+        more = {key: verdict[key] for key in ("warnings", "changes") if verdict.get(key)}
+        self._tell(command, "accepted", id=answer["id"], **more)
+
+    # ------------------------------------------------------------------------------------------ stops
+
+    def _void(self, time: float) -> None:
+        """Stopped at `time`, s, monotonic."""
+        self._stopped = max(self._stopped, time)
+        self._inbox.wake()
+
+    def _withdraw(self) -> None:
+        """Cancel what its sender does not want any more, and what began after a stop that it came before."""
+        begun, time = self._begun.values(), self._stopped
+        due = [each for each in begun if each.cancelled or each.came <= time <= each.began]
+        for each in due:
+            each.cancelled, each.began = False, -inf
+        if due and not self._cancelled():
+            self._driving.close()  # its lease goes with it, and the daemon holds
+
+    def _cancelled(self) -> bool:
+        """Decelerate and hold, on a connection of its own, so that no path that is judged is before it."""
+        self._let_go.update(self._driving.driving)
+        try:
+            with self._operator() as client:
+                client.timeout = SOON
+                client.call("Cancel")
+        except ClientError:
+            return False
+        return True
+
+    # ------------------------------------------------------------------------------------------ what is told
+
+    def _tell(self, command: RosCommand, phase: str, **more: Any) -> None:
+        result = result_of(command.head, phase, **more)
+        self._say(result)
+        if command.told is not None:
+            command.told(result)
+
+    def _tell_running(self) -> None:
+        """Whoever follows a motion knows that we are there."""
+        now = self._now()
+        if now - self._said >= RUNNING:
+            self._said = now
+            for name, command in self._begun.items():
+                if command.told is not None:
+                    command.told(result_of(command.head, "running", id=name))
+
+    def _tell_dropped(self) -> None:
+        found = self._inbox.dropped()
+        if found is not None:
+            count, head = found
+            why = f"{count} commands came faster than {1.0 / PACE:.0f} a second: newer ones took their place"
+            self._say(result_of(head, "dropped", message=why, count=count))
+
+
+def result_of(head: CommandHeader | None, phase: str, **more: Any) -> Result:
+    """One message of /bridge/results on a trajectory: whose it was, and what became of it."""
+    known = head or CommandHeader()
+    stamp = {"sec": known.sec, "nanosec": known.nanosec}
+    said = {key: value for key, value in more.items() if value not in (None, "", ())}
+    return {"topic": TRAJECTORY.name, "stamp": stamp, "frame_id": known.frame, "phase": phase, **said}
+
+
+def call_text(error: CallError) -> str:
+    """Why the daemon does not, in words for whoever has ROS alone: he takes nobody's lease."""
+    lease = error.parameters.get("lease")
+    if error.name != "LeaseHeld" or not isinstance(lease, Mapping):
+        return str(error)
+    held = f"the lease is held by {lease.get('holder')}, who keeps it as long as that one drives"
+    return f"{held}; none is taken by force from ROS: let that one end, then send it again"

@@ -1,0 +1,50 @@
+"""What `rmw_zenoh_cpp` sends beside each message and request: number, time, sender. Pure.
+
+Two forms. Labelled: a name before each value, up to rmw_zenoh 0.2.3 (Jazzy) and 0.1.1 (Humble), of spring
+2025. Plain: without them, in every release since. (Read: attachment_helpers.cpp and changelogs.)
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+_PLAIN = struct.Struct("<qqB16s")
+_LABELS = ("sequence_number", "source_timestamp", "source_gid")
+_NUMBER, _TIME, _GID = (bytes([len(label)]) + label.encode() for label in _LABELS)
+_LABELLED = struct.Struct(f"<{len(_NUMBER)}sq{len(_TIME)}sq{len(_GID)}sB16s")
+_WIDTH = 16  # bytes of a gid
+
+
+class AttachmentError(ValueError):
+    """Bytes that are no attachment of either form. The text says how many they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohAttachment:
+    """`number` counts a sender's messages, `time_ns` is when it sent (since 1970), `gid` its 16 bytes."""
+
+    number: int
+    time_ns: int
+    gid: bytes
+    labelled: bool = False
+
+    def pack(self) -> bytes:
+        """Its bytes, 33, or 78 where they are labelled."""
+        if self.labelled:
+            return _LABELLED.pack(_NUMBER, self.number, _TIME, self.time_ns, _GID, _WIDTH, self.gid)
+        return _PLAIN.pack(self.number, self.time_ns, _WIDTH, self.gid)
+
+
+def attachment(data: bytes) -> ZenohAttachment:
+    """What they say, in either form. Raises AttachmentError."""
+    if len(data) == _PLAIN.size and data[_PLAIN.size - _WIDTH - 1] == _WIDTH:
+        number, time_ns, _, gid = _PLAIN.unpack(data)
+        return ZenohAttachment(number, time_ns, gid)
+    if len(data) == _LABELLED.size:
+        one, number, two, time_ns, three, width, gid = _LABELLED.unpack(data)
+        if (one, two, three, width) == (_NUMBER, _TIME, _GID, _WIDTH):
+            return ZenohAttachment(number, time_ns, gid, labelled=True)
+    raise AttachmentError(
+        f"{len(data)} bytes are no attachment: {_PLAIN.size} or {_LABELLED.size} with a gid of {_WIDTH}"
+    )

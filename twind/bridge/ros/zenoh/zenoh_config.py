@@ -1,0 +1,64 @@
+"""How the session of a ROS node over Zenoh is set up, as `rmw_zenoh_cpp` does where nobody says otherwise.
+
+A peer: it knows the router of this machine, hears from it who else is there, and speaks to those directly.
+It listens on loopback alone; what goes to other machines goes through the router, whose keeper decides that.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import zenoh
+
+from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.ros_transport import TransportError
+
+ROUTER = "tcp/localhost:7447"  # rmw_zenohd of this machine
+CONFIG, OVERRIDE = "ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"  # what users of rmw_zenoh set
+_AGAIN_MS = (200, 2000)  # a router that is not there is looked for ever more rarely
+
+
+def session_config(
+    environment: Mapping[str, str], connect: str | None, file: Path | str | None
+) -> zenoh.Config:
+    """Of the options, else of the variables that ROS users set, else ours. Raises TransportError.
+
+    `connect`: the router's address, or several by commas; `file`: a Zenoh configuration, taken as it is.
+    """
+    path = str(file or ("" if connect else environment.get(CONFIG, "")))
+    try:
+        found = zenoh.Config.from_file(path) if path else zenoh.Config.from_json5(json.dumps(_ours(connect)))
+    except zenoh.ZError as error:
+        raise TransportError(f"zenoh: {path or connect}: {error}") from None
+    for part in filter(None, environment.get(OVERRIDE, "").split(";")):
+        key, _, value = part.partition("=")
+        try:
+            found.insert_json5(key.strip(), value.strip())
+        except zenoh.ZError as error:
+            raise TransportError(f"zenoh: {OVERRIDE}: {part!r}: {error}") from None
+    return found
+
+
+def _ours(connect: str | None) -> Mapping[str, object]:
+    first, last = _AGAIN_MS
+    return {
+        "mode": "peer",
+        "connect": {
+            "endpoints": [each.strip() for each in (connect or ROUTER).split(",")],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": first, "period_max_ms": last, "period_increase_factor": 2},
+        },
+        "listen": {"endpoints": ["tcp/localhost:0"]},
+        "scouting": {
+            "multicast": {"enabled": False},
+            "gossip": {"enabled": True, "target": {"router": ["router", "peer"], "peer": ["router"]}},
+        },
+        "timestamping": {"enabled": True},  # what is latched is kept by its time
+        "transport": {
+            "shared_memory": {"enabled": False},  # nothing of ours is big enough for it
+            "link": {"rx": {"max_message_size": LONGEST + 65536}},  # of far longer ones nothing is kept
+        },
+    }

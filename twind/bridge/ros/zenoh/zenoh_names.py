@@ -1,0 +1,62 @@
+"""What a node and its endpoints are called on Zenoh, after `rmw_zenoh_cpp` (liveliness_utils.cpp). Pure.
+
+A message goes to `DOMAIN/TOPIC/TYPE/HASH`; whoever is there says so by liveliness tokens, `@ros2_lv/…`, in
+which a slash of a name becomes `%`. Quality is written out in full, since what is left out means the
+reader's defaults, and those have changed between releases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import xxhash
+
+from twind.bridge.ros.ros_endpoints import NODE, RosService, RosTopic
+from twind.ros import dds_type, type_hash
+
+NO_HASH = "TypeHashNotSupported"  # in place of a hash among nodes of Humble, whose messages have none
+_NODE_ID = 0  # we are one node
+_ROOT = "%"  # enclave and namespace: none
+_SERVICE_DEPTH = 10  # rmw_qos_profile_services_default
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohNames:
+    """The names of one session's node. `zid`: of the session; `hashed`: types have hashes, as since Iron."""
+
+    domain: int
+    zid: str
+    hashed: bool = True
+
+    def key(self, endpoint: RosTopic | RosService) -> str:
+        """Where messages of a topic go, or requests of a service."""
+        return f"{self.domain}/{endpoint.name.strip('/')}/{self._type(endpoint.kind)}"
+
+    def node_token(self) -> str:
+        """The token of the node."""
+        return f"{self._session()}/{_NODE_ID}/NN/{_ROOT}/{_ROOT}/{NODE}"
+
+    def token(self, number: int, endpoint: RosTopic | RosService) -> str:
+        """The token of an endpoint; `number` is its own among those of the session, not the node's."""
+        if isinstance(endpoint, RosTopic):
+            kind, depth = "MP" if endpoint.out else "MS", endpoint.depth
+            durability = 1 if endpoint.latched else 2
+        else:
+            kind, depth, durability = "SS", _SERVICE_DEPTH, 2
+        quality = f"1:{durability}:1,{depth}:,:,:,,"  # reliable, keep last; no deadline, lifespan, lease
+        name = endpoint.name.replace("/", "%")
+        return (
+            f"{self._session()}/{number}/{kind}/{_ROOT}/{_ROOT}/{NODE}/{name}"
+            f"/{self._type(endpoint.kind)}/{quality}"
+        )
+
+    def _session(self) -> str:
+        return f"@ros2_lv/{self.domain}/{self.zid}/{_NODE_ID}"
+
+    def _type(self, kind: str) -> str:
+        return f"{dds_type(kind)}/{type_hash(kind) if self.hashed else NO_HASH}"
+
+
+def gid(token: str) -> bytes:
+    """16 bytes: the endpoint's id, which whoever sees its token works out in the same way."""
+    return xxhash.xxh3_128(token.encode()).intdigest().to_bytes(16, "little")

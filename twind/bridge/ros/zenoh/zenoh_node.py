@@ -1,0 +1,128 @@
+"""One node in the graph, from joining it to leaving: publishers, subscribers, services and their tokens."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import zenoh
+import zenoh.ext
+
+from twind.bridge.ros.ros_endpoints import RosService, RosTopic
+from twind.bridge.ros.ros_trajectory import LONGEST
+from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment
+from twind.bridge.ros.zenoh.zenoh_names import ZenohNames, gid
+from twind.bridge.ros.zenoh.zenoh_service import ZenohServiceServer
+
+HEARTBEAT_S = 0.5  # as rmw_zenoh: how soon a reader learns that it missed the last of a latched topic
+_END_S = 0.5  # for what is being answered or handed over when the graph is left
+
+
+class ZenohNode:
+    """Its endpoints live as long as it is open. Raises zenoh.ZError where the session cannot."""
+
+    def __init__(
+        self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
+    ) -> None:
+        """`tell`: a line where what was heard or asked for fails."""
+        self._session, self._names, self._labelled, self._tell = session, names, labelled, tell
+        self._numbers = itertools.count(1)
+        self._tokens = [session.liveliness().declare_token(names.node_token())]
+        self._writers: dict[RosTopic, ZenohWriter] = {}
+        self._served: list[ZenohServiceServer] = []
+        self._hearing: list[threading.Thread] = []
+
+    def offer(self, topics: Sequence[RosTopic], heard: Heard) -> None:
+        """Publish those that go out and hear the others."""
+        for topic in topics:
+            token = self._token(topic)
+            if topic.out:
+                channel = _channel(self._session, self._names.key(topic), topic)
+                self._writers[topic] = ZenohWriter(channel, gid(token), labelled=self._labelled)
+            else:
+                self._hear(topic, heard)
+            self._tokens.append(self._session.liveliness().declare_token(token))
+
+    def serve(self, services: Sequence[RosService], asked: Asked) -> None:
+        """Answer requests."""
+        for service in services:
+            self._served.append(
+                ZenohServiceServer(self._session, service, self._names.key(service), asked, self._tell)
+            )
+            self._tokens.append(self._session.liveliness().declare_token(self._token(service)))
+
+    def put(self, topic: RosTopic, data: bytes) -> None:
+        """Send one message, CDR with its header."""
+        self._writers[topic].put(data)
+
+    def close(self) -> None:
+        """Leave the graph; whoever sees our tokens knows it at once."""
+        for served in self._served:
+            served.close(_END_S)
+        with suppress(zenoh.ZError):
+            self._session.close()
+        for thread in self._hearing:
+            thread.join(_END_S)
+
+    def _token(self, endpoint: RosTopic | RosService) -> str:
+        return self._names.token(next(self._numbers), endpoint)
+
+    def _hear(self, topic: RosTopic, heard: Heard) -> None:
+        """KEEP_LAST `depth`: of what comes faster than it is taken the oldest goes."""
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
+        samples = self._session.declare_subscriber(self._names.key(topic), ring)
+
+        def hear() -> None:
+            for sample in samples:
+                try:
+                    heard(topic, _bytes(sample.payload))
+                except Exception as error:  # noqa: BLE001  the next message may be a stop
+                    self._tell(f"zenoh: {topic.name}: a message was lost: {type(error).__name__}: {error}")
+
+        thread = threading.Thread(target=hear, name=f"ros{topic.name}", daemon=True)
+        thread.start()
+        self._hearing.append(thread)
+
+
+class ZenohWriter:
+    """One publisher. Several threads may send: messages go out in the order of their numbers."""
+
+    def __init__(
+        self, channel: zenoh.Publisher | zenoh.ext.AdvancedPublisher, gid: bytes, *, labelled: bool
+    ) -> None:
+        self._put: Callable[..., None] = channel.put
+        self._gid, self._labelled = gid, labelled
+        self._numbers, self._lock = itertools.count(1), threading.Lock()
+
+    def put(self, data: bytes) -> None:
+        """Send; what the way to a reader has no room for within a millisecond is dropped there."""
+        with self._lock:
+            beside = ZenohAttachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
+            self._put(data, attachment=beside.pack())
+
+
+def _bytes(payload: zenoh.ZBytes) -> bytes:
+    """Of what is too long only that it is: nothing of it is copied, and a stop is a stop all the same."""
+    return payload.to_bytes() if len(payload) <= LONGEST else bytes(LONGEST + 1)
+
+
+def _channel(
+    session: zenoh.Session, key: str, topic: RosTopic
+) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
+    """Reliable on the way, dropped where there is no room: a reader that hangs holds up nobody."""
+    drop, reliable = zenoh.CongestionControl.DROP, zenoh.Reliability.RELIABLE
+    if not topic.latched:
+        return session.declare_publisher(key, congestion_control=drop, reliability=reliable)
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        congestion_control=drop,
+        reliability=reliable,
+        cache=zenoh.ext.CacheConfig(topic.depth),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+        publisher_detection=True,
+    )

@@ -1,0 +1,98 @@
+"""One service of ROS over Zenoh: a queryable and who answers it, so that none waits behind another.
+
+A stop is a stop, whatever came with it: its bytes and its attachment are not looked at before it is done.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import zenoh
+
+from twind.bridge.ros.ros_endpoints import TO_E_STOP, TO_STOP, RosService
+from twind.bridge.ros.ros_transport import Asked
+from twind.bridge.ros.zenoh.zenoh_attachment import AttachmentError, ZenohAttachment, attachment
+from twind.ros import CdrError, decode, encode
+
+_WAITING = 10  # requests; of more the oldest goes unanswered, as in rmw_zenoh
+_STOPS = (TO_STOP, TO_E_STOP)
+_AT_ONCE = 4  # stops that are answered beside each other: a second does not wait for a first that hangs
+
+
+class ZenohServiceServer:
+    """Answers until it is closed. `key`: where its requests come. `tell`: a line where an answer fails."""
+
+    def __init__(
+        self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
+    ) -> None:
+        self._service, self._key, self._asked, self._tell = service, key, asked, tell
+        self._stops = service in _STOPS
+        self._requests = session.declare_queryable(key, zenoh.handlers.RingChannel(_WAITING), complete=True)
+        self._threads = [
+            threading.Thread(target=self._serve, name=f"ros{service.name}", daemon=True)
+            for _ in range(_AT_ONCE if self._stops else 1)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self, seconds: float) -> None:
+        """No more requests; waits so long for those that are being answered."""
+        with suppress(zenoh.ZError):
+            self._requests.undeclare()
+        end = time.monotonic() + seconds
+        for thread in self._threads:
+            thread.join(max(0.0, end - time.monotonic()))
+
+    def _serve(self) -> None:
+        for query in self._requests:
+            try:
+                with query:
+                    self._answer(query)
+            except zenoh.ZError:
+                pass  # the session was closed, or who asked is gone
+            except Exception as error:  # noqa: BLE001  the next request may be a stop
+                self._fault(error)
+
+    def _answer(self, query: zenoh.Query) -> None:
+        told, wrong = _beside(query)
+        if told is None and not self._stops:
+            query.reply_err(f"{self._service.name}: {wrong}")
+            return
+        response = self._response(query)
+        if told is None:
+            query.reply(self._key, response)
+            return
+        reply = ZenohAttachment(told.number, time.time_ns(), told.gid, told.labelled)
+        query.reply(self._key, response, attachment=reply.pack())
+
+    def _response(self, query: zenoh.Query) -> bytes:
+        """CDR. What cannot be read is refused in words, unless it asks for a stop."""
+        try:
+            success, message = self._asked(self._service, None if self._stops else self._data(query))
+        except CdrError as error:
+            success, message = False, str(error)
+        except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
+            success, message = False, self._fault(error)
+        return encode(f"{self._service.kind}_Response", {"success": success, "message": message})
+
+    def _data(self, query: zenoh.Query) -> bool | None:
+        """What is asked for, where the service's type has such a field. Raises CdrError."""
+        data = b"" if query.payload is None else query.payload.to_bytes()
+        asked: bool | None = decode(f"{self._service.kind}_Request", data).get("data")
+        return asked
+
+    def _fault(self, error: Exception) -> str:
+        words = f"{type(error).__name__}: {error}"
+        self._tell(f"zenoh: {self._service.name}: {words}")
+        return words
+
+
+def _beside(query: zenoh.Query) -> tuple[ZenohAttachment | None, str]:
+    """The attachment; None, and what is wrong with it."""
+    try:
+        return attachment(b"" if query.attachment is None else query.attachment.to_bytes()), ""
+    except AttachmentError as error:
+        return None, str(error)

@@ -1,0 +1,94 @@
+"""ROS 2 over Zenoh as a back end: it joins as `rmw_zenoh_cpp` does, without a library of ROS."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import zenoh
+
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.ros_endpoints import RosService, RosTopic
+from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
+from twind.bridge.ros.zenoh.zenoh_config import session_config
+from twind.bridge.ros.zenoh.zenoh_names import ZenohNames
+from twind.bridge.ros.zenoh.zenoh_node import ZenohNode
+
+# How far a graph of DDS reaches; rmw_zenoh does not look at them either.
+_REACH = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
+
+
+class ZenohTransport:
+    """A Transport. `connect`: the router, several by commas; `config`: a Zenoh configuration file.
+
+    `tell` is given a line when a router is found or lost, from any thread. `labelled`: attachments in the
+    form of rmw_zenoh of before spring 2025. Of `discovery` domain and distribution count; how far a session
+    reaches is said by its configuration, as in rmw_zenoh, and ours is this machine.
+    """
+
+    refuses = ""
+
+    def __init__(
+        self,
+        discovery: DiscoverySettings,
+        tell: Callable[[str], None],
+        connect: str | None = None,
+        config: Path | str | None = None,
+        *,
+        labelled: bool = False,
+    ) -> None:
+        self._discovery, self._tell, self._labelled = discovery, tell, labelled
+        self._connect, self._config = connect, config
+        self._node: ZenohNode | None = None
+        unheeded = [name for name in _REACH if os.environ.get(name)]
+        if unheeded:
+            tell(f"zenoh: {', '.join(unheeded)}: not heeded here; who reaches the router is in the graph")
+
+    def open(
+        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+    ) -> None:
+        """Join the graph. A router that is not there is looked for from then on. Raises TransportError."""
+        config = session_config(os.environ, self._connect, self._config)
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise TransportError(f"zenoh: {error}; --zenoh-connect or --zenoh-config say where to") from None
+        try:
+            self._watch(session)
+            names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
+            self._node = ZenohNode(session, names, self._tell, labelled=self._labelled)
+            self._node.offer(topics, heard)
+            self._node.serve(services, asked)
+        except zenoh.ZError as error:
+            self._node = None
+            session.close()
+            raise TransportError(f"zenoh: {error}") from None
+
+    def publish(self, topic: RosTopic, data: bytes) -> None:
+        """Send CDR bytes, header included, within milliseconds. Raises TransportError."""
+        node = self._node
+        if node is None:
+            raise TransportError(f"zenoh: {topic.name}: the graph is not joined")
+        try:
+            node.put(topic, data)
+        except zenoh.ZError as error:
+            raise TransportError(f"zenoh: {topic.name}: {error}") from None
+
+    def close(self) -> None:
+        """Leave the graph. May be called twice."""
+        node, self._node = self._node, None
+        if node is not None:
+            node.close()
+
+    def _watch(self, session: zenoh.Session) -> None:
+        """Without a router nodes on this machine do not find each other; those that did go on."""
+        if not session.info.routers_zid():
+            self._tell("zenoh: no router yet, looking on; `ros2 run rmw_zenoh_cpp rmw_zenohd` starts one")
+
+        def seen(event: zenoh.TransportEvent) -> None:
+            if event.transport.whatami == zenoh.WhatAmI.ROUTER:
+                there = event.kind == zenoh.SampleKind.PUT
+                self._tell(f"zenoh: router {event.transport.zid} {'found' if there else 'lost, looking on'}")
+
+        session.info.declare_transport_events_listener(seen, history=True)

@@ -1,0 +1,212 @@
+"""The daemon's lease, held for whoever has ours from afar, and the goals under it.
+
+The motions are driven by `Driving`: the lease is renewed call by call. So a lease that lapses, a link that is
+lost, a sender that dies and an uplink that hangs all end alike: nobody renews any more, and the daemon holds.
+While it judges a goal the daemon renews by itself; then `watch` sees that ours lapsed, and hangs up.
+
+`renew`, `stopped`, `heard` and `watch` are for any thread, all else for one.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from math import inf
+from typing import Any
+
+from twind.bridge.motion_session import LOST, MotionEnd, MotionSession, reported_end
+from twind.bridge.uplink.planned_durations import PlannedDurations
+from twind.bridge.uplink.remote_contract import finding, invalid, no_daemon, refused
+from twind.bridge.uplink.remote_lease import RemoteLease, missing
+from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_time
+from twind.bridge.zenoh.zenoh_keys import chunk
+from twind.client import CallError, ClientError, Refused
+from twind.client.errors import as_error
+
+PERIOD = 0.2  # s between two looks: a renewal, news of goals
+
+BUSY = "BUSY"  # what the daemon's gate says of a path that it throws away, as at a stop
+
+Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its name
+
+
+def clock() -> float:
+    """The robot's clock as told afar, s: it goes on while the robot sleeps, so what slept has lapsed."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class LeaseKeeper:
+    """What is held. `tell` gets a line when it changes hands; `now`: s, the robot's clock as afar."""
+
+    def __init__(
+        self,
+        driving: MotionSession,
+        tenancy: RemoteLease,
+        plans: PlannedDurations,
+        publish: Publish,
+        tell: Callable[[str], None],
+        now: Callable[[], float] = clock,
+    ) -> None:
+        self._driving, self._tenancy, self._plans = driving, tenancy, plans
+        self._publish, self._tell, self._now = publish, tell, now
+        self._goals = UplinkGoalTable()
+        self._holder = ""  # "": nobody
+        self._judging = False
+        self._dropped: frozenset[str] = frozenset()  # motions that ended with a lease of ours: no stop
+        self._lock = threading.Lock()
+        self._stopped = -inf  # s, monotonic: goals that came in before are void
+
+    # ------------------------------------------------------------------------------------------ questions
+
+    def renew(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """Answer to `renew`. Raises CallError: refused."""
+        return self._tenancy.renew(asked.get("lease", ""), self._now())
+
+    def lease(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """Answer to `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
+        if asked["op"] == "release":
+            return self._release(asked.get("lease", ""))
+        try:
+            return self._acquire(asked)
+        except CallError as error:
+            if error.name != "LeaseHeld":
+                raise
+            now = {"now": self._now()}  # by which a deadline can be given to a `take`
+            raise as_error(error.error, {**error.parameters, **now}) from None
+
+    def _acquire(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """From afar it is wrested from others afar alone: who holds it beside the robot sees what moves."""
+        take, holder = bool(asked.get("take")), str(asked.get("holder") or "somebody")
+        if take and "deadline" not in asked:
+            raise invalid("deadline", "take is only for what has one: acquire without take tells `now`")
+        if "deadline" in asked:
+            in_time(asked["deadline"], self._now())
+        self._tenancy.admits(self._now(), take=take)
+        if self._holder:
+            self._let_go(f"{holder} takes the lease that {self._holder} had")
+        self._driving.hold()
+        self._holder = holder
+        self._tell(f"the lease is with {holder}")
+        return self._tenancy.grant(holder, self._now())
+
+    def _release(self, lease: str) -> dict[str, Any]:
+        if not self._tenancy.holds(lease, self._now()):
+            raise missing()
+        granted = self._tenancy.granted(self._now()) | {"expires_in": 0.0}
+        self._let_go(f"{self._holder} gave the lease back")
+        return granted
+
+    def goal(self, asked: Mapping[str, Any], came: float) -> dict[str, Any]:
+        """Answer to a goal: accepted, or what is known of it. Raises ClientError (CallError: refused).
+
+        `came`: s, monotonic, when it was here: what is stopped after that does not begin.
+        """
+        name, lease = asked["goal"], asked["lease"]
+        known = self._goals.again(name, lease)
+        if known is not None:
+            return known.told()
+        if "trajectory" not in asked or "deadline" not in asked:
+            raise invalid("goal", f"{name[:64]!r} is not known; a new one needs a deadline and a trajectory")
+        try:
+            chunk("goal", name)
+        except ValueError as error:
+            raise invalid("goal", str(error)) from None
+        if not self._tenancy.holds(lease, self._now()):
+            raise missing()
+        goal = self._goals.begin(name, lease, asked["deadline"], self._now())
+        goal.refusal = self._void(goal, came)
+        if goal.refusal is None:
+            self._submit(goal, asked["trajectory"], came)
+        return goal.told()
+
+    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
+        """Have it judged and begun. Whether it runs is not left open: what is not answered is let go."""
+        self._judging = True
+        try:
+            goal.answer = dict(self._driving.submit(trajectory))
+            goal.id = goal.answer["id"]
+            goal.refusal = self._void(goal, came)
+        except CallError as error:
+            goal.refusal = error
+            if isinstance(error, Refused) and BUSY in {each["code"] for each in error.findings}:
+                self.stopped(time.monotonic())  # perhaps: then what waits behind it must not begin either
+            return
+        except ClientError as error:
+            goal.refusal = self._void(goal, came) or no_daemon(error)
+        finally:
+            self._judging = False
+        if goal.refusal is not None:
+            self._let_go(f"goal {goal.name}: {goal.refusal}")
+
+    def _void(self, goal: UplinkGoal, came: float) -> CallError | None:
+        """Why it must not move anything, or no more; None: it may."""
+        now = self._now()
+        if not self._tenancy.holds(goal.lease, now):
+            return missing()
+        if now > goal.deadline:
+            return refused("CMD_EXPIRED", "its deadline passed before it began", now - goal.deadline, 0.0)
+        with self._lock:
+            stopped = came <= self._stopped
+        return refused(BUSY, "the robot was stopped after this was sent: send it again") if stopped else None
+
+    # ------------------------------------------------------------------------------------------ any thread
+
+    def stopped(self, at: float) -> None:
+        """Somebody stopped the robot at `at`, s, monotonic: no goal that came in until then begins."""
+        with self._lock:
+            self._stopped = max(self._stopped, at)
+
+    def heard(self, answer: Mapping[str, Any]) -> None:
+        """Take an answer of `Monitor`, topics events and status: stops by others, ends."""
+        self._driving.heard(answer)
+        ended = reported_end(answer)
+        if ended is not None and ended.stopped and ended.id not in self._dropped:
+            self.stopped(answer["time"])
+
+    def watch(self) -> None:
+        """Hang up where the lease lapsed while a goal is judged. Each PERIOD, in a thread of its own."""
+        if self._judging and not self._tenancy.held(self._now()):
+            self._dropped = frozenset(self._driving.driving)
+            self._driving.cut()
+
+    # ------------------------------------------------------------------------------------------ keeping
+
+    def tend(self) -> None:
+        """Renew while somebody renews ours, tell of goals. Each PERIOD at least, and after each question."""
+        ended = {each.id: each for each in self._driving.keep()}
+        if self._holder and not self._tenancy.held(self._now()):
+            self._let_go(f"the lease of {self._holder} lapsed")
+        elif self._holder and not self._driving.held:
+            self._let_go(f"the daemon took the lease of {self._holder}: somebody else has it, or it restarts")
+        for goal in self._goals.running():
+            self._report(goal, ended.get(goal.id))
+
+    def _let_go(self, why: str) -> None:
+        """The daemon holds what moves."""
+        self._dropped = frozenset(self._driving.driving)
+        self._driving.close()
+        self._tenancy.end()
+        self._holder = ""
+        self._tell(why)
+
+    def _report(self, goal: UplinkGoal, ended: MotionEnd | None) -> None:
+        """The end of a goal, or how far it is."""
+        goal.over = ended is not None
+        if goal.refusal is not None:
+            return
+        progress = self._plans.share(goal.id, time.monotonic())
+        goal.answer = {"id": goal.id, "phase": "running", "progress": progress}
+        if ended is not None:
+            goal.answer |= {"phase": ended.phase, "findings": list(ended.findings)}
+            if ended.phase == "succeeded":
+                goal.answer["progress"] = 1.0
+            elif ended.phase == LOST:
+                said = finding("LEASE_LOST", "how it ended was not heard; nothing moves under it any more")
+                goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [said]}
+        self._publish(goal.name, goal.answer)
+
+    def close(self) -> None:
+        """Let go of all."""
+        if self._holder:
+            self._let_go("ended: the lease is given back")

@@ -1,0 +1,35 @@
+"""What is said on stderr, at a bounded rate: a journal must not fill by what somebody far away sends."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+AT_ONCE = 20  # lines
+EACH = 1.0  # s from one to the next after that
+
+
+@dataclass(slots=True)
+class RateLimitedLog:
+    """`say` gets a line; `now`: s. What finds no room is counted, and told with the next that does."""
+
+    say: Callable[[str], None]
+    now: Callable[[], float]
+    _room: float = AT_ONCE
+    _looked: float = float("-inf")
+    _left_out: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __call__(self, line: str) -> None:
+        """From any thread."""
+        with self._lock:
+            now = self.now()
+            self._room = min(AT_ONCE, self._room + (now - self._looked) / EACH)
+            self._looked = now
+            if self._room < 1.0:
+                self._left_out += 1
+                return
+            self._room -= 1.0
+            more, self._left_out = self._left_out, 0
+        self.say(f"{line} (and {more} lines before it, left out)" if more else line)

@@ -1,0 +1,117 @@
+"""What may be asked over Zenoh, checked as the control socket checks it, and how it is refused. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from twind.client.errors import CallError, as_error
+from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
+from twind.protocol.strict_json import BadJson, loads
+
+UPLINK = "io.twind.Uplink"
+MOST = 4 << 20  # bytes of a trajectory's question, as the daemon's
+SMALL = 64 << 10  # of any other
+HOLDER = 80  # characters of a holder's name that are kept
+CARRIERS = frozenset({"Check", "Goal"})  # of trajectories
+
+INTERFACE = parse("""
+interface io.twind.Uplink
+
+# op: acquire (holder: who, for people), renew and release (lease: as granted).
+# take: from who has it from afar, until deadline (as a goal's), for nobody is to wrest it out of a queue.
+# now: the robot's clock, s. Without a renewal it lapses after expires_in s, and the motion is let go.
+method Lease(
+  op: (acquire, renew, release),
+  holder: ?string,
+  take: ?bool,
+  deadline: ?float,
+  lease: ?string
+) -> (
+  lease: string,
+  holder: string,
+  expires_in: float,
+  now: float
+)
+
+# goal: a name, used once. deadline: until when it may be accepted, s of the robot's clock, <= 60 s ahead.
+# Asked again with the same goal and lease it answers what is known by now, and moves nothing: so does
+# who asks without deadline and trajectory.
+method Goal(goal: string, lease: string, deadline: ?float, trajectory: ?object) -> (
+  id: string,
+  phase: string,
+  progress: float,
+  verdict: ?object,
+  findings: ?[]object
+)
+
+# As the daemon's; what is neither level is refused here already.
+method EStop(level: ?(settle, cut), reason: ?string) -> (state: string, torque_off: ?bool, done: bool)
+
+# The uplink has no daemon to ask, or may not.
+error NoDaemon (message: string)
+""")
+_METHODS = load(CONTROL).methods | INTERFACE.methods
+
+
+def question(method: str, data: bytes) -> dict[str, Any]:
+    """Parameters of `method`, one of CONTROL's or ours. Raises CallError: they are none."""
+    fits(method, len(data))
+    try:
+        asked: dict[str, Any] = loads(data) if data else {}
+        _METHODS[method].parameters.check(asked, "")
+    except BadJson as error:
+        raise invalid("parameters", str(error)) from None
+    except WrongParameter as error:
+        raise invalid(error.where or "parameters", error.reason) from None
+    asked = {key: value for key, value in asked.items() if value is not None}
+    if "holder" in asked:
+        asked["holder"] = asked["holder"][:HOLDER]
+    return asked
+
+
+def fits(method: str, size: int) -> None:
+    """Nothing, if a question of `method` may have `size` bytes. Raises CallError."""
+    bound = MOST if method in CARRIERS else SMALL
+    if size > bound:
+        raise invalid("parameters", f"{size} bytes, bound {bound}")
+
+
+def invalid(parameter: str, message: str) -> CallError:
+    """A parameter that is not allowed."""
+    return as_error(f"{SERVICE}.InvalidParameter", {"parameter": parameter, "message": message})
+
+
+def busy(what: str) -> CallError:
+    """Too much is asked at once."""
+    return as_error(f"{CONTROL}.Busy", {"what": what})
+
+
+def refused(code: str, message: str, value: float | None = None, bound: float | None = None) -> CallError:
+    """One finding of ours, as the daemon's."""
+    return as_error(f"{CONTROL}.Refused", {"findings": [finding(code, message, value, bound)]})
+
+
+def held(lease: Mapping[str, Any]) -> CallError:
+    """Another has the lease."""
+    return as_error(f"{CONTROL}.LeaseHeld", {"lease": dict(lease)})
+
+
+def no_daemon(error: Exception) -> CallError:
+    """The daemon did not do what was asked: it is away, silent, or not for us."""
+    return as_error(f"{UPLINK}.NoDaemon", {"message": str(error)})
+
+
+def finding(
+    code: str, message: str, value: float | None = None, bound: float | None = None
+) -> dict[str, Any]:
+    """As `Finding` of the interface."""
+    return {
+        "code": code,
+        "joint": None,
+        "point": None,
+        "time": None,
+        "value": value,
+        "bound": bound,
+        "message": message,
+    }

@@ -1,0 +1,83 @@
+"""Who may send goals from afar, and until when. Time is given, s; no I/O. For several threads.
+
+The rules are those of the daemon's own lease (`safety/lease.py`): one holder, a second without a renewal, and
+what has lapsed does not come back, so that renewals which were held up on the way renew nothing.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from typing import Any
+
+from twind.bridge.uplink.remote_contract import held, refused
+from twind.bridge.zenoh.zenoh_keys import LEASE_S
+from twind.client.errors import CallError
+from twind.safety.lease import Lease
+
+HOLDER = 80  # characters of a holder's name that are kept
+
+
+class RemoteLease:
+    """At most one holder. It is known by a token that nobody can guess: only who was granted it has it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._lease = Lease()
+        self._number, self._token, self._renewed = 0, "", 0.0
+
+    def admits(self, now: float, *, take: bool) -> None:
+        """Nothing, if it is free or wrested. Raises CallError: LeaseHeld."""
+        with self._lock:
+            owner = self._lease.info(now)
+        if owner is not None and not take:
+            lease = {"holder": owner.holder, "uid": owner.uid, "expires_in": owner.expires_in}
+            raise held(lease)
+
+    def grant(self, holder: str, now: float) -> dict[str, Any]:
+        """To `holder`, whoever had it before. The Grant."""
+        with self._lock:
+            self._number += 1
+            self._token = secrets.token_urlsafe(16)
+            self._lease.acquire(self._number, holder[:HOLDER], -1, now, take=True)
+            self._renewed = now
+        return self.granted(now)
+
+    def renew(self, token: str, now: float) -> dict[str, Any]:
+        """The Grant anew. Raises CallError: LEASE_MISSING."""
+        with self._lock:
+            renewed = token == self._token and self._lease.renew(self._number, now)
+            if renewed:
+                self._renewed = now
+        if not renewed:
+            raise missing()
+        return self.granted(now)
+
+    def holds(self, token: str, now: float) -> bool:
+        """This token commands now."""
+        with self._lock:
+            return bool(token) and token == self._token and self._lease.held_by(self._number, now)
+
+    def held(self, now: float) -> bool:
+        """Somebody commands now."""
+        with self._lock:
+            return self._lease.holds(now)
+
+    def end(self) -> None:
+        """Nobody commands any more."""
+        with self._lock:
+            self._lease.release(self._number)
+            self._token = ""
+
+    def granted(self, now: float) -> dict[str, Any]:
+        """The Grant as it stands."""
+        with self._lock:
+            owner = self._lease.info(now)
+            holder, left = ("", 0.0) if owner is None else (owner.holder, owner.expires_in)
+            return {"lease": self._token, "holder": holder, "expires_in": left, "now": now}
+
+
+def missing() -> CallError:
+    """The refusal of whoever does not have the lease."""
+    message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
+    return refused("LEASE_MISSING", message)

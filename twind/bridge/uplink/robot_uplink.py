@@ -1,0 +1,242 @@
+"""One robot's uplink while it runs: what is told, what is asked, who commands.
+
+Threads: a tap for each connection of the daemon that tells (`telling.py`), a lane for each kind of question
+(`lanes.py`), one for each kind of stop, which waits for nothing but the stop before it (`together.py`); and
+those of the engine, in which nothing of ours waits for anything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import zenoh
+
+from twind.bridge.motion_session import MotionSession
+from twind.bridge.uplink.coalesced_stop import CoalescedStop
+from twind.bridge.uplink.lease_keeper import PERIOD, LeaseKeeper
+from twind.bridge.uplink.name_claim import NameClaim
+from twind.bridge.uplink.planned_durations import PlannedDurations
+from twind.bridge.uplink.query_server import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
+from twind.bridge.uplink.remote_lease import RemoteLease
+from twind.bridge.uplink.robot_name import robot_name
+from twind.bridge.uplink.topic_outlets import MonitorRelay
+from twind.bridge.uplink.worker_queue import WorkerQueue
+from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key
+from twind.client import Client, ClientError, NoDaemon
+from twind.client.transition_reporter import TransitionReporter
+from twind.ctl.verb import connected, observer, operator
+
+FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
+ON_DEMAND = "latency"  # told where somebody listens; all other topics are followed all the time
+CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
+LARGE_WAITING = 8  # questions with a trajectory that may wait: up to 4 MB each
+PATIENCE, SLOW = 5.0, 35.0  # s for an answer of the daemon; for a stop, or a check while the model loads
+AGAIN = 0.5  # s between two attempts to reach it
+END = 1.0  # s at the end for what is under way
+Tell = Callable[[str], None]
+
+
+class RobotUplink:
+    """Of one robot by one name, which it claims until `close`."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        session: zenoh.Session,
+        robot: str,
+        tell: Tell,
+    ) -> None:
+        """Raises Rejected: the name is taken."""
+        self._options, self._session, self.robot = options, session, robot
+        self._tell, self._trouble, self._limits = tell, TransitionReporter(), TransitionReporter()
+        self._renamed = False
+        self._plans, self._tenancy = PlannedDurations(), RemoteLease()
+        self._driving = MotionSession(partial(operator, options))
+        self._reins = LeaseKeeper(self._driving, self._tenancy, self._plans, self._publish, tell)
+        self._presence = NameClaim(session, robot)
+        self._taps = self._made_taps()
+        self._door = QueryServer(session, robot, tell)
+        self._lanes = self._opened_lanes()
+
+    def start(self) -> None:
+        """Begin to tell and to answer."""
+        for tap in self._taps:
+            tap.start()
+        for lane in self._lanes:
+            lane.start()
+        self._presence.claim()
+
+    @property
+    def rival(self) -> str:
+        """Why the name is another's now; "": it is ours."""
+        return self._presence.rival
+
+    def over(self, now: float) -> bool:
+        """It cannot go on by this name: the daemon has another robot now, or another has the name."""
+        self._presence.look(now)
+        return self._renamed or bool(self.rival)
+
+    def close(self) -> None:
+        """Let go of the robot, then of the name. Takes END, and a little."""
+        self._door.close()
+        for tap in self._taps:
+            tap.stop()
+        deadline = time.monotonic() + END
+        for lane in self._lanes:
+            lane.stop(max(0.0, deadline - time.monotonic()))
+        for tap in self._taps:
+            tap.join(max(0.0, deadline - time.monotonic()))
+        self._presence.close()
+
+    def tally(self) -> dict[str, dict[str, int]]:
+        """What was answered, and what found no room, by lane."""
+        return {lane.name: {"answered": lane.done, "refused": lane.full} for lane in self._lanes}
+
+    # ------------------------------------------------------------------------------------------ telling
+
+    def _made_taps(self) -> list[MonitorRelay]:
+        connect = partial(observer, self._options)
+        rare = [topic for topic in TOPICS if topic != ON_DEMAND]
+        news = MonitorRelay(
+            connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended
+        )
+        often = MonitorRelay(connect, [ON_DEMAND], None)
+        for topic in TOPICS:
+            (often if topic == ON_DEMAND else news).lead(self._session, self.robot, topic, "news", topic)
+        states = []
+        for rate in RATES:
+            state = MonitorRelay(connect, ["state"], FASTEST if rate == "full" else float(rate))
+            state.lead(self._session, self.robot, "state", "state", rate)
+            states.append(state)
+        return [news, often, *states]
+
+    def _began(self, client: Client) -> None:
+        """A daemon is there. Is it the same robot's?"""
+        name = self._options.name or asked_name(client)
+        if name != self.robot:
+            self._tell(f"the daemon's robot is {name} now, no longer {self.robot}")
+            self._renamed = True
+        elif self._trouble.news("", time.monotonic()):
+            self._tell("the daemon is there again")
+        self._say_what_we_may()
+
+    def _say_what_we_may(self) -> None:
+        """Who may not open control.sock looks on, and the robot can only be looked at and stopped."""
+        why = ""
+        try:
+            with operator(self._options) as client:
+                client.connect()
+        except NoDaemon as error:
+            why = "" if error.absent else str(error)
+        if self._limits.news(why, time.monotonic()):
+            self._tell(f"{why}; so nobody commands from afar" if why else "commands are taken again")
+
+    def _ended(self, why: str) -> None:
+        if why and self._trouble.news(why, time.monotonic()):
+            self._tell(f"{why}; waiting for the daemon")
+
+    def _hear(self, topic: str, data: bytes) -> None:
+        if topic in ("events", "status"):
+            self._reins.heard(json.loads(data)["parameters"])
+        elif topic == "trajectories":
+            self._plans.heard(json.loads(data)["parameters"])
+
+    # ------------------------------------------------------------------------------------------ answering
+
+    def _opened_lanes(self) -> list[WorkerQueue | CoalescedStop]:
+        door = self._door
+        # A settling may last, and a cut must not wait for it.
+        stops = [
+            CoalescedStop(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")
+        ]
+        cancelling = CoalescedStop("cancelling", partial(self._stopped, "Cancel", PATIENCE))
+        asking, checking = (
+            WorkerQueue("asking"),
+            WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD),
+        )
+        goals = WorkerQueue(
+            "goals", length=LARGE_WAITING, tend=self._reins.tend, period=PERIOD, last=self._reins.close
+        )
+
+        def goal(one: RemoteQuery) -> bool:
+            came = time.monotonic()
+            return goals.put(lambda: one.answer(lambda asked: self._reins.goal(asked, came)))
+
+        def lease(one: RemoteQuery) -> bool:
+            if one.asked["op"] == "renew":  # asks nothing of the daemon, and waits for nothing
+                one.answer(self._reins.renew)
+                return True
+            return goals.put(lambda: one.answer(self._reins.lease))
+
+        door.open("EStop", lambda one: stops[one.asked.get("level") == "cut"].put(one), "stop", "EStop")
+        door.open("Cancel", cancelling.put, "stop", "Cancel")
+        door.open("Lease", lease, "lease")
+        door.open("Goal", goal, "goal")
+        door.open("Check", _within(checking, partial(self._relayed, "Check", SLOW)), "check")
+        for method in ASKED:
+            door.open(method, _within(asking, partial(self._relayed, method, PATIENCE)), "ask", method)
+        return [
+            *stops,
+            cancelling,
+            asking,
+            checking,
+            goals,
+            WorkerQueue("watching", tend=self._reins.watch, period=PERIOD),
+        ]
+
+    def _relayed(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
+        """The daemon's answer. Raises ClientError."""
+        names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
+        with connected(self._options, *names) as client:
+            client.timeout = patience
+            return client.call(method, **asked)
+
+    def _stopped(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
+        """The same of a stop: no goal that was here before its answer begins after it. Raises ClientError."""
+        self._reins.stopped(time.monotonic())
+        try:
+            return self._relayed(method, patience, asked)
+        finally:
+            self._reins.stopped(time.monotonic())
+
+    def _publish(self, goal: str, answer: dict[str, Any]) -> None:
+        self._session.put(
+            robot_key(self.robot, "goals", goal),
+            encoded(answer),
+            encoding=JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+
+def _within(lane: WorkerQueue, serve: Serve) -> Take:
+    """Answered in its turn."""
+    return lambda one: lane.put(lambda: one.answer(serve))
+
+
+def asked_name(client: Client) -> str:
+    """The name of the daemon's robot. Raises ClientError."""
+    status = client.call("GetStatus")["status"]
+    return robot_name(status, client.call("GetParameters")["parameters"])
+
+
+def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell) -> str:
+    """As soon as there is a daemon that tells it; "": told to stop before."""
+    trouble = TransitionReporter()
+    while not stop.is_set():
+        try:
+            with observer(options) as client:
+                client.timeout = PATIENCE
+                return asked_name(client)
+        except ClientError as error:
+            if trouble.news(str(error), time.monotonic()):
+                tell(f"{error}; waiting for the daemon")
+        stop.wait(AGAIN)
+    return ""

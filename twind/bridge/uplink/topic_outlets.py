@@ -1,0 +1,131 @@
+"""What the daemon tells, told on: where somebody listens, at the rates that are asked for, byte for byte.
+
+A tap is one connection of the daemon. Nothing waits for the network: what a link cannot take is dropped
+after a millisecond, which receivers see by `sequence`. What we cannot take the daemon drops and counts:
+`dropped`.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import zenoh
+
+from twind.bridge.uplink.query_server import JSON
+from twind.bridge.zenoh.zenoh_keys import robot_key
+from twind.client import Client, ClientError
+
+SILENCE = 5.0  # s without a message after which the daemon counts as gone
+AGAIN = 0.5  # s between two attempts to reach one
+_TOPIC = re.compile(rb'"topic":"([a-z]+)"')
+
+Hear = Callable[[str, bytes], None]
+
+
+class TopicOutlet:
+    """One key that is told on. `changed` is called when somebody begins or ceases to listen."""
+
+    def __init__(self, session: zenoh.Session, robot: str, *key: str, changed: Callable[[], None]) -> None:
+        drop = zenoh.CongestionControl.DROP
+        self._publisher = session.declare_publisher(
+            robot_key(robot, *key),
+            encoding=JSON,
+            congestion_control=drop,
+            priority=zenoh.Priority.DATA_LOW if key[0] == "state" else zenoh.Priority.DATA,
+        )
+        self._matching = self._publisher.declare_matching_listener(lambda status: changed())
+
+    @property
+    def wanted(self) -> bool:
+        """Somebody listens."""
+        status: Any = self._publisher.matching_status  # declared a bool; in 1.10 an object, always true
+        return bool(getattr(status, "matching", status))
+
+    def put(self, data: bytes) -> None:
+        """Send it on, within milliseconds. Raises zenoh.ZError: the session is closed."""
+        self._publisher.put(data)
+
+
+class MonitorRelay:
+    """One Monitor call of the daemon, while one of its outlets is wanted; `always`: without that too."""
+
+    def __init__(
+        self,
+        connect: Callable[[], Client],
+        topics: Sequence[str],
+        rate: float | None,
+        *,
+        always: bool = False,
+        began: Callable[[Client], None] = lambda client: None,
+        hear: Hear = lambda topic, data: None,
+        ended: Callable[[str], None] = lambda why: None,
+    ) -> None:
+        """`began`: with a connection of each daemon, before the first message; may raise ClientError.
+        `hear`: each message. `ended`: that daemon is gone, and why.
+        """
+        self._connect, self._topics, self._rate, self._always = connect, list(topics), rate, always
+        self._began, self._hear, self._ended = began, hear, ended
+        self._wake, self._stop = threading.Event(), threading.Event()
+        self.outlets: dict[str, TopicOutlet] = {}
+        self._thread = threading.Thread(target=self._run, name=f"tap {topics[0]} {rate}", daemon=True)
+
+    def lead(self, session: zenoh.Session, robot: str, topic: str, *key: str) -> None:
+        """Tell `topic` at `twind/ROBOT/KEY`."""
+        self.outlets[topic] = TopicOutlet(session, robot, *key, changed=self._wake.set)
+
+    def start(self) -> None:
+        """Begin."""
+        self._wake.set()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Tell no more. Returns at once; `join` waits."""
+        self._stop.set()
+        self._wake.set()
+
+    def join(self, patience: float) -> None:
+        """Wait for its end, at most `patience` s: it comes with the next message."""
+        if self._thread.ident is not None:
+            self._thread.join(patience)
+
+    @property
+    def wanted(self) -> bool:
+        """There is who listens."""
+        return self._always or any(outlet.wanted for outlet in self.outlets.values())
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._wake.wait()
+            self._wake.clear()
+            while self.wanted and not self._stop.is_set():
+                self._ended(self._followed())
+                if self.wanted:
+                    self._stop.wait(AGAIN)
+
+    def _followed(self) -> str:
+        """Follow one daemon to its end, or until nobody listens; why it ended."""
+        try:
+            with self._connect() as client:
+                client.timeout = SILENCE
+                self._began(client)
+                for burst in client.bursts("Monitor", topics=self._topics, rate=self._rate):
+                    for data in burst:
+                        self._take(data)
+                    if self._stop.is_set() or not self.wanted:
+                        return ""
+        except ClientError as error:
+            return str(error)
+        except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "telling"
+            return "" if self._stop.is_set() else f"{type(error).__name__}: {error}"
+        return "the daemon ended the stream"
+
+    def _take(self, data: bytes) -> None:
+        found = _TOPIC.search(data, 0, 200)
+        topic = "" if found is None else found[1].decode()
+        self._hear(topic, data)
+        outlet: Any = self.outlets.get(topic)
+        if outlet is not None and outlet.wanted:
+            outlet.put(data)

@@ -1,0 +1,115 @@
+"""this robot for machines elsewhere, over Zenoh: its state, questions, stops, goals under a lease
+
+A client of observe.sock, and of control.sock where it may open it; else the robot is only looked at. Whoever
+has its key space (`twind/ROBOT/...`) sees it and stops it. A goal is a trajectory with a name, a deadline and
+a lease that lapses within a second, and passes the gate as any other. Arming, modes and registers are not
+offered: who arms a robot stands beside it. `twindctl --remote ROBOT` and `twindctl fleet` are the other end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isfinite
+from typing import Any
+
+from twind.bridge.uplink.rate_limited_log import RateLimitedLog
+from twind.bridge.zenoh import zenoh_session
+from twind.bridge.zenoh.zenoh_keys import chunk
+from twind.bridge.zenoh.zenoh_session import NetworkConfig
+from twind.ctl.stop_signals import told_to_stop
+from twind.ctl.verb import DONE, Rejected, UsageError, harmless, show
+
+LOOK = 0.2  # s between two looks whether it can go on
+AGAIN = 1.0  # s until it goes on by another name
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl uplink`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument(
+        "--name",
+        metavar="NAME",
+        help="what the robot is called there (default: the individual's, or its own)",
+    )
+    zenoh_session.add_options(parser)
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Until told to stop: 0. The name is taken, or the network cannot be joined as written: 1."""
+    try:
+        if options.name is not None:
+            chunk("--name", options.name)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    if options.seconds is not None and not (isfinite(options.seconds) and options.seconds > 0.0):
+        raise UsageError(f"--seconds {options.seconds:g}: must be above 0")
+    place = zenoh_session.place(options, os.environ)
+    for each in zenoh_session.readable(place):
+        _tell(f"{each}: whoever is on the way can read and command; tls/ with certificates keeps them out")
+    with told_to_stop() as stop, _for(options.seconds, stop):
+        tally: dict[str, Any] = {}
+        while not stop.is_set():
+            tally = _joined(options, place, stop) or tally
+            stop.wait(AGAIN)
+    show(options, tally, _text(tally))
+    return DONE
+
+
+def _joined(
+    options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
+) -> dict[str, Any] | None:
+    """By one name, until it is over: what was done; None: nothing. Raises Rejected: the name is another's."""
+    session = zenoh_session.opened(place, stop, _tell)
+    if session is None:
+        return None
+    from twind.bridge.uplink.robot_uplink import RobotUplink, awaited_name
+
+    with session:
+        robot = options.name or awaited_name(options, stop, _tell)
+        if not robot:
+            return None
+        uplink = RobotUplink(options, session, robot, _tell)
+        try:
+            uplink.start()
+            _tell(f"{robot} is up at {place}")
+            while not (stop.wait(LOOK) or uplink.over(time.monotonic())):
+                pass
+        finally:
+            uplink.close()
+    if uplink.rival:
+        raise Rejected(uplink.rival)
+    return {"robot": robot, "lanes": uplink.tally()}
+
+
+@contextmanager
+def _for(seconds: float | None, stop: threading.Event) -> Iterator[None]:
+    """`stop` is set after so long. None: never."""
+    timer = None if seconds is None else threading.Timer(seconds, stop.set)
+    if timer is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        if timer is not None:
+            timer.cancel()
+
+
+def _text(tally: dict[str, Any]) -> str:
+    """What was answered, and what found no room."""
+    lanes = tally.get("lanes", {})
+    said = [f"{name} {lane['answered']}" for name, lane in lanes.items() if lane["answered"]]
+    full = sum(lane["refused"] for lane in lanes.values())
+    return f"answered: {', '.join(said) or 'nothing'}" + (f"; no room for {full}" if full else "")
+
+
+_tell = RateLimitedLog(
+    lambda line: print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True), time.monotonic
+)

@@ -1,0 +1,78 @@
+"""Goals that came from afar, each once: what is known of them. Pure; not for several threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from twind.bridge.uplink.remote_contract import busy, invalid, refused
+from twind.client.errors import CallError
+
+MOST = 256  # goals that are remembered
+AHEAD = 60.0  # s that a deadline may lie ahead
+
+
+@dataclass(slots=True)
+class UplinkGoal:
+    """One goal. `answer`: the newest that was told of it; `refusal` instead, where it never began."""
+
+    name: str
+    lease: str
+    deadline: float  # s
+    id: str = ""  # the daemon's
+    answer: dict[str, Any] = field(default_factory=dict)
+    refusal: CallError | None = None
+    over: bool = False
+
+    def told(self) -> dict[str, Any]:
+        """The newest answer. Raises CallError: it was refused."""
+        if self.refusal is not None:
+            raise self.refusal
+        return self.answer
+
+
+def in_time(deadline: float, now: float) -> None:
+    """Nothing, if it may still begin. Raises CallError: too late, or too far ahead."""
+    if not now <= deadline:
+        raise refused("CMD_EXPIRED", "it came after its deadline", now - deadline, 0.0)
+    if not deadline - now <= AHEAD:
+        raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
+
+
+class UplinkGoalTable:
+    """All that may still be asked about. What was ended is forgotten once its deadline is past: by then the
+    same message can move nothing, however late it comes."""
+
+    def __init__(self) -> None:
+        self._goals: dict[str, UplinkGoal] = {}
+
+    def __len__(self) -> int:
+        return len(self._goals)
+
+    def again(self, name: str, lease: str) -> UplinkGoal | None:
+        """The goal of that name, if it came before. Raises CallError: it is another's."""
+        known = self._goals.get(name)
+        if known is not None and known.lease != lease:
+            raise invalid("goal", f"{name[:64]!r} was used before, under another lease: a name is used once")
+        return known
+
+    def begin(self, name: str, lease: str, deadline: float, now: float) -> UplinkGoal:
+        """A new one. Raises CallError: too late, too far ahead, or too many."""
+        in_time(deadline, now)
+        if len(self._goals) >= MOST:
+            self._forget(now)
+        if len(self._goals) >= MOST:
+            raise busy(f"{MOST} goals within {AHEAD:g} s: send longer ones")
+        goal = self._goals[name] = UplinkGoal(name, lease, deadline)
+        return goal
+
+    def running(self) -> list[UplinkGoal]:
+        """Those that were accepted and have not ended."""
+        return [goal for goal in self._goals.values() if goal.id and not goal.over]
+
+    def _forget(self, now: float) -> None:
+        self._goals = {
+            name: goal
+            for name, goal in self._goals.items()
+            if now <= goal.deadline or (goal.id and not goal.over)
+        }

@@ -1,0 +1,216 @@
+"""Sessions with a Zenoh network: where to, and nothing that nobody asked for.
+
+Neither scouting nor gossip, so nothing is multicast and nobody is found by chance. What is not named stays on
+this machine: we connect to a router at LOCAL, and listen nowhere. Keys of a configuration file are the
+engine's own (zenoh.io: `DEFAULT_CONFIG.json5`); what it leaves out is as here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twind.client import ClientError
+from twind.ctl.extras import how_to_add
+from twind.ctl.verb import UsageError
+
+if TYPE_CHECKING:
+    import zenoh
+
+LOCAL = "tcp/127.0.0.1:7447"  # where a router of this machine listens
+VARIABLE = "TWIND_ZENOH"  # endpoints by commas, or the path of a configuration file
+FILES = (".json5", ".json", ".yaml", ".yml")
+LARGEST = 5 << 20  # bytes of one message, a trajectory's and a little; what is larger never fills our memory
+PARTING = 1.0  # s that threads of the engine may take to end
+TRY = 1.0  # s for one attempt to connect, and between two
+SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
+CALLBACK = "pyo3-closure"  # in the name of a thread that the engine's Python binding made
+
+
+def missing() -> str:
+    """The reason and remedy where the package of Zenoh is not installed."""
+    return f"the package eclipse-zenoh is not installed: {how_to_add('zenoh')}"
+
+
+class SessionError(ClientError):
+    """The network cannot be joined. The text names the endpoint or file, and what is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkConfig:
+    """Where a network is joined: endpoints as `tcp/HOST:PORT`, a file that says all else."""
+
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    file: Path | None = None
+
+    def __str__(self) -> str:
+        said = [*self.connect, *(f"listening at {each}" for each in self.listen)]
+        return ", ".join([*said, *([str(self.file)] if self.file else [])])
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """`--connect`, `--listen`, `--zenoh-config`."""
+    parser.add_argument(
+        "--connect",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help=f"a router, tcp/HOST:PORT or tls/HOST:PORT; again for more (default: {VARIABLE}, else {LOCAL})",
+    )
+    parser.add_argument(
+        "--listen", action="append", default=[], metavar="ENDPOINT", help="be connected to; again for more"
+    )
+    parser.add_argument(
+        "--zenoh-config",
+        type=Path,
+        metavar="FILE",
+        help="configuration of Zenoh: certificates, access control",
+    )
+
+
+def place(options: argparse.Namespace, environ: Mapping[str, str]) -> NetworkConfig:
+    """By the options, else by the variable, else the router of this machine."""
+    given = NetworkConfig(tuple(options.connect), tuple(options.listen), options.zenoh_config)
+    return named(environ.get(VARIABLE, "")) if given == NetworkConfig() else given
+
+
+def named(text: str) -> NetworkConfig:
+    """What VARIABLE says; empty: LOCAL."""
+    if text.endswith(FILES):
+        return NetworkConfig(file=Path(text))
+    endpoints = tuple(each.strip() for each in text.split(",") if each.strip())
+    return NetworkConfig(connect=endpoints or (LOCAL,))
+
+
+def readable(place: NetworkConfig) -> list[str]:
+    """Endpoints, also of its file, of which others on the way can read, and send, all there is.
+
+    Raises SessionError: the place itself is wrong.
+    """
+    made = _configuration(place, TRY)
+    said = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
+    return [each for each in said if not (_sealed(each) or here(each))]
+
+
+def opened(place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]) -> zenoh.Session | None:
+    """Joined as soon as somebody answers there; None: told to stop before. Raises SessionError where the
+    place itself is wrong. `tell` hears once that nobody answers.
+    """
+    configuration, told = _configuration(place, TRY), False
+    while not stop.is_set():
+        try:
+            return _open(configuration)
+        except SessionError as error:
+            if not told:
+                tell(f"{place}: {error}; trying on")
+            told = True
+        stop.wait(TRY)
+    return None
+
+
+def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
+    """Joined within `patience` s. Raises SessionError."""
+    try:
+        return _open(_configuration(place, patience))
+    except SessionError as error:
+        raise SessionError(f"{place}: {error}") from None
+
+
+def leave(session: zenoh.Session) -> None:
+    """Close it, and wait until its callbacks are over, `PARTING` s at most.
+
+    Each has a thread, a daemon where a daemon declared it. One that comes back from compiled code while the
+    interpreter ends takes the process down with it: SIGABRT, "exception not rethrown" (eclipse-zenoh 1.10.2).
+    """
+    session.close()
+    deadline = time.monotonic() + PARTING
+    for thread in threading.enumerate():
+        if thread.daemon and CALLBACK in thread.name:
+            thread.join(max(0.0, deadline - time.monotonic()))
+
+
+def _open(configuration: zenoh.Config) -> zenoh.Session:
+    try:
+        session: zenoh.Session = _engine().open(configuration)
+    except Exception as error:  # noqa: BLE001  whatever the engine raises is told in its words
+        raise SessionError(_words(error)) from None
+    return session
+
+
+def _configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
+    """Raises SessionError."""
+    engine = _engine()
+    try:
+        made: zenoh.Config = engine.Config() if place.file is None else engine.Config.from_file(place.file)
+    except Exception as error:  # noqa: BLE001  as above
+        raise SessionError(f"{place.file}: {_words(error)}") from None
+    if place.connect:
+        _put(made, "connect/endpoints", list(place.connect))
+    if place.listen:
+        _put(made, "listen/endpoints", list(place.listen))
+    usual: dict[str, Any] = {
+        "listen/endpoints": [],  # of itself a peer listens on every interface
+        "mode": "peer" if place.listen else "client",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/rx/max_message_size": LARGEST,
+        "connect/timeout_ms": int(patience * 1e3),
+        "connect/exit_on_failure": not place.listen,  # who is connected to need not wait for anybody
+    }
+    untouched = engine.Config()
+    for key, value in usual.items():
+        if _get(made, key) == _get(untouched, key):
+            _put(made, key, value)
+    return made
+
+
+def _get(configuration: zenoh.Config, key: str) -> Any:
+    return json.loads(configuration.get_json(key))
+
+
+def _endpoints(said: Any) -> list[str]:
+    """For every mode, or by mode."""
+    listed = said if isinstance(said, list) else [each for some in said.values() for each in some]
+    return [str(each) for each in dict.fromkeys(listed)]
+
+
+def _put(configuration: zenoh.Config, key: str, value: Any) -> None:
+    try:
+        configuration.insert_json5(key, json.dumps(value))
+    except Exception as error:  # noqa: BLE001  as above
+        raise SessionError(_words(error)) from None
+
+
+def _engine() -> Any:
+    """The engine. Raises UsageError: it is not installed."""
+    try:
+        import zenoh
+    except ImportError:
+        raise UsageError(missing()) from None
+    return zenoh
+
+
+def _words(error: Exception) -> str:
+    """What an error of the engine says, without the place in its source."""
+    return str(error).partition(" at /")[0].rstrip(" .!") or type(error).__name__
+
+
+def _sealed(endpoint: str) -> bool:
+    return endpoint.partition("/")[0] in SEALED
+
+
+def here(endpoint: str) -> bool:
+    """A host of this machine alone."""
+    host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False

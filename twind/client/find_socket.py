@@ -1,0 +1,37 @@
+"""Where the daemon's sockets are."""
+
+import os
+import stat
+
+from twind.protocol.socket_paths import SYSTEM, own_folder
+
+HOW_TO_START = "start one with `twind` (or `systemctl start twind`), or name its folder with --socket DIR"
+
+
+def socket_path(place: str | os.PathLike[str] | None = None, name: str = "control") -> str:
+    """Path of a socket. `place` is its folder, or the socket itself.
+
+    Without `place`: the first of this user's own folder and /run/twind that has one; /run/twind if none has.
+    """
+    if place is not None:
+        path = os.fspath(place)
+        return path if _is_socket(path) else os.path.join(path, f"{name}.sock")
+    for directory in directories():
+        path = os.path.join(directory, f"{name}.sock")
+        if _is_socket(path):
+            return path
+    return os.path.join(SYSTEM, f"{name}.sock")
+
+
+def directories() -> list[str]:
+    """Folders that are looked at, in order."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")  # root too may have started one in a session
+    session = [os.path.join(runtime, "twind")] if runtime else []
+    return list(dict.fromkeys([*session, own_folder(os.environ, os.getuid()), SYSTEM]))
+
+
+def _is_socket(path: str) -> bool:
+    try:
+        return stat.S_ISSOCK(os.stat(path).st_mode)
+    except OSError:
+        return False

@@ -1,0 +1,229 @@
+"""The kinds of actuator that a robot file describes: what all are asked for, and what each has of its own.
+
+Whoever needs units, strength or bounds asks `TypeSpec`; only what opens a bus, makes a virtual actuator or
+compares devices looks at the kind itself.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from twind.config.supply_limits import SupplyLimits, ThermalLimits, full_counts
+from twind_drivers.can.can_units import COUNT, EFFORT
+from twind_drivers.dynamixel.control_tables import number_of, table
+
+SERIAL, CAN = "dynamixel2", "can"  # kinds of bus
+
+# Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
+OPERATING_MODES: Mapping[str, int] = {
+    "position": 3,
+    "extended_position": 4,
+    "current_based_position": 5,
+}
+MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
+IMPEDANCE = "impedance"  # torque = kp (goal - position) - kd velocity: how every CAN family here is driven
+NO_EFFORT = ("odrive",)  # families that tell a current and no torque
+TAKES_COMMANDS = 1  # what a CAN bus says as operating mode of an actuator that takes these commands
+
+
+@dataclass(frozen=True, slots=True)
+class TypeSpec(ABC):
+    """One kind of actuator, shared by joints."""
+
+    name: str
+    device: str  # as the driver's table spells it: XM430-W350, DM4340
+    mode: str  # a joint may have another
+    ticks_per_turn: int
+    velocity_lsb_rad_s: float
+    velocity_limit_rad_s: float
+    acceleration_limit_rad_s2: float
+    registers: Mapping[str, int]  # what a register must hold, by its name in snake case
+    supply: SupplyLimits  # V that it bears
+    heat: ThermalLimits  # °C, and for how long how much of its strength
+
+    BUS: ClassVar[str]  # kind of the buses it may hang on
+
+    @property
+    @abstractmethod
+    def effort_lsb_nm(self) -> float:
+        """N·m of one raw effort; NaN: it cannot tell."""
+
+    @property
+    @abstractmethod
+    def effort_limit_nm(self) -> float:
+        """The most that it gives, N·m; NaN: unknown."""
+
+    @property
+    @abstractmethod
+    def full_effort(self) -> float:
+        """Raw effort that is its whole load; NaN: unknown."""
+
+    @property
+    @abstractmethod
+    def centre(self) -> int:
+        """The count in the middle of the turn that it wakes up in. Raises KeyError: no such model."""
+
+    @abstractmethod
+    def operating_mode(self, mode: str) -> int:
+        """What a device in `mode` must say of its operating mode."""
+
+    @abstractmethod
+    def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
+        """The smallest and the largest goal (counts) it takes; `own`: its limits when it was calibrated."""
+
+    @abstractmethod
+    def fenced(self, mode: str) -> bool:
+        """Whether it refuses goals beyond limits of its own."""
+
+    def current_cap(self, mode: str) -> int | None:
+        """Most current (counts) that it may use, where `mode` takes such a cap."""
+        return None
+
+    @property
+    def watched(self) -> bool:
+        """Whether its own watchdog is armed and read back before torque."""
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class GainSettings:
+    """Position loop gains as register counts; they are written before torque and read back."""
+
+    p: int
+    i: int
+    d: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoType(TypeSpec):
+    """Serial servos. `mode` is one of OPERATING_MODES."""
+
+    return_delay_us: int
+    gains: GainSettings
+    torque_constant_nm_per_a: float  # NaN: effort unknown
+    current_lsb_a: float
+    current_limit_a: float  # NaN: unknown
+
+    BUS: ClassVar[str] = SERIAL
+
+    @property
+    def effort_lsb_nm(self) -> float:
+        """Of one count of current."""
+        return self.torque_constant_nm_per_a * self.current_lsb_a
+
+    @property
+    def effort_limit_nm(self) -> float:
+        """At `current_limit_a`."""
+        return self.torque_constant_nm_per_a * self.current_limit_a
+
+    @property
+    def full_effort(self) -> float:
+        """Counts of its current (or load) register at its limit."""
+        return full_counts(self.device, self.current_limit_a, self.current_lsb_a)
+
+    @property
+    def centre(self) -> int:
+        """X series 2048, P series 0 (e-manual, "Goal Position"); where nobody says, half a turn."""
+        known = table(number_of(self.device)).facts.centre
+        return self.ticks_per_turn // 2 if known is None else known
+
+    def operating_mode(self, mode: str) -> int:
+        """Of register 11."""
+        return OPERATING_MODES[mode]
+
+    def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
+        """In mode `position` its limit registers, else one turn; in the others many turns (48, 52)."""
+        if not self.fenced(mode):
+            return -MANY_TURNS, MANY_TURNS
+        first = self.centre - self.ticks_per_turn // 2
+        return own if own is not None else (first, first + self.ticks_per_turn - 1)
+
+    def fenced(self, mode: str) -> bool:
+        """In mode `position` alone (e-manual, registers 48 and 52)."""
+        return mode == "position"
+
+    def current_cap(self, mode: str) -> int | None:
+        """Goal current (102), in current-based position."""
+        return self.cap_counts if mode == "current_based_position" else None
+
+    @property
+    def cap_counts(self) -> int | None:
+        """`current_limit_a` in counts, rounded down; None where it is not given."""
+        if not math.isfinite(self.current_limit_a):
+            return None
+        return math.floor(self.current_limit_a / self.current_lsb_a + 1e-9)  # 2.69 A is 1000 of 2.69 mA
+
+
+@dataclass(frozen=True, slots=True)
+class Impedance:
+    """How stiff and how damped a CAN actuator holds its goal, at its output."""
+
+    kp: float  # N·m/rad
+    kd: float  # N·m·s/rad
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRanges:
+    """What the fields of a CAN actuator's frames span, symmetric about 0."""
+
+    position_rad: float
+    velocity_rad_s: float
+    torque_nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class CanType(TypeSpec):
+    """CAN actuators. Raw units are those of `twind_drivers.can.can_units`, at the output."""
+
+    family: str  # damiao, cubemars, robstride or odrive
+    gains: Impedance
+    ranges: FrameRanges
+    torque_limit_nm: float
+    watchdog: str  # `device`: armed and read back before torque; `unverified`: it cannot be read back
+
+    BUS: ClassVar[str] = CAN
+
+    @property
+    def effort_lsb_nm(self) -> float:
+        """Of the driver's raw effort; NaN: its family tells a current, and no torque."""
+        return math.nan if self.family in NO_EFFORT else EFFORT
+
+    @property
+    def effort_limit_nm(self) -> float:
+        """`torque_limit_nm`."""
+        return self.torque_limit_nm
+
+    @property
+    def full_effort(self) -> float:
+        """At `torque_limit_nm`; NaN: it tells no effort."""
+        return self.torque_limit_nm / self.effort_lsb_nm
+
+    @property
+    def centre(self) -> int:
+        """0: its turn lies around its zero."""
+        return 0
+
+    @property
+    def most(self) -> int:
+        """The largest count that its position field holds."""
+        return math.floor(self.ranges.position_rad / COUNT)
+
+    def operating_mode(self, mode: str) -> int:
+        """That it takes these commands."""
+        return TAKES_COMMANDS
+
+    def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
+        """What the position field holds, of the file and of the device."""
+        low, high = own if own is not None else (-self.most, self.most)
+        return max(low, -self.most), min(high, self.most)
+
+    def fenced(self, mode: str) -> bool:
+        """Never: it goes wherever the field can say."""
+        return False
+
+    @property
+    def watched(self) -> bool:
+        """As the file says."""
+        return self.watchdog == "device"

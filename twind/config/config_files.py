@@ -1,0 +1,145 @@
+"""Everything that `twind` is told, by files and command line, read and checked together.
+
+Read at start, and again by whoever looks whether the files have changed since: both check the same.
+"""
+
+import hashlib
+import pickle
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from twind.config.calibration_file import Calibration, load_calibration
+from twind.config.cycle_budget import require_rate
+from twind.config.daemon_settings import DaemonSettings, load_settings
+from twind.config.doc_pages import CALIBRATION, page
+from twind.config.file_changes import fingerprints
+from twind.config.port_names import wrong_port
+from twind.config.robot_file import RobotFile, load_robot
+from twind.robot.finding import Finding, ReasonCode
+
+
+class CommandLineError(Exception):
+    """The command line and the files do not go together."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigSources:
+    """What the command line says; None and (): nothing. `config`: the settings file, None: the usual one."""
+
+    config: str | None = None
+    mode: str | None = None
+    robot: str | None = None
+    calibration: str | None = None
+    socket: str | None = None
+    rate_hz: float | None = None
+    ports: tuple[str, ...] = ()
+
+    def settings(self) -> DaemonSettings:
+        """The settings file with the command line over it. Raises ConfigError."""
+        return load_settings(Path(self.config) if self.config else None).override(
+            mode=self.mode,
+            robot=self.robot,
+            calibration=self.calibration,
+            socket=self.socket,
+            rate_hz=self.rate_hz,
+            ports=self.ports,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedConfig:
+    """What the files say, each checked alone and beside the others; not yet bound to the model."""
+
+    settings: DaemonSettings
+    robot: RobotFile
+    ports: Mapping[str, str | None]  # by bus
+    calibration: Calibration | None
+    rate_hz: float
+    files: Mapping[str, str]  # absolute path -> sha256 of robot file, model, tables, calibration as read
+    live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
+
+
+def packed(sources: ConfigSources, described: LoadedConfig) -> bytes:
+    """What the files said, and how they are found, for the process that reads them again.
+
+    Pickled: it is of our own making, like the bound robot beside it, and travels in a sealed memfd.
+    """
+    return pickle.dumps((sources, described))
+
+
+def unpacked(data: bytes) -> tuple[ConfigSources, LoadedConfig]:
+    """What `packed` gave. Raises ValueError for anything else."""
+    try:
+        sources, described = pickle.loads(data)
+    except Exception as error:  # noqa: BLE001  a broken handover is one error, whatever pickle calls it
+        raise ValueError(f"nothing is known of the files: {error!r}") from None
+    if not isinstance(sources, ConfigSources) or not isinstance(described, LoadedConfig):
+        raise ValueError(f"nothing is known of the files: {type(described).__name__}")
+    return sources, described
+
+
+def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> LoadedConfig:
+    """Read settings (unless given), robot and calibration. Raises ConfigError, UsageError."""
+    settings = sources.settings() if settings is None else settings
+    robot = load_robot(settings.robot, settings.robot_folders)
+    ports = bus_ports(
+        settings, [bus.name for bus in robot.buses], {bus.name: bus.port for bus in robot.buses}
+    )
+    refuse_wrong(robot, ports)
+    path = settings.calibration_path(robot.name)
+    files = fingerprints([path] if path is not None else [])  # before it is read
+    calibration = load_calibration(path, robot) if path is not None else None
+    files[str(robot.path.absolute())] = robot.text_sha256
+    files[str(robot.mjcf_path.absolute())] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
+    files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}
+    usual = settings.usual_calibration(robot.name)
+    denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)
+    if settings.mode == "live" and denied is not None:
+        raise CommandLineError(denied.message)
+    rate_hz = settings.rate_hz or robot.rate_hz
+    if settings.mode != "sim":
+        require_rate(robot, rate_hz)
+    return LoadedConfig(settings, robot, ports, calibration, rate_hz, files, denied)
+
+
+def bus_ports(
+    settings: DaemonSettings, buses: Sequence[str], described: Mapping[str, str | None]
+) -> dict[str, str | None]:
+    """The port of each bus: the command line over the settings over the robot file. Raises UsageError."""
+    ports = dict(described) | {name: port for name, port in settings.ports.items() if name}
+    unknown = set(ports) - set(buses)
+    if unknown:
+        raise CommandLineError(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
+    bare = settings.ports.get("")
+    if bare is not None:
+        if len(buses) != 1:
+            named = " ".join(f"--port {bus}=PORT" for bus in buses)
+            raise CommandLineError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
+        ports[buses[0]] = bare
+    return ports
+
+
+def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
+    """Raises UsageError for a serial port of a CAN bus, or the other way round."""
+    for name, port in ports.items():
+        wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
+        if wrong is not None:
+            raise CommandLineError(f"port of bus {name}: {wrong}")
+
+
+def live_denied(
+    robot: str, ports: Mapping[str, str | None], usual: Path, *, calibrated: bool
+) -> Finding | None:
+    """Why this daemon may not write to this robot; None: it may. `usual`: where a calibration is sought."""
+    missing = [bus for bus, port in ports.items() if port is None]
+    if missing:
+        message = f"mode live needs a port for bus {missing[0]!r}: --port {missing[0]}=PORT"
+        return Finding(ReasonCode.HW_DISCONNECTED, message=message)
+    if not calibrated:
+        message = (
+            f"mode live needs a calibration of {robot}: none at {usual}, and none named with "
+            f"--calibration FILE; how to make one: {page(CALIBRATION)}"
+        )
+        return Finding(ReasonCode.CALIB_MISSING, message=message)
+    return None

@@ -1,0 +1,241 @@
+"""Settings of the daemon, `twind.yaml`: file first, then the command line over it. Unknown keys are errors.
+
+As root everything stands in /etc, /var/lib and /run; without root where the XDG variables say.
+"""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from twind.config.config_section import ConfigSection, file_error
+from twind.config.port_names import wrong_port
+from twind.config.yaml_tree import parse, read_text
+from twind.protocol.socket_paths import own_folder
+
+MODES = ("sim", "mirror", "live")
+LEVELS = ("debug", "info", "warning", "error")
+LATENCY_WARN_MS, LATENCY_BLOCK_MS = 50.0, 100.0  # design 6.4; a file may only tighten them
+COMMAND_LINE = "command line"
+
+_NAME = re.compile(r"[a-z0-9_-]{1,64}")
+_PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)")
+
+
+@dataclass(frozen=True, slots=True)
+class InstallationPaths:
+    """The folders of one installation."""
+
+    config: Path
+    state: Path
+    sockets: Path
+
+
+@dataclass(frozen=True, slots=True)
+class DaemonSettings:
+    """What the daemon was told. Paths are absolute or relative to where it was started."""
+
+    mode: str
+    robot: str  # name or path
+    individual: str | None  # whose calibration; None: the robot's name
+    calibration: Path | None  # None: the individual's, below `state_dir`
+    ports: Mapping[str, str]  # by bus; "" is a port given without a bus, for robots that have one
+    rate_hz: float | None  # None: as the robot file says
+    socket_dir: Path
+    state_dir: Path
+    robot_folders: tuple[Path, ...]  # where a robot is looked up by name, before the built-in ones
+    latency_warn_ms: float
+    latency_block_ms: float
+    log_level: str
+    cpu: int | None = None  # the core that the loop stays on, as the kernel counts them; None: any
+    source: str = field(default="defaults")  # the file they came from
+    # Key of the file -> where its value comes from: the file, or the command line; not named: the default.
+    origins: Mapping[str, str] = field(default_factory=dict)
+
+    def override(
+        self,
+        *,
+        mode: str | None = None,
+        robot: str | None = None,
+        calibration: str | None = None,
+        socket: str | None = None,
+        rate_hz: float | None = None,
+        ports: Sequence[str] = (),
+    ) -> "DaemonSettings":
+        """The same with what the command line gives; None and () leave what is there. Raises ConfigError."""
+        if mode is not None and mode not in MODES:
+            raise file_error(COMMAND_LINE, f"--mode {mode} is none of {', '.join(MODES)}")
+        if rate_hz is not None and not 10.0 <= rate_hz <= 1000.0:
+            raise file_error(COMMAND_LINE, f"--rate {rate_hz:g} is outside 10 to 1000 Hz")
+        given: dict[str, Any] = {"mode": mode, "robot": robot, "calibration": calibration, "sockets": socket}
+        given |= {"rate_hz": rate_hz, "ports": ports or None}
+        origins = {key: COMMAND_LINE for key, value in given.items() if value is not None}
+        return replace(
+            self,
+            origins={**self.origins, **origins},
+            mode=mode or self.mode,
+            robot=robot or self.robot,
+            calibration=Path(calibration) if calibration else self.calibration,
+            ports={**self.ports, **_command_line_ports(ports)},
+            rate_hz=self.rate_hz if rate_hz is None else rate_hz,
+            socket_dir=Path(socket) if socket else self.socket_dir,
+        )
+
+    def calibration_path(self, robot_name: str) -> Path | None:
+        """The file to load; None where none was named and the individual has none yet."""
+        if self.calibration is not None:
+            return self.calibration
+        path = self.usual_calibration(robot_name)
+        return path if _is_there(path, "--calibration FILE") else None
+
+    def usual_calibration(self, robot_name: str) -> Path:
+        """Where the calibration of this individual is looked for when no file is named."""
+        return usual_calibration(self.state_dir, self.individual or robot_name)
+
+    def parameters(self) -> dict[str, Any]:
+        """What `GetParameters` shows; `origins` says of each key that is no default where it comes from."""
+        return {
+            "mode": self.mode,
+            "robot": self.robot,
+            "individual": self.individual,
+            "calibration": None if self.calibration is None else str(self.calibration.absolute()),
+            "state_dir": str(self.state_dir.absolute()),
+            "rate_hz": self.rate_hz,
+            "latency_warn_ms": self.latency_warn_ms,
+            "latency_block_ms": self.latency_block_ms,
+            "log_level": self.log_level,
+            "cpu": self.cpu,
+            "source": self.source,
+            "origins": dict(self.origins),
+        }
+
+
+def usual_calibration(state_dir: Path, individual: str) -> Path:
+    """Where the calibration of an individual stands when no file is named."""
+    return state_dir / "calibration" / f"{individual}.yaml"
+
+
+def places(environ: Mapping[str, str], uid: int) -> InstallationPaths:
+    """Where configuration, state and sockets stand for this user. systemd's STATE_DIRECTORY wins."""
+    if uid == 0:
+        found = InstallationPaths(Path("/etc/twind"), Path("/var/lib/twind"), Path("/run/twind"))
+    else:
+        home = Path(environ.get("HOME") or "/")
+        config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
+        state = Path(environ.get("XDG_STATE_HOME") or home / ".local/state")
+        found = InstallationPaths(config / "twind", state / "twind", Path(own_folder(environ, uid)))
+    if state_directory := environ.get("STATE_DIRECTORY"):
+        found = replace(found, state=Path(state_directory.partition(":")[0]))
+    return found
+
+
+def load_settings(
+    path: Path | None, environ: Mapping[str, str] | None = None, uid: int | None = None
+) -> DaemonSettings:
+    """Settings of `path`, which must be there; of the usual place where `path` is None, or else the defaults.
+
+    Raises ConfigError.
+    """
+    where = places(os.environ if environ is None else environ, os.geteuid() if uid is None else uid)
+    usual = where.config / "twind.yaml"
+    if path is None and not _is_there(usual, "--config FILE"):
+        return _defaults(where)
+    file = usual if path is None else path
+    return _read(read_text(file), str(file), where)
+
+
+def _is_there(path: Path, option: str) -> bool:
+    """False only where it is absent. Raises ConfigError where nobody can say; `option` names another file."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        remedy = f"let uid {os.geteuid()} enter its folder, or name another file with {option}"
+        raise file_error(str(path), f"cannot be looked for: {reason}; {remedy}") from None
+    return True
+
+
+def _defaults(where: InstallationPaths) -> DaemonSettings:
+    return DaemonSettings(
+        mode="mirror",
+        robot="h24",
+        individual=None,
+        calibration=None,
+        ports={},
+        rate_hz=None,
+        socket_dir=where.sockets,
+        state_dir=where.state,
+        robot_folders=(where.config / "robots",),
+        latency_warn_ms=LATENCY_WARN_MS,
+        latency_block_ms=LATENCY_BLOCK_MS,
+        log_level="info",
+    )
+
+
+def _read(text: str, file: str, where: InstallationPaths) -> DaemonSettings:
+    top, usual = ConfigSection(file, parse(text, file)), _defaults(where)
+    folder = Path(file).parent
+    if top.has("individual") and not _NAME.fullmatch(top.text("individual")):
+        raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")
+    ports = top.section("ports")
+    thresholds = top.section("thresholds")
+    warn = thresholds.number("latency_warn_ms", LATENCY_WARN_MS, above=0.0, most=LATENCY_WARN_MS)
+    block = thresholds.number("latency_block_ms", LATENCY_BLOCK_MS, above=0.0, most=LATENCY_BLOCK_MS)
+    if block < warn:
+        raise thresholds.refuse("latency_block_ms", f"{block:g} is below latency_warn_ms, {warn:g}")
+    thresholds.close()
+    settings = DaemonSettings(
+        mode=top.text("mode", usual.mode, MODES),
+        robot=_robot(top.text("robot", usual.robot), folder),
+        individual=top.text("individual") if top.has("individual") else None,
+        calibration=folder / top.text("calibration") if top.has("calibration") else None,
+        ports={bus: _port(ports, bus) for bus in ports},
+        rate_hz=top.number("rate_hz", least=10.0, most=1000.0) if top.has("rate_hz") else None,
+        socket_dir=Path(top.text("sockets", str(usual.socket_dir))),
+        state_dir=Path(top.text("state_dir", str(usual.state_dir))),
+        robot_folders=tuple(dict.fromkeys((folder / "robots", *usual.robot_folders))),
+        latency_warn_ms=warn,
+        latency_block_ms=block,
+        log_level=top.text("log_level", usual.log_level, LEVELS),
+        cpu=top.integer("cpu", least=0, most=1023) if top.has("cpu") else None,
+        source=file,
+        origins=dict.fromkeys([*(key for key in top if key != "thresholds"), *thresholds], file),
+    )
+    top.close()
+    return settings
+
+
+def _robot(name: str, folder: Path) -> str:
+    """A name stays; the path of a file is meant beside the settings."""
+    return name if _NAME.fullmatch(name) else str(folder / name)
+
+
+def _port(section: ConfigSection, bus: str) -> str:
+    port = section.text(bus)
+    if (wrong := wrong_port(None, port)) is not None:
+        raise section.refuse(bus, wrong)
+    return port
+
+
+def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for given in ports:
+        match = _PER_BUS.fullmatch(given)
+        bus, port = (match[1], match[2]) if match else ("", given)
+        if not port:
+            raise file_error(COMMAND_LINE, "--port is empty: give a device, or BUS=device")
+        if (wrong := wrong_port(None, port)) is not None:
+            raise file_error(COMMAND_LINE, f"--port {wrong}")
+        if bus in found:
+            again = f"for bus {bus} " if bus else ""
+            raise file_error(COMMAND_LINE, f"--port is given {again}twice: {found[bus]} and {port}")
+        found[bus] = port
+    if "" in found and len(found) > 1:
+        named = ", ".join(f"{bus}={port}" for bus, port in found.items() if bus)
+        message = f"--port {found['']} names no bus beside --port {named}: give every port as BUS=PORT"
+        raise file_error(COMMAND_LINE, message)
+    return found

@@ -1,0 +1,147 @@
+"""What a type's servos bear: voltage and heat. Of the robot file, else scaled from the vendor's limits.
+
+The vendor prints, per model, how far the voltage limits (registers 32, 34) may be set, and at which
+temperature (31) the servo shuts itself down. The default bounds stand, within that, where those of a 12 V
+XM430 stand: told at 11.1 V, settled at 10.5 V, a fault at 10.0 V, too much above 14.8 V, of 9.5 to 16 V.
+"""
+
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+
+from twind.config.config_section import ConfigSection
+from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
+from twind_drivers.dynamixel.dynamixel_models import base
+from twind_drivers.dynamixel.factory_defaults import FACTORY, FactoryDefaults
+
+XM430 = (9.5, 16.0)  # V, what its voltage limits may be
+TOLD, SETTLED, FAULT, HIGH = 11.1, 10.5, 10.0, 14.8  # V, of an XM430 at 12 V (facts of its page: 10.0-14.8)
+WARN_BELOW, SLOW_BELOW, SETTLE_BELOW, COOL_BELOW = 20.0, 15.0, 10.0, 25.0  # °C below the servo's own limit
+# Of the current limit, what is borne for ever. An XM430 held 41 % of its stall current for seconds only
+# (DynamixelSDK #285), one limited to 47 % reported overload in a grip (jsk_aerial_robot #281): below both.
+CONTINUOUS = 0.35
+
+
+@dataclass(frozen=True, slots=True)
+class SupplyLimits:
+    """Bounds of the supply, V. Nothing is known of the model: -inf and inf, nothing is judged by them."""
+
+    warn: float = -inf  # told at and below
+    settle: float = -inf  # settled at and below
+    fault: float = -inf  # a fault at and below
+    high: float = inf  # told above
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalLimits:
+    """Bounds of the temperature, °C, and what current the winding bears."""
+
+    warn: float = inf  # told from here on
+    slow: float = inf  # moves slower from here on, and begins nothing
+    settle: float = inf  # settled from here on
+    cool: float = inf  # once settled for heat, nobody arms before it is below this
+    continuous: float = CONTINUOUS  # of the current limit, 0 to 1
+
+
+def supply(parent: ConfigSection, device: str) -> SupplyLimits:
+    """Section `supply` of a servo's type. Raises ConfigError: bounds that are not in order."""
+    return own_supply(parent, usual_supply(device))
+
+
+def own_supply(parent: ConfigSection, usual: SupplyLimits) -> SupplyLimits:
+    """Section `supply` of a type; `usual`: what stands where it says nothing. Raises ConfigError."""
+    section = parent.section("supply")
+    found = SupplyLimits(
+        warn=section.number("warn_v", usual.warn, above=0.0, most=100.0),
+        settle=section.number("settle_v", usual.settle, above=0.0, most=100.0),
+        fault=section.number("fault_v", usual.fault, above=0.0, most=100.0),
+        high=section.number("high_v", usual.high, above=0.0, most=100.0),
+    )
+    section.close()
+    names = ("fault_v", "settle_v", "warn_v", "high_v")
+    _require_order(section, names, (found.fault, found.settle, found.warn, found.high), "V")
+    return found
+
+
+def heat(parent: ConfigSection, device: str) -> ThermalLimits:
+    """Section `heat` of a servo's type. Raises ConfigError: bounds not in order, or never reached."""
+    return own_heat(parent, usual_heat(_limit(device)), _limit(device))
+
+
+def own_heat(parent: ConfigSection, usual: ThermalLimits, own: float) -> ThermalLimits:
+    """Section `heat` of a type that shuts itself down at `own` °C; `usual` as above. Raises ConfigError."""
+    section = parent.section("heat")
+    found = ThermalLimits(
+        warn=section.number("warn_c", usual.warn, above=0.0, most=own),
+        slow=section.number("slow_c", usual.slow, above=0.0, most=own),
+        settle=section.number("settle_c", usual.settle, above=0.0, most=own),
+        cool=section.number("cool_c", usual.cool, above=0.0, most=own),
+        continuous=section.number("continuous", usual.continuous, above=0.0, most=1.0),
+    )
+    section.close()
+    _require_order(section, ("warn_c", "slow_c", "settle_c"), (found.warn, found.slow, found.settle), "°C")
+    _require_order(section, ("cool_c", "settle_c"), (found.cool, found.settle), "°C")
+    return found
+
+
+def full_counts(device: str, current_limit_a: float, current_lsb_a: float) -> float:
+    """Counts of a servo's current (or load) register at its limit: the whole load. NaN: not known.
+
+    `current_limit_a` is the robot file's, NaN where it gives none: then the servo's own limit as delivered
+    (register 38). Load is in 0.1 % (e-manual, "Present Load").
+    """
+    made, known = _made(device), _table(device)
+    if made is None or known is None:
+        return nan
+    if known.facts.effort == "present_load":
+        return 1000.0
+    if isfinite(current_limit_a):
+        return current_limit_a / current_lsb_a
+    return nan if made.current is None else float(made.current)
+
+
+def usual_supply(device: str) -> SupplyLimits:
+    """Bounds of a model from the range that its vendor prints; infinite where that is not known."""
+    made = _made(device)
+    if made is None:
+        return SupplyLimits()
+    least, most = made.volts_least or made.volts[0], made.volts[1]
+    own = (0.1 * least, 0.1 * most)
+    return SupplyLimits(*(_scaled(bound, own) for bound in (TOLD, SETTLED, FAULT, HIGH)))
+
+
+def _scaled(bound: float, own: tuple[float, float]) -> float:
+    """`bound` (V) of an XM430, at the same share of what this model bears; in steps of the register."""
+    share = (bound - XM430[0]) / (XM430[1] - XM430[0])
+    return round(own[0] + share * (own[1] - own[0]), 1)
+
+
+def usual_heat(own: float) -> ThermalLimits:
+    """Bounds of what shuts itself down at `own` °C; inf: not known, nothing is judged by them."""
+    return ThermalLimits(own - WARN_BELOW, own - SLOW_BELOW, own - SETTLE_BELOW, own - COOL_BELOW)
+
+
+def _limit(device: str) -> float:
+    """At which temperature (°C) the servo shuts itself down as delivered; inf: not known."""
+    made = _made(device)
+    return inf if made is None else float(made.temperature)
+
+
+def _made(device: str) -> FactoryDefaults | None:
+    known = _table(device)
+    return None if known is None else FACTORY.get(base(known.stem))
+
+
+def _table(device: str) -> ControlTable | None:
+    try:
+        return table(number_of(device))
+    except KeyError:
+        return None
+
+
+def _require_order(
+    section: ConfigSection, keys: tuple[str, ...], values: tuple[float, ...], unit: str
+) -> None:
+    """Raises ConfigError where one is above the next; what is not known (infinite) is in any order."""
+    for key, value, after, bound in zip(keys, values, keys[1:], values[1:], strict=False):
+        if not value <= bound:
+            raise section.refuse(key, f"{value:g} {unit} is above {after}, which is {bound:g} {unit}")

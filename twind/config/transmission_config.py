@@ -1,0 +1,109 @@
+"""Section `transmissions` of a robot file: who turns whom where an actuator has no joint of its own. Checked.
+
+As many actuators as joints, all on one bus: where the joints are is known by one reading of all of them.
+"""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+
+from twind.config.bus_config import NAME
+from twind.config.config_section import ConfigSection
+from twind.config.linkage_file import linkage
+from twind.config.robot_spec import ActuatorSlot, TransmissionSpec
+from twind.robot.transmission import MOST_CONDITION, Differential, Transmission, condition
+
+DIFFERENTIAL, LINKAGE = "differential", "linkage_table"
+
+
+def transmissions(
+    section: ConfigSection,
+    slots: Mapping[str, ActuatorSlot],
+    actuators: ConfigSection,
+    joints: ConfigSection,
+    folder: Path,
+) -> tuple[TransmissionSpec, ...]:
+    """All of them. `slots`: the actuators by name; a table is sought from `folder`. Raises ConfigError.
+
+    Refused: an actuator or a joint that is not there, that stands in two, an actuator in none.
+    """
+    found: list[TransmissionSpec] = []
+    taken: tuple[dict[str, str], dict[str, str]] = ({}, {})  # actuator, joint -> its transmission
+    for name in section:
+        if not NAME.fullmatch(name):
+            raise section.refuse(name, "a transmission is named by 1 to 64 letters, digits, _ . and -")
+        found.append(_transmission(name, section.section(name), slots, tuple(joints), taken, folder))
+        for names, of_it in zip(taken, (found[-1].actuators, found[-1].joints), strict=True):
+            names |= dict.fromkeys(of_it, name)
+    for name in slots:
+        if name not in taken[0]:
+            why = "stands in no transmission; an actuator that turns one joint stands with its joint"
+            raise actuators.refuse(name, why)
+    section.close()
+    return tuple(found)
+
+
+def _transmission(
+    name: str,
+    section: ConfigSection,
+    slots: Mapping[str, ActuatorSlot],
+    joints: tuple[str, ...],
+    taken: tuple[Mapping[str, str], Mapping[str, str]],
+    folder: Path,
+) -> TransmissionSpec:
+    kind = section.text("kind", None, (DIFFERENTIAL, LINKAGE))
+    actuators = section.texts("actuators")
+    rows = section.section("joints") if kind == DIFFERENTIAL else None
+    driven = tuple(rows) if rows is not None else section.texts("joints")
+    _known(section, "actuators", actuators, tuple(slots), taken[0])
+    _known(section, "joints", driven, joints, taken[1])
+    if len(actuators) != len(driven):
+        counts = f"{len(actuators)} actuators for {len(driven)} joints"
+        raise section.refuse("actuators", f"{counts}: as many are needed, else nobody knows who does what")
+    buses = sorted({slots[each].bus for each in actuators})
+    if len(buses) > 1:
+        where = ", ".join(f"{each} on {slots[each].bus}" for each in actuators)
+        raise section.refuse("actuators", f"{where}: all of a transmission must be on one bus")
+    residual, table, sha256 = 0.0, None, ""
+    if rows is not None:
+        law: Transmission = _differential(section, rows)
+    else:
+        table = folder / section.text("table")
+        read = linkage(table, actuators, driven)
+        law, residual, sha256 = read.law, read.residual, read.sha256
+    section.close()
+    worst = condition(law)
+    if not worst <= MOST_CONDITION:
+        reason = "one per cent of an actuator's angle or torque would be all of a joint's"
+        raise section.refuse(
+            "joints" if table is None else "table",
+            f"nearly singular: condition number {worst:.3g}, {MOST_CONDITION:g} at most; beyond it {reason}",
+        )
+    return TransmissionSpec(name, kind, buses[0], actuators, driven, law, worst, residual, table, sha256)
+
+
+def _known(
+    section: ConfigSection, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
+) -> None:
+    """Raises ConfigError unless all are there, each once, and in no other transmission."""
+    if not names:
+        raise section.refuse(key, f"is required and missing: a transmission needs {key}")
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            hint = f"; nearest: {near[0]}" if near else ""
+            raise section.refuse(key, f"no {key.removesuffix('s')} {name!r}{hint}")
+        if (other := taken.get(name)) is not None:
+            raise section.refuse(key, f"{name} stands in transmission {other} already")
+    if len(set(names)) != len(names):
+        raise section.refuse(key, "a name stands there twice")
+
+
+def _differential(section: ConfigSection, rows: ConfigSection) -> Differential:
+    count = len(tuple(rows))
+    matrix = [rows.numbers(joint, count) for joint in rows]
+    rows.close()
+    try:
+        return Differential(matrix)
+    except ValueError as error:
+        raise section.refuse("joints", f"{error}: the joints do not move independently") from None

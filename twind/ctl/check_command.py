@@ -1,0 +1,111 @@
+"""`twindctl check robot FILE` and `check trajectory FILE`: what would be refused, and why."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from twind.client.errors import finding_lines
+from twind.ctl.motion_commands import asked_motion
+from twind.ctl.progress import ProgressLine
+from twind.ctl.trajectory_files import load_motion
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
+
+from_afar = True
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is checked, and the file."""
+    parser.add_argument("what", choices=["robot", "trajectory"])
+    parser.add_argument("file", metavar="FILE|NAME")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="robot: at this rate instead of its own")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="trajectory: for this robot, without a daemon")
+    parser.add_argument("--pose", metavar="NAME", help="with --robot: the pose it stands in (default: rest)")
+    parser.add_argument("--calibration", metavar="FILE", help="with --robot: calibration of this individual")
+
+
+def run(options: argparse.Namespace) -> int:
+    """0 when there is nothing to refuse, else 1."""
+    alone = [name for name in ("pose", "calibration") if getattr(options, name) is not None]
+    if alone and options.robot is None:
+        raise UsageError(f"--{alone[0]} goes with --robot: a daemon knows its robot itself")
+    if options.what == "robot":
+        if elsewhere(options) is not None:
+            raise UsageError("check robot reads a file and asks no robot: leave out --remote")
+        if options.robot is not None:
+            raise UsageError("check robot takes the robot's name or file itself: leave out --robot")
+        return _robot(options)
+    if options.robot is not None and elsewhere(options) is not None:
+        raise UsageError("--robot and --remote: one robot at a time")
+    return _trajectory(options)
+
+
+def _trajectory(options: argparse.Namespace) -> int:
+    """By the daemon's own gate for the robot as it stands now, or without a daemon for one in a pose."""
+    verdict = _asked(options) if options.robot is None else _offline(options)
+    lines = [
+        line
+        for key, mark in (("refusals", "refused"), ("warnings", "warning"), ("changes", "changed"))
+        for line in finding_lines(verdict[key], mark)
+    ]
+    show(options, verdict, "\n".join([*lines, "refused" if verdict["refusals"] else "accepted"]))
+    return REFUSED if verdict["refusals"] else DONE
+
+
+def _asked(options: argparse.Namespace) -> dict[str, Any]:
+    with operator(options) as client:
+        trajectory = asked_motion(client, options.file, options)
+        verdict: dict[str, Any] = client.call("Check", trajectory=trajectory)["verdict"]
+        return verdict
+
+
+def _offline(options: argparse.Namespace) -> dict[str, Any]:
+    from twind.config.calibration_file import load_calibration
+    from twind.config.robot_file import load_robot
+    from twind.config.yaml_tree import ConfigError
+    from twind.ctl.offline_check import pose, verdict
+    from twind.twin.binding import BindingError, bind
+
+    try:
+        robot = load_robot(options.robot)
+        known = None if options.calibration is None else load_calibration(Path(options.calibration), robot)
+        position = pose(robot, options.pose or "rest")
+        return verdict(bind(robot, known), position, load_motion(options.file, robot.motions))
+    except (ConfigError, BindingError) as error:
+        raise Rejected(str(error)) from None
+
+
+def _robot(options: argparse.Namespace) -> int:
+    """Without a daemon: the file's grammar, its devices, its cycle budget, its model, and its clearances."""
+    # MuJoCo, numpy and YAML: a second that no other verb pays.
+    from twind.config.robot_file import load_robot
+    from twind.config.robot_report import check_robot
+    from twind.config.yaml_tree import ConfigError
+    from twind.ctl.motion_paths import motions_of
+    from twind.twin.binding import BindingError, bind
+    from twind.twin.clearance_survey import survey
+
+    try:
+        with ProgressLine(options, "check") as progress:
+            progress.tell("the file")
+            robot = load_robot(options.file)
+            report = check_robot(robot, options.rate)
+            errors = list(report.errors)
+            said, near = list(report.lines), None
+            try:
+                motions, wrong = motions_of(robot)
+                said += [f"warning: {each}" for each in wrong]
+                progress.tell(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
+                near = survey(bind(robot, None), motions)
+            except BindingError as error:
+                errors.append(str(error))
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
+    if near is not None:
+        said += near.lines()
+        errors += [near.error] if near.error is not None else []
+    verdict = f"{len(errors)} error{'s' if len(errors) != 1 else ''}" if errors else "ok"
+    lines = [*said, *(f"error: {error}" for error in errors), verdict]
+    allow = [] if near is None else [list(pair) for pair in near.proposed]
+    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow}
+    show(options, told, "\n".join(lines))
+    return REFUSED if errors else DONE

@@ -1,0 +1,81 @@
+"""Verbs on single devices: scan, register, reboot. Standard library only."""
+
+import argparse
+import json
+
+from twind.ctl.progress import ProgressLine
+from twind.ctl.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
+
+
+def _scan_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
+
+
+def _scan(options: argparse.Namespace) -> int:
+    with operator(options) as client, ProgressLine(options, "scan") as progress:
+        client.timeout = 65.0
+        progress.tell("asking who answers")
+        for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
+            if options.json:
+                print(json.dumps(found), flush=True)
+                continue
+            model = found.get("model_name") or f"model {found['model']}"
+            progress.clear()
+            print(
+                f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
+                flush=True,
+            )
+            progress.tell(f"{count} answered")
+    return DONE
+
+
+def _whole(text: str) -> int:
+    """12, -3, 0x1F. Raises ArgumentTypeError."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
+def _register_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", choices=["read", "write"])
+    parser.add_argument("bus")
+    parser.add_argument("id", type=int)
+    parser.add_argument("name", help="as the vendor's control table spells it, or its address")
+    parser.add_argument("value", nargs="?", type=_whole, help="to write")
+    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from whoever holds it")
+
+
+def _register(options: argparse.Namespace) -> int:
+    where = {"bus": options.bus, "id": options.id, "name": options.name}
+    if (options.action == "write") != (options.value is not None):
+        raise UsageError("write takes a VALUE, read takes none")
+    with operator(options) as client:
+        if options.action == "read":
+            answer = client.call("ReadRegister", **where)
+        else:
+            answer = write_register(client, take=options.take, **where, value=options.value)
+    register = answer["register"]
+    address = f"address {register['address']}, {register['size']} bytes"
+    show(options, answer, f"{register['name']} = {register['value']} ({address})")
+    return DONE
+
+
+def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bus")
+    parser.add_argument("id", type=int)
+
+
+def _reboot(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Reboot", bus=options.bus, id=options.id)
+    lines = [f"{options.bus} id {options.id} restarted: state {answer['state']}"]
+    lines += [f"  restored: {each}" for each in answer.get("restored") or ()]
+    lines += [f"  differs: {each}" for each in answer.get("differing") or ()]
+    show(options, answer, "\n".join(lines))
+    return DONE
+
+
+SCAN = FunctionVerb(_scan_arguments, _scan)
+REGISTER = FunctionVerb(_register_arguments, _register)
+REBOOT = FunctionVerb(_reboot_arguments, _reboot)

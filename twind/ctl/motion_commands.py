@@ -1,0 +1,151 @@
+"""`twindctl move` and `play`: take the lease, stream the result, give the lease back."""
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from math import isfinite
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from twind.client import Client
+from twind.client.errors import finding_lines
+from twind.ctl.progress import ProgressLine
+from twind.ctl.trajectory_files import load_motion, read_trajectory
+from twind.ctl.verb import DONE, REFUSED, FunctionVerb, UsageError, elsewhere, lease, operator, show
+
+SHORTEST = 1.0  # s, of a move without --time
+PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
+
+
+def _common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument(
+        "--retime", action="store_true", help="let the daemon slow it down to what joints can do"
+    )
+
+
+def _move_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("goals", nargs="+", metavar="JOINT=RAD")
+    parser.add_argument("--time", type=float, metavar="S", help="duration (default: by the longest way)")
+    _common(parser)
+
+
+def _move(options: argparse.Namespace) -> int:
+    goals = dict(_goal(text) for text in options.goals)
+    if len(goals) != len(options.goals):
+        raise UsageError("a joint is named twice")
+    with operator(options) as client:
+        duration = _duration(client, goals) if options.time is None else options.time
+        point = {
+            "positions": list(goals.values()),
+            "velocities": [0.0] * len(goals),
+            "time_from_start": duration,
+        }
+        return _run(client, {"joint_names": list(goals), "points": [point]}, options)
+
+
+def _goal(text: str) -> tuple[str, float]:
+    name, equals, number = text.partition("=")
+    try:
+        value = float(number)
+    except ValueError:
+        value = float("nan")
+    if not name or not equals or not isfinite(value):
+        raise UsageError(f"{text!r}: expected JOINT=RAD, as in l_knee=0.5")
+    return name, value
+
+
+def _duration(client: Client, goals: dict[str, float]) -> float:
+    """Slow enough for the longest way, from what each joint is told now or else does."""
+    joints = client.call("GetStatus", joints=True)["joints"]
+    now = {joint["name"]: joint["position"] if joint["goal"] is None else joint["goal"] for joint in joints}
+    ways: list[float] = [abs(goal - now[name]) for name, goal in goals.items() if now.get(name) is not None]
+    return max([SHORTEST, *(way * PACE for way in ways)])
+
+
+def _play_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("motion", metavar="FILE|NAME")
+    _common(parser)
+
+
+def _play(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        return _run(client, asked_motion(client, options.motion, options), options)
+
+
+def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Of the file or the name that was given. Raises UsageError, Rejected.
+
+    A name is of the folder of the daemon's robot. From afar that folder is on another disk, and what
+    stands under its name on ours would be another motion.
+    """
+    if elsewhere(options) is not None:
+        if not (os.sep in name or name.endswith(".json")):
+            raise UsageError(f"{name}: with --remote a file, as ./{name}.json; names are of the robot's disk")
+        return read_trajectory(Path(name))
+    folder = client.call("GetRobot")["robot"].get("motions")
+    return load_motion(name, Path(folder) if isinstance(folder, str) else None)
+
+
+def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> int:
+    if options.retime:
+        trajectory = {**trajectory, "policy": "retime"}
+    with lease(client, take=options.take):
+        last = _follow(client, trajectory, options)
+    done = last.get("phase") == "succeeded"
+    if options.json:
+        return DONE if done else REFUSED
+    for line in finding_lines(last.get("findings") or (), str(last.get("phase"))):
+        print(line, file=sys.stderr)
+    show(options, last, f"{last.get('phase')} at {last.get('progress', 0.0):.0%}")
+    return DONE if done else REFUSED
+
+
+def _follow(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
+    """The last report. Ctrl-C cancels, and the robot holds; a second one hangs up, which holds as well."""
+    last: dict[str, Any] = {}
+    client.timeout = 130.0  # a start may lie 60 s ahead, and nothing is reported until then
+    with _interruptible(options), ProgressLine(options, options.verb) as progress:
+        for report in client.stream("SubmitTrajectory", trajectory=trajectory):
+            last = report
+            _report(report, options, progress)
+    return last
+
+
+@contextlib.contextmanager
+def _interruptible(options: argparse.Namespace) -> Iterator[None]:
+    """The first Ctrl-C asks the loop to hold, on a connection of its own, and lets the reports end."""
+
+    def cancel(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        print("\ncancelling: the robot holds", file=sys.stderr)
+        with operator(options) as other:
+            other.timeout = 5.0
+            other.call("Cancel")
+
+    before = signal.signal(signal.SIGINT, cancel)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _report(report: dict[str, Any], options: argparse.Namespace, progress: ProgressLine) -> None:
+    if options.json:
+        print(json.dumps(report, ensure_ascii=False), flush=True)
+        return
+    verdict = report.get("verdict") or {}
+    for key, mark in (("warnings", "warning"), ("changes", "changed")):
+        for line in finding_lines(verdict.get(key) or (), mark):
+            progress.clear()
+            print(line, file=sys.stderr)
+    progress.tell(report["phase"], report["progress"])
+
+
+MOVE = FunctionVerb(_move_arguments, _move, from_afar=True)
+PLAY = FunctionVerb(_play_arguments, _play, from_afar=True)

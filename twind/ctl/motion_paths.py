@@ -1,0 +1,24 @@
+"""The motions of a robot file as paths in joint order, for whoever judges them without a daemon."""
+
+from twind.config.robot_file import RobotFile
+from twind.ctl.trajectory_files import load_motion, motion_names
+from twind.ctl.verb import Rejected
+from twind.front import trajectory_submission
+from twind.front.joint_naming import JointNames
+from twind.robot.trajectory import Trajectory
+
+
+def motions_of(robot: RobotFile) -> tuple[dict[str, Trajectory], list[str]]:
+    """Paths by name, and what is wrong with the files that are none for this robot."""
+    names, paths, wrong = JointNames(robot.names), {}, []
+    for name in motion_names(robot.motions) if robot.motions.is_dir() else ():
+        try:
+            path, findings = trajectory_submission.judge(load_motion(name, robot.motions), names)
+        except (Rejected, KeyError, TypeError) as error:
+            wrong.append(f"motion {name}: {error}")
+            continue
+        if path is None:
+            wrong.append(f"motion {name}: {names.findings(findings)[0]['message']}")
+        else:
+            paths[name] = path
+    return paths, wrong

@@ -1,0 +1,106 @@
+"""A trajectory judged without a daemon, by the daemon's own parts, for a robot that stands still in a pose.
+
+The front's share, the gate and the look at collisions, torque and balance come in the order in which a
+`Check` meets them. What is true of one moment only (lease, latches, what was heard) is left out.
+"""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind.client.errors import CallError
+from twind.config.robot_file import RobotFile
+from twind.ctl.verb import UsageError
+from twind.front import trajectory_submission
+from twind.front.joint_naming import JointNames
+from twind.front.state_cache import encode
+from twind.link import Submit
+from twind.loop.submission_tracker import of_the_path, plain, with_front
+from twind.protocol import CONTROL, SERVICE, load
+from twind.protocol.idl import WrongParameter
+from twind.robot.arrays import Floats
+from twind.robot.finding import Verdict
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.gate import GateSnapshot, GateThresholds, TrajectoryRequest, check
+from twind.twin.binding import Binding
+from twind.twin.dynamics import Dynamics
+from twind.twin.simulation import hush
+from twind.twin.trajectory_precheck import TrajectoryPrecheck
+
+
+def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> dict[str, Any]:
+    """What `Check` answers to `trajectory` where the robot holds at `position` (n,), rad.
+
+    Raises CallError as the call does.
+    """
+    names = JointNames(binding.joint_map.names)
+    policy = _policy(trajectory, binding.robot)
+    path, wrong = trajectory_submission.judge(trajectory, names)
+    if path is None:
+        return _as_sent({"refusals": names.findings(wrong), "warnings": [], "changes": []})
+    snapshot, asked = standing(position), trajectory_submission.fields(trajectory, path, names)
+    found = _foreseen(binding, path, snapshot.reference, append_stop=asked["append_stop"])
+    shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
+    command = Submit(ticket=0, client=0, uid=0, holder="", check_only=True, **asked, **shares)
+    demand = TrajectoryRequest(command.policy, command.append_stop, command.start_in)
+    judged = check(path, snapshot, binding.limits, demand, GateThresholds())
+    return _as_sent(names.verdict(plain(of_the_path(with_front(judged.verdict, command)))))
+
+
+def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
+    """S23–S26."""
+    hush()
+    looking = TrajectoryPrecheck(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))
+    steps = looking.judging(path, before, append_stop=append_stop)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            found: Verdict = stop.value
+            return found
+
+
+def pose(robot: RobotFile, name: str) -> Floats:
+    """A pose of the robot file (n,), rad. Raises UsageError: no such pose."""
+    if name not in robot.poses:
+        raise UsageError(f"no pose {name!r} in {robot.path}; known: {', '.join(robot.poses)}")
+    return np.array([robot.poses[name][joint] for joint in robot.names])
+
+
+def standing(position: Floats) -> GateSnapshot:
+    """Of the simulation of a robot that holds at `position`, for whoever has the lease."""
+    still = np.zeros_like(position)
+    return GateSnapshot(
+        now=0.0,
+        mode=Mode.SIM,
+        state=RobotState.DISCONNECTED,
+        motion=Motion.HOLDING,
+        latched=(),
+        lease_held=True,
+        mismatches=(),
+        calibrated=np.ones(len(position), np.bool_),
+        age=still,
+        latency=0.0,
+        latency_p95=0.0,
+        reference=Reference(position, still, still),
+    )
+
+
+def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
+    """As asked, else as the robot file says. Raises CallError where the message has another shape."""
+    try:
+        load(CONTROL).methods["Check"].parameters.check({"trajectory": trajectory}, "")
+        return trajectory_submission.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
+    except WrongParameter as error:
+        field, reason = error.where or "parameters", error.reason
+    except trajectory_submission.ToleranceTooLoose as error:
+        field, reason = error.field, error.reason
+    raise CallError(f"{SERVICE}.InvalidParameter", {"parameter": field, "message": reason})
+
+
+def _as_sent(found: dict[str, Any]) -> dict[str, Any]:
+    """As a client receives it: what is no number is null."""
+    sent: dict[str, Any] = msgspec.json.decode(encode(found))
+    return sent

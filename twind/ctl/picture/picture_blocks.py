@@ -1,0 +1,249 @@
+"""Blocks of a picture: each makes rows of one subject, and knows which of them must catch the eye. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, asin, atan2, degrees, hypot
+
+from twind.ctl.picture.picture_state import Answer, PictureNotice, PictureState
+from twind.ctl.picture.styled_lines import Line, Span, cut, fitting, length, line, wrapped
+from twind.ctl.reasons import remedy
+from twind.ctl.status_table import LOST
+
+STALE = 100.0  # ms, of an IMU's reading
+LABEL = 9  # columns of `loop     `
+NEWEST = 5  # refusals beside everything else
+STATES = {  # style of a robot's state; others are plain
+    "armed": "good",
+    "fault": "alarm",
+    "estop": "alarm",
+    "inhibited": "alarm",
+    "disconnected": "warn",
+    "settling": "warn",
+    "arming": "warn",
+    "calibrating": "warn",
+}
+_OUTCOMES = {True: ("success", "good"), False: ("FAILED", "warn"), None: ("ended", "")}
+LEVELS = {"error": "bad", "warning": "warn", "refused": "warn", "debug": "dim"}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureRow:
+    """`urgent`: shown before the others where there is no room for all."""
+
+    line: Line
+    urgent: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PictureBlock:
+    """One subject. `least`: lines, heads included, below which it is not shown at all."""
+
+    name: str
+    heads: Sequence[Line]
+    rows: Sequence[PictureRow]
+    least: int
+    scrolls: bool = False
+
+    @property
+    def whole(self) -> int:
+        """Lines where there is room for all."""
+        return len(self.heads) + len(self.rows)
+
+    def shown(self, room: int, offset: int = 0) -> list[Line]:
+        """As many lines as there is room for: urgent rows first, then the others from `offset` on."""
+        if self.whole <= room:
+            return [*self.heads, *(row.line for row in self.rows)]
+        places = max(0, room - len(self.heads) - 1)
+        urgent = [row for row in self.rows if row.urgent][:places]
+        others = [row for row in self.rows if not row.urgent]
+        start = max(0, min(offset, len(others) - (places - len(urgent)))) if self.scrolls else 0
+        rows = [*urgent, *others[start : start + places - len(urgent)]]
+        hidden = len(self.rows) - len(rows)
+        keys = ", up and down keys move" if self.scrolls else ""
+        more = line((f"  … {hidden} more {self.name}{keys}", "dim"))
+        return [*self.heads, *(row.line for row in rows), more][:room]
+
+
+def header(view: PictureState, width: int) -> Line:
+    """Who, in which mode, state and motion; the daemon's version at the right."""
+    status = view.status
+    if status is None:
+        return line((" twind ", "head"), " waiting for what the daemon says")
+    state, style = status["state"], STATES.get(status["state"], "")
+    style = "" if status["mode"] == "sim" and style == "warn" else style
+    said: list[Span] = [
+        (f" {status['robot']} ", "head"),
+        (f" {status['mode'].upper()} ", "title"),
+        (f" !! {state.upper()} !! " if style == "alarm" else f" {state} ", style),
+        (f" {status['motion']}", ""),
+    ]
+    if status["inherited"]:
+        said.append(("  ! torque was found on", "warn"))
+    if view.lost:
+        said.append((f"  ! {view.lost} news lost", "warn"))
+    shown, version = cut(line(*said), width), f"twind {status['version']}"
+    room = width - length(shown) - len(version)
+    return (*shown, (" " * room + version, "dim")) if room > 1 else shown
+
+
+def trouble(view: PictureState, width: int) -> PictureBlock:
+    """No daemon, no news, latched faults with what to do, and warnings of ports."""
+    rows: list[Line] = []
+    if view.gone:
+        said = f"no daemon since {ago(view.now - view.gone_since)}; below is what it said last ({view.gone})"
+        rows += wrapped(("!! ", "alarm"), said, "bad", width)
+    elif view.news_at is not None and view.now - view.news_at > view.patience:
+        rows += wrapped(("!! ", "alarm"), f"no news for {ago(view.now - view.news_at)}", "bad", width)
+    status = view.status or {"faults": (), "buses": ()}
+    for fault in status["faults"]:
+        rows += wrapped((" FAULT ", "alarm"), f" {fault['code']}: {fault['message']}", "bad", width)
+        rows += wrapped(("   do: ", "bad"), remedy(fault["code"]), "", width)
+    for bus in status["buses"]:
+        if bus.get("warning"):
+            rows += wrapped(("  WARN ", "warn"), f" {bus['name']}: {bus['warning']}", "warn", width)
+    return PictureBlock("troubles", (), [PictureRow(each) for each in rows], min(len(rows), 4))
+
+
+def summary(view: PictureState, width: int) -> PictureBlock:
+    """Lease, loop, latency: a line each."""
+    status = view.status
+    if status is None:
+        return PictureBlock("summary", (), (), 0)
+    rows = [_labelled("lease", _lease(status, view), width), _labelled("loop", _loop(status), width)]
+    rows.append(_labelled("latency", _latency(status), width))
+    if view.imu is not None:
+        rows.append(_labelled("imu", _imu(view.imu), width))
+    return PictureBlock("summary", (), [PictureRow(each) for each in rows], len(rows))
+
+
+def recorder(view: PictureState, width: int) -> PictureBlock:
+    """What the flight recorder holds, who streams, and the episode that runs or ran last."""
+    rows = [_stream(told, width) for told in (view.status or {}).get("streams") or ()]
+    flight = (view.status or {}).get("flight")
+    if flight:
+        last = flight.get("last")
+        parts = [
+            (f"holds {flight['span_s']:.0f} s, {flight['bytes'] / 1e6:.1f} MB", ""),
+            (f"last file {last}" if last else "no file written yet", ""),
+        ]
+        rows.append(_labelled("flight", parts, width))
+    for episode in view.episodes[:3]:
+        until = view.now if episode.end is None else episode.end
+        spent = ago(until - episode.begin)
+        if episode.end is None:
+            parts = [(f"{episode.task} runs for {spent}", "good")]
+        else:
+            label = _OUTCOMES[episode.success]
+            parts = [(f"{episode.task}, {spent} long", ""), label, (f"{ago(view.now - episode.end)} ago", "")]
+        rows.append(_labelled("episode", parts, width))
+    return PictureBlock("recorder", (), [PictureRow(each) for each in rows], min(len(rows), 1))
+
+
+def _stream(told: Answer, width: int) -> Line:
+    """What is in the way comes first: the end of a line is what a small terminal cuts."""
+    wrong = [(f"! {told['error']}", "warn")] if told["error"] else []
+    lost = [(f"! {told[key]} {said}", "warn") for key, said in LOST[:2] if told[key]]
+    counts = [(f"{told['rate_hz']:.0f} Hz", ""), (f"{told['sent']} sent, {told['waiting']} waiting", "")]
+    return _labelled("stream", [*wrong, *lost, *counts, (told["endpoint"], "dim")], width)
+
+
+def refusals(view: PictureState, width: int) -> PictureBlock:
+    """What the gate refused last, and why."""
+    return _told("refusals", "refused last", view.refusals, view.now, width)
+
+
+def last_refusals(view: PictureState, width: int) -> PictureBlock:
+    """The newest of them."""
+    return _told("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
+
+
+def events(view: PictureState, width: int) -> PictureBlock:
+    """What happened last."""
+    return _told("events", "events", view.events, view.now, width)
+
+
+def titled(text: str, width: int) -> Line:
+    """A rule with a title in it."""
+    return cut(
+        line(("── ", "dim"), (text, "title"), (" " + "─" * max(0, width - len(text) - 4), "dim")), width
+    )
+
+
+def ago(seconds: float) -> str:
+    """3 s, 2 min, 5 h."""
+    whole = max(0, int(seconds))
+    return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole // 3600} h"
+
+
+def _told(name: str, title: str, told: Sequence[PictureNotice], now: float, width: int) -> PictureBlock:
+    rows = []
+    for each in told:
+        when = f"{ago(now - each.at):>7} ago  "
+        rows.append(PictureRow(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
+    return PictureBlock(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)
+
+
+def _labelled(label: str, parts: Sequence[Span], width: int) -> Line:
+    return fitting(parts, width, line((f"{label:<{LABEL}}", "dim")))
+
+
+def _lease(status: Answer, view: PictureState) -> list[Span]:
+    lease = status["lease"]
+    if lease is None:
+        return [("nobody holds it", "")]
+    left = max(0.0, lease["expires_in"] - (view.now - (view.news_at or view.now)))
+    return [(lease["holder"], "title"), (f"{left:.2f} s left", "")]
+
+
+def _loop(status: Answer) -> list[Span]:
+    loop = status["loop"]
+    on_time, missed, ticks = loop["on_time"], loop["missed"], loop["ticks"]
+    style = "good" if on_time >= 0.99 else "warn" if on_time >= 0.9 else "bad"
+    sign = "" if on_time >= 0.99 else "! "
+    late = [micro(loop[key]) for key in ("late_p50_us", "late_p99_us", "late_max_us")]
+    policy = (loop.get("realtime") or {}).get("scheduler", "")
+    denied = "scheduler" in (loop.get("realtime_denied") or ())
+    share = f" ({missed / (missed + ticks):.2%})" if missed else ""
+    return [
+        (f"{loop['rate_hz']:g} Hz", ""),
+        (f"{sign}on time {on_time:.0%} of the last 100", style),
+        (f"missed {missed}{share}", "warn" if missed else ""),
+        (f"late p50/p99/max {'/'.join(late)} µs", ""),
+        (f"! {policy}" if denied else policy, "warn" if denied else ""),
+    ]
+
+
+def _latency(status: Answer) -> list[Span]:
+    violations, skew = status["violations"], status.get("skew_ms")
+    return [
+        (f"now {milli(status['latency_ms'])} ms", ""),
+        (f"mean {milli(status['latency_avg_ms'])}, max {milli(status['latency_max_ms'])} ms", ""),
+        (f"{'! ' if violations else ''}{violations} violations", "warn" if violations else ""),
+        ("" if skew is None else f"between buses {skew:.1f} ms", "dim"),
+    ]
+
+
+def _imu(imu: Answer) -> list[Span]:
+    """How far the base leans, and which way; what it feels; how old. Nothing of before a silence."""
+    if imu["age_ms"] > STALE:
+        return [(f"! silent for {ago(imu['age_ms'] / 1e3)}: how it leans is not known", "warn")]
+    w, x, y, z = imu["quaternion"]
+    lean = degrees(acos(min(1.0, max(-1.0, 1.0 - 2.0 * (x * x + y * y)))))
+    pitch = degrees(asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x)))))
+    roll = degrees(atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    return [
+        (f"leans {lean:.1f}°", ""),
+        (f"roll {roll:+.1f}°, pitch {pitch:+.1f}°", ""),
+        (f"{hypot(*imu['acceleration']):.2f} m/s², {hypot(*imu['gyro']):.2f} rad/s", "dim"),
+        (f"{imu['age_ms']:.0f} ms old", "dim"),
+    ]
+
+
+def milli(value: float | None, digits: int = 1) -> str:
+    """A number, or a dash."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def micro(value: float | None) -> str:
+    """A whole number, or a dash."""
+    return "-" if value is None else f"{value:.0f}"

@@ -1,0 +1,104 @@
+"""Verbs of one call: mode, arm, disarm, reset, stop, mark, dump. Standard library only."""
+
+import argparse
+
+from twind.client.errors import finding_lines
+from twind.ctl.verb import DONE, FunctionVerb, lease, observer, operator, show
+
+
+def _none(_parser: argparse.ArgumentParser) -> None:
+    """No options of its own."""
+
+
+def _mode_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("mode", nargs="?", help="sim, mirror or live; without it the mode is shown")
+
+
+def _mode(options: argparse.Namespace) -> int:
+    if options.mode is None:
+        with observer(options) as client:
+            mode = client.call("GetStatus")["status"]["mode"]
+    else:
+        with operator(options) as client:
+            mode = client.call("SetMode", mode=options.mode)["mode"]
+    show(options, {"mode": mode}, mode)
+    return DONE
+
+
+def _arm_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+
+
+def _arm(options: argparse.Namespace) -> int:
+    with operator(options) as client, lease(client, take=options.take):
+        answer = client.call("Arm")
+    lines = [f"armed: {len(answer['joints'])} joints hold where they are"]
+    lines += finding_lines(answer.get("warnings") or (), "warning")
+    show(options, answer, "\n".join(lines))
+    return DONE
+
+
+def _disarm(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Disarm")
+    show(options, answer, f"disarmed: state {answer['state']}")
+    return DONE
+
+
+def _reset_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("codes", nargs="*", metavar="CODE", help="faults to acknowledge (default: all)")
+
+
+def _reset(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Reset", codes=options.codes or None)
+    show(options, answer, f"state {answer['state']}")
+    return DONE
+
+
+def _stop(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Cancel")
+    show(options, answer, f"stopping: state {answer['state']}")
+    return DONE
+
+
+def _mark_arguments(parser: argparse.ArgumentParser) -> None:
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    begin = kinds.add_parser("begin", help="an episode begins")
+    begin.add_argument("task", metavar="TASK", help="what the robot is to do")
+    end = kinds.add_parser("end", help="the episode is over")
+    outcome = end.add_mutually_exclusive_group()
+    outcome.add_argument("--success", dest="success", action="store_true", default=None, help="as wanted")
+    outcome.add_argument("--failure", dest="success", action="store_false", help="not as wanted")
+    note = kinds.add_parser("note", help="a remark, for whoever reads the recording")
+    note.add_argument("text", metavar="TEXT", nargs="+")
+
+
+def _mark(options: argparse.Namespace) -> int:
+    said = {key: getattr(options, key, None) for key in ("task", "success", "text")}
+    said["text"] = " ".join(said["text"]) if said["text"] else None
+    with operator(options) as client:
+        answer = client.call("Mark", kind=options.kind, **said)
+    show(options, answer, f"marked: {options.kind}")
+    return DONE
+
+
+def _dump_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", nargs="?", metavar="NAME", help="part of the file's name (default DUMP)")
+
+
+def _dump(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("DumpRecorder", name=options.name)
+    show(options, answer, answer["path"])
+    return DONE
+
+
+MODE = FunctionVerb(_mode_arguments, _mode, from_afar=True)
+ARM = FunctionVerb(_arm_arguments, _arm)
+DISARM = FunctionVerb(_none, _disarm)
+RESET = FunctionVerb(_reset_arguments, _reset)
+STOP = FunctionVerb(_none, _stop, from_afar=True)
+MARK = FunctionVerb(_mark_arguments, _mark)
+DUMP = FunctionVerb(_dump_arguments, _dump)

@@ -1,0 +1,20 @@
+"""`twindctl status`. Standard library only."""
+
+import argparse
+
+from twind.ctl.status_table import render
+from twind.ctl.verb import DONE, FunctionVerb, observer, show
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--joints", action="store_true", help="a line for every joint too")
+
+
+def _run(options: argparse.Namespace) -> int:
+    with observer(options) as client:
+        answer = client.call("GetStatus", joints=options.joints or None)
+    show(options, answer, render(answer["status"], answer.get("joints")))
+    return DONE
+
+
+STATUS = FunctionVerb(_arguments, _run, from_afar=True)

@@ -1,0 +1,89 @@
+"""Trajectory files: found by path or by name, read strictly, in the shape that the socket takes.
+
+Files have the shape of a ROS trajectory message; `time_from_start` may be seconds or {sec, nanosec}.
+"""
+
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from twind.ctl.verb import Rejected, UsageError
+from twind.protocol.plain_file import NotAFile, read_plain
+from twind.protocol.strict_json import BadJson, loads
+
+LARGEST = 4 << 20  # bytes
+_UNUSED = ("header",)  # of a ROS message, and nothing that changes a motion
+
+
+def motion_names(folder: Path | None = None) -> tuple[str, ...]:
+    """Names of the motions in `folder`, or of those of the built-in robot."""
+    return tuple(sorted(path.stem for path in (folder or _built_in()).glob("*.json")))
+
+
+def load_motion(name: str, folder: Path | None = None) -> dict[str, Any]:
+    """The trajectory of a file, or of the motion called `name` in `folder` or beside the built-in robot.
+
+    Raises UsageError when there is none, Rejected when it is no trajectory.
+    """
+    return read_trajectory(_find(name, folder))
+
+
+def read_trajectory(path: Path) -> dict[str, Any]:
+    """A trajectory file as a `Trajectory` of the interface. Raises UsageError, Rejected with the place."""
+    try:
+        data = read_plain(path, LARGEST)
+    except NotAFile as error:
+        raise Rejected(f"{path}: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        message = loads(data)
+    except BadJson as error:
+        raise Rejected(f"{path}{_place(data, error.position)}: {error}") from None
+    if not isinstance(message, dict) or not isinstance(message.get("points"), list):
+        raise Rejected(f"{path}: expected an object with joint_names and points")
+    points = [_point(point, f"{path}: points[{place}]") for place, point in enumerate(message["points"])]
+    return {key: value for key, value in message.items() if key not in _UNUSED} | {"points": points}
+
+
+def _point(point: Any, where: str) -> dict[str, Any]:
+    """One point: time in seconds, empty columns left out as ROS means them."""
+    if not isinstance(point, dict) or "time_from_start" not in point:
+        raise Rejected(f"{where}: expected an object with positions and time_from_start")
+    optional = ("velocities", "accelerations", "effort")
+    kept = {key: value for key, value in point.items() if not (key in optional and value == [])}
+    kept["time_from_start"] = _seconds(point["time_from_start"], where)
+    return kept
+
+
+def _seconds(value: Any, where: str) -> Any:
+    """Seconds, from a number or {sec, nanosec}."""
+    if not isinstance(value, dict):
+        return value  # a number, or for the daemon to refuse
+    if value.keys() - {"sec", "nanosec"} or not all(type(part) is int for part in value.values()):
+        raise Rejected(f"{where}.time_from_start: expected seconds, or whole sec and nanosec; got {value}")
+    return value.get("sec", 0) + value.get("nanosec", 0) * 1e-9
+
+
+def _find(name: str, folder: Path | None) -> Path:
+    if os.sep in name or name.endswith(".json") or Path(name).is_file():
+        return Path(name)
+    folders = [*([folder] if folder is not None else []), _built_in()]
+    for place in folders:
+        if (place / f"{name}.json").is_file():
+            return place / f"{name}.json"
+    known = sorted({known for place in folders for known in motion_names(place)})
+    raise UsageError(f"no motion {name!r}; known: {', '.join(known)}; or give the path of a file")
+
+
+def _built_in() -> Path:
+    return Path(str(resources.files("twind.robots"))) / "motions"
+
+
+def _place(data: bytes, position: int | None) -> str:
+    """`:line:column` of a character."""
+    if position is None:
+        return ""
+    before = data.decode("utf-8", "replace")[:position]
+    return f":{before.count(chr(10)) + 1}:{position - before.rfind(chr(10))}"

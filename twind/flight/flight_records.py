@@ -1,0 +1,106 @@
+"""What a flight recorder holds: as entries, and as records of bytes, in the ring as in the file."""
+
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple
+
+NO_BUS = 255  # `Entry.bus` of what belongs to none
+RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
+HEAD = RECORD.size
+MORE, ON = 0x80, 0x40  # of a kind: a piece, and more of it follow; a piece that goes on with the one before
+
+
+class EntryKind(IntEnum):
+    """What an entry holds."""
+
+    OUT = 1  # bytes written to a bus
+    IN = 2  # bytes read from it
+    NEWS = 3  # a datagram loop -> front, as `link.encode` made it
+    COMMAND = 4  # a datagram front -> loop
+    ARRAYS = 5  # the bytes of the memfd beside the COMMAND before it
+    PORT = 6  # OPENED, LOST or REFUSED, a space, and words for people
+
+
+# The first word of a PORT entry: part of the format of flight files.
+OPENED = b"opened"  # then the path
+LOST = b"lost"
+REFUSED = b"refused"  # then how many bytes
+
+
+class FlightEntry(NamedTuple):
+    """One thing that happened."""
+
+    time: float  # s, monotonic
+    kind: EntryKind
+    bus: int  # place in the robot's order; NO_BUS: none
+    data: bytes
+
+
+class FlightError(Exception):
+    """`path` is no flight recorder, or not all of one."""
+
+    def __init__(self, path: str, what: str, remedy: str) -> None:
+        super().__init__(f"{path}: {what}; {remedy}")
+        self.path, self.what, self.remedy = path, what, remedy
+
+
+def broken(path: str, what: str) -> FlightError:
+    """Of a recorder that was whole once."""
+    return FlightError(path, what, "copy it from the robot again, or use another one")
+
+
+@dataclass(frozen=True)
+class FlightContents:
+    """What a recorder held."""
+
+    kept: dict[int, tuple[FlightEntry, ...]] = field(
+        default_factory=dict
+    )  # bus -> its last whole identification
+    entries: tuple[FlightEntry, ...] = ()  # in the order they were appended, whole ones only
+
+    def packed(self) -> "PackedFlight":
+        """The same as bytes."""
+        return PackedFlight({bus: pack(entries) for bus, entries in self.kept.items()}, pack(self.entries))
+
+
+@dataclass(frozen=True)
+class PackedFlight:
+    """The same as bytes: cheap to copy and to save, parsed when somebody looks."""
+
+    kept: dict[int, bytes]
+    entries: bytes
+
+    def parse(self, path: str = "flight recorder") -> FlightContents:
+        """As entries. Raises FlightError."""
+        kept = {bus: tuple(_parse(path, data)) for bus, data in self.kept.items()}
+        return FlightContents(kept, tuple(_parse(path, self.entries)))
+
+
+def pack(entries: Iterable[FlightEntry]) -> bytes:
+    """Entries as records, one after the other."""
+    return b"".join(RECORD.pack(len(data), kind, bus, time) + data for time, kind, bus, data in entries)
+
+
+def _parse(path: str, data: bytes) -> Iterator[FlightEntry]:
+    """Whole records; pieces are joined, and what lacks its beginning or its end is left out."""
+    at = 0
+    parts: list[bytes] = []
+    while at < len(data):
+        try:
+            size, mark, bus, time = RECORD.unpack_from(data, at)
+            kind = EntryKind(mark & ~(MORE | ON))
+        except (struct.error, ValueError):
+            raise broken(path, f"byte {at} of its records makes no sense") from None
+        at += HEAD + size
+        if at > len(data):
+            raise broken(path, f"its last record lacks {at - len(data)} bytes")
+        if not mark & ON:
+            parts = []
+        elif not parts:
+            continue  # its beginning was overwritten
+        parts.append(data[at - size : at])
+        if not mark & MORE:
+            yield FlightEntry(time, kind, bus, b"".join(parts))
+            parts = []

@@ -1,0 +1,73 @@
+"""Trajectories whose verdict the loop owes, and what becomes of them: topic `trajectories`. Front process.
+
+The loop says what it changed, not the path again, which has up to 2,000 points. What they make of it
+is worked out by the functions that the gate used (`safety/retime.py`), so both have the same numbers.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twind.front.joint_naming import JointNames, Plain
+from twind.link import VerdictReport
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.trajectory import Trajectory
+from twind.safety import retime
+
+WAITING = 64  # paths that may wait for their verdict; the loop answers every one, or has broken
+COLUMNS = ("positions", "velocities", "accelerations")
+ASKED = ("start_in", "goal_time", "tolerances")  # what a trajectory has beside its points, and keeps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AcceptedTrajectory:
+    """A path that is followed, or may be: `asked` is what was asked beside its points (`kept`)."""
+
+    id: str
+    holder: str
+    path: Trajectory
+    asked: Mapping[str, Any]
+
+    def plain(self, names: JointNames) -> Plain:
+        """As `Accepted` of the interface: what was asked of its changes is done, so it is not asked again."""
+        path, joints = self.path, np.flatnonzero(self.path.commanded)
+        given = zip(COLUMNS, (path.position, path.velocity, path.acceleration), strict=True)
+        rows = {key: column[:, joints].tolist() for key, column in given if column is not None}
+        points = [
+            {"time_from_start": time} | {key: row[place] for key, row in rows.items()}
+            for place, time in enumerate(path.time.tolist())
+        ]
+        trajectory = {"joint_names": [names.joints[joint] for joint in joints], "points": points}
+        return {"id": self.id, "holder": self.holder, "trajectory": {**trajectory, **self.asked}}
+
+
+def kept(message: Mapping[str, Any]) -> Plain:
+    """What is kept of a `Trajectory` of the interface: its points are megabytes, and in the path already."""
+    return {key: message.get(key) for key in ASKED}
+
+
+class PendingVerdict:
+    """What was sent to the loop and has no verdict yet."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, AcceptedTrajectory] = {}
+
+    def wait(self, sent: AcceptedTrajectory) -> None:
+        """This was sent: its verdict is still to come. The oldest is forgotten where too many wait."""
+        self._waiting[sent.id] = sent
+        if len(self._waiting) > WAITING:
+            del self._waiting[next(iter(self._waiting))]
+
+    def said(self, moment: VerdictReport) -> AcceptedTrajectory | None:
+        """What is followed by this verdict, with the verdict's changes; None: nothing."""
+        sent = self._waiting.pop(moment.id, None)
+        if sent is None or moment.verdict.get("refusals"):
+            return None
+        changes = [
+            Finding(ReasonCode(each["code"]), value=each["value"])
+            for each in moment.verdict.get("changes") or ()
+        ]
+        path = retime.changed(sent.path, changes)
+        return replace(sent, path=replace(path, time=path.time + moment.lead))

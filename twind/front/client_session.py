@@ -1,0 +1,166 @@
+"""One connection: bytes to calls, rights, limits. Front process. What goes wrong here ends here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
+from twind.front.message_stream import MessageStream
+from twind.front.methods import METHODS, OBSERVER, service
+from twind.protocol import CONTROL, SERVICE, WrongParameter
+from twind.protocol.strict_json import BadJson, loads
+from twind.robot.finding import Finding, ReasonCode
+
+if TYPE_CHECKING:
+    from twind.front.front_server import FrontServer
+
+HANDSHAKE = 5.0  # s in which the first call must come; a reserved place is for that long only
+STRIKES = 10  # messages that are no calls before the connection is closed
+_KEYS = frozenset({"method", "parameters", "more", "oneway", "upgrade"})
+
+
+class ClientSession:
+    """A connection and its calls in their order."""
+
+    def __init__(self, front: FrontServer, caller: Caller, stream: MessageStream, now: float) -> None:
+        self.front, self.caller, self.stream = front, caller, stream
+        self.calls = ConnectionCalls(caller, stream.send, self._begin)
+        self._heard = False
+        self._deadline = now + HANDSHAKE
+        self._strikes = self._too_fast = 0
+        self._paused = self._done = False
+        self._told: set[str] = set()  # methods whose refusal for the role was told already
+
+    # --------------------------------------------------------------------------- what the stream says
+
+    def message(self, data: bytes) -> bool:
+        """One message: refused, or a call."""
+        try:
+            call = self._call(loads(data))
+        except BadJson as error:
+            self._strike(ReasonCode.BAD_JSON, str(error))
+        except WrongParameter as error:
+            self._strike(ReasonCode.BAD_SCHEMA, str(error))
+        except Exception as error:  # noqa: BLE001  see `_begin`
+            self._broke("", error)
+        else:
+            self._heard = True
+            self.calls.add(call)
+        self._paused = self.calls.full
+        return not self._paused
+
+    def too_large(self, limit: int) -> None:
+        """Refuse and hang up: where the next message begins is unknown."""
+        finding = Finding(ReasonCode.FRAME_TOO_LARGE, bound=limit, message="bytes in one message")
+        self._answer_outside([finding])
+        self.stream.finish()
+
+    def ended(self) -> None:
+        """The connection is closed."""
+        self.calls.clear()
+        self.front.gone(self)
+
+    def tend(self, now: float) -> None:
+        """Close what hangs: a slow reader, a silent newcomer, a peer that went after its last word."""
+        if self.stream.stuck(now):
+            self.front.log.say(
+                "warning", "SLOW_READER", now, holder=self.caller.holder, role=self.caller.role
+            )
+            self.stream.close()
+            return
+        idle = not self.calls
+        too_late = now > self._deadline and idle and (self.caller.reserved or not self._heard)
+        if too_late or (self.stream.half_closed and (idle or self.stream.peer_gone())):
+            self.stream.finish()
+
+    def paced(self, *, in_time: bool) -> None:
+        """A call that may come so often came in time, or too soon: who never waits is hung up on."""
+        self._too_fast = 0 if in_time else self._too_fast + 1
+        self._done = self._too_fast >= STRIKES
+
+    # --------------------------------------------------------------------------- calls
+
+    def _call(self, message: Any) -> ClientCall:
+        """A message as a call. Raises WrongParameter."""
+        if type(message) is not dict or type(message.get("method")) is not str:
+            raise WrongParameter("method", 'a call is {"method": "interface.Method", "parameters": {...}}')
+        unknown = message.keys() - _KEYS
+        if unknown:
+            raise WrongParameter(
+                sorted(unknown)[0], f"unknown key of a call; known: {', '.join(sorted(_KEYS))}"
+            )
+        for key in ("more", "oneway", "upgrade"):
+            if type(message.get(key, False)) is not bool and message[key] is not None:
+                raise WrongParameter(key, "expected true or false")
+        parameters = message.get("parameters")
+        parameters = {} if parameters is None else parameters
+        if type(parameters) is not dict:
+            raise WrongParameter("parameters", "expected an object")
+        more, oneway = bool(message.get("more")), bool(message.get("oneway"))
+        if message.get("upgrade") or (more and oneway):
+            raise WrongParameter("upgrade" if message.get("upgrade") else "oneway", "not served here")
+        interface, _, method = message["method"].rpartition(".")
+        return ClientCall(self.calls, interface, method, parameters, more=more, oneway=oneway)
+
+    def _begin(self, call: ClientCall) -> None:
+        """Do what a call asks. Whatever breaks ends this connection only."""
+        if self._done:  # read before that was known
+            call.finished = True
+            return
+        call.began = self.front.now()
+        try:
+            if self._allowed(call):
+                (METHODS[call.method] if call.interface == CONTROL else service)(self.front, call)
+        except WrongParameter as error:
+            call.invalid(error.where or "parameters", error.reason)
+        except (OSError, MemoryError) as error:
+            call.error("Busy", {"what": f"out of descriptors or memory: {error}"})
+        except Exception as error:  # noqa: BLE001  one client's call must not end the front of all
+            self._broke(call.method, error)
+        if self._done:
+            self.stream.finish()
+        if self._paused and not self.calls.full:
+            self._paused = False
+            self.front.soon(self.stream.resume)
+
+    def _broke(self, method: str, error: Exception) -> None:
+        self.front.broken(self.caller, method, error)
+        self.stream.close()
+
+    def _allowed(self, call: ClientCall) -> bool:
+        """The method exists, its parameters fit, and this caller may call it. Raises WrongParameter."""
+        interface = self.front.interfaces.get(call.interface)
+        method = interface.methods.get(call.method) if interface else None
+        if method is None:
+            name = f"{call.interface}.{call.method}".lstrip(".")
+            call.error("MethodNotFound", {"method": name}, SERVICE)
+            return False
+        if call.interface == CONTROL and call.method not in OBSERVER and self.caller.role != "operator":
+            call.error("NotAllowed", {"role": self.caller.role, "method": call.method})
+            if call.method not in self._told:  # once a connection: nobody is flooded with it
+                self._told.add(call.method)
+                self.front.not_allowed(call)
+            return False
+        if self.caller.reserved and call.method != "EStop":
+            call.error(
+                "Busy", {"what": f"all places for an {self.caller.role} are taken; this one takes EStop only"}
+            )
+            return False
+        method.parameters.check(call.parameters, "")
+        return True
+
+    # --------------------------------------------------------------------------- what is no call
+
+    def _strike(self, code: ReasonCode, reason: str) -> None:
+        self._strikes += 1
+        self._answer_outside([Finding(code, message=reason)])
+        if self._strikes >= STRIKES:
+            self.stream.finish()
+
+    def _answer_outside(self, findings: list[Finding]) -> None:
+        """Refuse something that is no call, in its turn."""
+        call = ClientCall(self.calls, CONTROL, "", {}, more=False, oneway=False)
+        call.started = True
+        self.calls.queue(call)
+        self.front.refuse(call, findings)
+        self.calls.advance()

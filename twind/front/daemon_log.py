@@ -1,0 +1,224 @@
+"""Logs of the daemon: structured lines, written by a thread of their own. Front process.
+
+To the journal where standard error is the journal's, as datagrams of fields (`journal.py`); else lines to
+standard error for people. What cannot be written, because the reader is slow or gone or the disk full, blocks
+no client and ends nothing: it is dropped and counted, and the count told when lines are taken again.
+"""
+
+import contextlib
+import json
+import os
+import queue
+import threading
+from collections.abc import Callable, Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from twind.front import systemd_journal as journals
+
+WAITING = 1000  # lines that may wait for a slow standard error
+PER_SECOND = 20  # lines of one kind; the rest of that second is counted
+PRIORITY = journals.PRIORITY
+LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40, "critical": 50}
+_ERROR = LEVELS["error"]
+
+Fields = MutableMapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One line, and the same as a datagram for the journal."""
+
+    text: str
+    datagram: bytes = b""
+
+
+class LogWriter:
+    """Lines to a descriptor, or to the journal's socket, written by a thread."""
+
+    def __init__(self, fd: int, journal: str | None = None) -> None:
+        """`journal`: path of its socket; what it does not take goes to `fd`."""
+        self._fd, self._partly = fd, False
+        self._lines: queue.Queue[LogLine | None] = queue.Queue(WAITING)
+        self.dropped = 0  # lines, in all, for which there was no room; counted by who puts
+        self.failed = 0  # lines, in all, that could not be written; counted by the thread
+        self._journal = journals.SystemdJournal(journal) if journal is not None else None
+        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    @property
+    def lost(self) -> int:
+        """Lines that nobody will ever read."""
+        return self.dropped + self.failed
+
+    def put(self, line: LogLine | str) -> None:
+        """Write `line` soon, or drop and count it. Never waits."""
+        try:
+            self._lines.put_nowait(LogLine(line) if isinstance(line, str) else line)
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self, patience: float = 0.5) -> None:
+        """Write what waits, for at most `patience` s."""
+        with contextlib.suppress(queue.Full):
+            self._lines.put_nowait(None)
+        self._thread.join(patience)
+
+    def _run(self) -> None:
+        reported = 0
+        while (line := self._lines.get()) is not None:
+            total = self.lost
+            if total > reported and self._write(_loss(total - reported)):
+                reported = total
+            if not self._write(line):
+                self.failed += 1
+        if self._journal is not None:
+            self._journal.close()
+
+    def _write(self, line: LogLine) -> bool:
+        """To the journal, or else to the descriptor. False: neither took it."""
+        if self._journal is not None and line.datagram and self._journal.send(line.datagram):
+            return True
+        begin = "\n" if self._partly else ""  # half a line stands there since the disk was full
+        data = memoryview((begin + line.text + "\n").encode("utf-8", "backslashreplace"))
+        whole = len(data)
+        while data:
+            try:
+                data = data[os.write(self._fd, data) :]
+            except OSError:  # full, closed or gone: it may take the next one
+                self._partly = self._partly or len(data) < whole
+                return False
+        self._partly = False
+        return True
+
+
+def _loss(count: int) -> LogLine:
+    said = f"... {count} lines lost: nobody took them (standard error not read, closed, or its disk full)"
+    fields = {"MESSAGE": said, "PRIORITY": "4", "TWIND_CODE": "LINES_LOST", "TWIND_LINES": count}
+    return LogLine(said, journals.datagram(fields))
+
+
+class DaemonLog:
+    """What the daemon tells people. `event` names are ours; what clients say stands in fields only."""
+
+    def __init__(self, writer: LogWriter, level: str, *, journal: bool) -> None:
+        self._writer = writer
+        render = _for_journal if journal else _for_people
+        stamp = [] if journal else [structlog.processors.TimeStamper("%H:%M:%S", utc=False, key="at")]
+        self._processors = [structlog.processors.add_log_level, *stamp, _escaped, render]
+        self.level(level)
+        self._allowances = {kind: _LineBudget() for kind in ("client", "error", "other")}
+
+    def level(self, level: str) -> None:
+        """From now on nothing below this level is said."""
+        self._logger = structlog.wrap_logger(
+            _StructlogSink(self._writer.put),
+            processors=self._processors,
+            wrapper_class=structlog.make_filtering_bound_logger(LEVELS.get(level, 20)),
+        )
+
+    def say(
+        self, level: str, event: str, now: float, details: Mapping[str, Any] | None = None, **fields: Any
+    ) -> None:
+        """One line. `details` are for machines: people have them in the message.
+
+        At most `PER_SECOND` of its kind in a second of `now`; the next says how many it cost.
+
+        What clients cause (`holder`), errors and the rest are counted apart: whoever floods the one hides
+        nothing of the others.
+        """
+        kind = "client" if "holder" in fields else "error" if LEVELS.get(level, 20) >= _ERROR else "other"
+        left_out = self._allowances[kind].take(now)
+        if left_out is None:
+            return
+        if left_out:
+            fields = {**fields, "lines_left_out": left_out}
+        known = {key: value for key, value in (details or {}).items() if value is not None}
+        self._logger.log(LEVELS.get(level, 20), event, **({"details": known} if known else {}), **fields)
+
+    def close(self) -> None:
+        """Write what waits."""
+        self._writer.close()
+
+
+class _LineBudget:
+    """`PER_SECOND` lines in a second."""
+
+    def __init__(self) -> None:
+        self._second, self._count, self._left_out = 0.0, 0, 0
+
+    def take(self, now: float) -> int | None:
+        """How many lines went before this one without being said; None: this one is not said either."""
+        if now - self._second >= 1.0:
+            self._second, self._count = now, 0
+        self._count += 1
+        if self._count > PER_SECOND:
+            self._left_out += 1
+            return None
+        left_out, self._left_out = self._left_out, 0
+        return left_out
+
+
+class _StructlogSink:
+    """What structlog logs to: every level is a line."""
+
+    def __init__(self, put: Callable[[LogLine | str], None]) -> None:
+        self.debug = self.info = self.warning = self.error = self.critical = put
+
+
+def _escaped(_logger: Any, _method: str, fields: Fields) -> Fields:
+    """No control character, line break or text direction of a client's reaches a terminal or the journal."""
+    return {key: _harmless(value) for key, value in fields.items()}
+
+
+def _harmless(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _harmless(each) for key, each in value.items()}
+    return printable(value) if isinstance(value, str) else value
+
+
+def printable(text: str) -> str:
+    """The text with what is no visible character or space written as an escape."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogLine], dict[str, Any]]:
+    """A datagram; and JSON with a level prefix, for when its socket does not take that."""
+    details = fields.pop("details", {})
+    text = f"<{PRIORITY.get(fields['level'], 6)}>"
+    text += json.dumps({**fields, **details}, ensure_ascii=False, default=str)
+    sent: dict[str, Any] = {
+        "MESSAGE": _sentence(dict(fields)),
+        "PRIORITY": PRIORITY.get(fields["level"], 6),
+        "TWIND_CODE": fields["event"],
+    }
+    others = {**fields, **details}
+    sent |= {f"TWIND_{key.upper()}": value for key, value in others.items() if key not in _SAID}
+    return (LogLine(text, journals.datagram(sent)),), {}
+
+
+_SAID = frozenset({"event", "level", "message"})  # stand in fields of the journal's own
+
+
+def _for_people(_logger: Any, _method: str, fields: Fields) -> str:
+    fields.pop("details", None)
+    at, level = fields.pop("at"), fields["level"]
+    return f"{at} {level:<7} {_sentence(fields)}"
+
+
+def _sentence(fields: Fields) -> str:
+    """`EVENT: message key=value ...`."""
+    head, message = fields.pop("event"), fields.pop("message", None)
+    fields.pop("level")
+    tail = "".join(f" {key}={_value(value)}" for key, value in fields.items() if value is not None)
+    return f"{head}: {message}{tail}" if message else head + tail
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return repr(value) if isinstance(value, str) and " " in value else str(value)

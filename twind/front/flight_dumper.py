@@ -1,0 +1,235 @@
+"""When the flight recorder is written out: at a fault, when asked, when the loop is gone. Front process.
+
+The ring is only read here, by its descriptor; a thread copies, packs and writes. What cannot be written costs
+a line of the log and is counted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from math import inf, isnan
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twind.briefing import fingerprint
+from twind.flight import FlightError, copy, held, signature
+from twind.front.client_calls import ClientCall
+from twind.front.daemon_log import printable
+from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
+from twind.front.state_cache import encode
+from twind.link import CrashRecordingDone, Event
+from twind.robot.modes import RobotState
+
+if TYPE_CHECKING:
+    from twind.front.front_server import FrontServer
+
+FAULTS = {
+    RobotState.FAULT.value,
+    RobotState.ESTOP.value,
+    RobotState.INHIBITED.value,
+}  # what an operator must acknowledge
+AFTERMATH = 2.0  # s after a fault that are in its file
+AGAIN = 10.0  # s between two files of faults
+CAUSE = 0.05  # s before a fault in which its cause was told
+LOOK = 1.0  # s between two looks at how much the ring holds
+ORPHANED = 0.3  # s after which a process whose parent has died has another one
+WRECK_TRIES, WRECK_AGAIN = 2, 30.0  # to write a crash of before; s between them: a disk may have room by then
+NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderHandover:
+    """What the loop hands over: descriptors of rings, which are ours to close."""
+
+    folder: Path
+    ring: int | None = None  # the loop's
+    wreck: int | None = None  # of a daemon before this one that is gone
+
+
+@dataclass(frozen=True, slots=True)
+class _FlightRequest:
+    """A file that is to be written: of what ring, why, by what name, and who asked for it."""
+
+    ring: int
+    reason: str
+    label: str
+    call: ClientCall | None = None
+    wreck: bool = False
+
+
+class FlightDumper:
+    """What waits to be written, and what was."""
+
+    def __init__(self, front: FrontServer, recorded: RecorderHandover | None) -> None:
+        self._front, self._parent = front, os.getppid()
+        self._recorded = recorded or RecorderHandover(Path())
+        self._folder = FlightFolder(self._recorded.folder)
+        self._thread = ThreadPoolExecutor(1, "flight")
+        self._causes: list[Event] = []
+        self._due: float | None = None  # s, when the file of a fault is written
+        self._reason, self._told = "", list[str]()  # of it: the state, and what was told just before
+        self._next = self._look = 0.0  # s, before which no other is; when the ring is looked at again
+        self._farewell = False
+        self._asked = 0  # calls that wait for their file
+        self.last: str | None = None  # path of the last file
+        self.failed = 0  # files that could not be written
+        self._wreck_tries = 0
+        self._wreck_due: float | None = None if self._recorded.wreck is None else -inf
+        self._rescue(-inf)
+
+    # ----------------------------------------------------------------------------- what makes one due
+
+    def event(self, event: Event) -> None:
+        """Something the loop says: a fault makes a file due."""
+        self._farewell = self._farewell or event.code == "END"
+        if event.level in ("warning", "error"):
+            self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
+        if event.code in FAULTS and self._due is None:
+            self._told = [each.code for each in self._causes if each.time >= event.time - CAUSE]
+            self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
+
+    def tend(self, now: float) -> None:
+        """Once per round of housekeeping."""
+        if self._due is not None and now >= self._due:
+            self._write_due()
+        self._rescue(now)
+        if now >= self._look:
+            self._show(now)
+
+    def _rescue(self, now: float) -> None:
+        """What a daemon before us left behind is written, and once more where that failed."""
+        if self._wreck_due is not None and now >= self._wreck_due and self._recorded.wreck is not None:
+            self._wreck_due, self._wreck_tries = None, self._wreck_tries + 1
+            self._begin(_FlightRequest(self._recorded.wreck, "crash", CRASH, wreck=True))
+
+    def _show(self, now: float) -> None:
+        """In the status."""
+        self._look = now + LOOK
+        if self._recorded.ring is not None:
+            oldest, size = None, 0
+            with contextlib.suppress(FlightError):
+                oldest, size = held(self._recorded.ring)
+            span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
+            self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
+
+    def dump(self, call: ClientCall) -> None:
+        """`DumpRecorder`: now, by that name."""
+        name = call.parameters.get("name")
+        if self._recorded.ring is None:
+            call.error("NotWritten", {"path": "", "message": "nothing is recorded: the log says why"})
+        elif name is not None and not NAME.fullmatch(name):
+            said = printable(name[:40])
+            call.invalid("name", f"{said!r} is no part of a file's name: 1 to 64 of A-Z a-z 0-9 _ -")
+        elif name in (CRASH, FAILSAFE):
+            call.invalid("name", f"{name} is what twind calls files of its own: choose another")
+        elif self._asked:
+            call.error("Busy", {"what": "another call: its file is being written"})
+        else:
+            self._asked += 1
+            self._begin(_FlightRequest(self._recorded.ring, "dump", name or "DUMP", call))
+
+    async def end(self) -> None:
+        """The loop has gone: what is due is written now, and what it was doing if it took no farewell."""
+        ring = self._recorded.ring
+        if ring is not None and not self._farewell and await self._orphaned():
+            self._begin(_FlightRequest(ring, "crash", CRASH))
+        elif self._due is not None:
+            self._write_due()
+        await self._front.loop.run_in_executor(None, self._thread.shutdown)
+        await asyncio.sleep(0)  # what became of it is told
+        for fd in (self._recorded.ring, self._recorded.wreck):
+            if fd is not None:
+                os.close(fd)
+
+    async def _orphaned(self) -> bool:
+        """The loop has died; else it has only let go of us, and goes on with another front."""
+        await asyncio.sleep(ORPHANED)
+        return os.getppid() != self._parent
+
+    # ----------------------------------------------------------------------------- writing
+
+    def _write_due(self) -> None:
+        self._due, self._next = None, self._front.now() + AGAIN
+        if self._recorded.ring is not None:
+            self._begin(_FlightRequest(self._recorded.ring, self._reason, self._cause()))
+
+    def _cause(self) -> str:
+        """Of what was told just before the fault, what is latched; else the last of it."""
+        overview = self._front.world.overview
+        latched = {finding.code.value for finding in overview.faults} if overview is not None else set()
+        last = self._told[-1] if self._told else self._reason.upper()
+        return next((code for code in self._told if code in latched), last)
+
+    def _begin(self, wanted: _FlightRequest) -> None:
+        """Into the thread; what became of it is told from this one."""
+        briefing, tick = self._front.world.briefing, None if wanted.wreck else self._front.world.tick
+        state = () if tick is None else (tick.mode, tick.state)
+        meta = meta_of(briefing, wanted.reason, wanted.label, *state)
+
+        def work() -> Path | None:
+            if wanted.wreck:
+                meta["files"] = self._files(wanted.ring)
+            return self._folder.write(wanted.label, meta, plain(briefing), copy(wanted.ring))
+
+        def done(future: Future[Path | None]) -> None:
+            with contextlib.suppress(RuntimeError):  # the front has ended
+                self._front.loop.call_soon_threadsafe(self._done, future, wanted)
+
+        try:
+            future = self._thread.submit(work)
+        except RuntimeError as error:  # no thread is to be had, and it would be done when one is: too late
+            self._thread = ThreadPoolExecutor(1, "flight")
+            self._failed(error, wanted)
+        else:
+            future.add_done_callback(done)
+
+    def _files(self, wreck: int) -> str:
+        """Whether the daemon that is gone began with the files and the version that the briefing has."""
+        signed, briefing = signature(wreck), self._front.world.briefing
+        if not any(signed):
+            return "unknown"
+        return "same" if signed == fingerprint(briefing.version, briefing.files) else "other"
+
+    def _done(self, future: Future[Path | None], wanted: _FlightRequest) -> None:
+        """To the log, and to who asked."""
+        error = future.exception()
+        if error is not None:
+            self._failed(error, wanted)
+            return
+        path, now = future.result(), self._front.now()
+        if path is None:
+            said = "another crash of this robot was written down in the last minute"
+            self._front.log.say("info", "FLIGHT_LEFT_OUT", now, message=said)
+        else:
+            self.last = str(path)
+            self._show(now)
+            self._front.log.say("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
+        self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
+        if wanted.wreck:
+            self._front.link.owe(CrashRecordingDone())
+
+    def _failed(self, error: BaseException, wanted: _FlightRequest) -> None:
+        """It could not be written. What a daemon before us left is kept, and tried once more."""
+        self.failed += 1
+        now, said = self._front.now(), f"{self._folder.path}: {error}"
+        self._front.log.say("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
+        self._answer(wanted, None, said=str(error))
+        if wanted.wreck and self._wreck_tries < WRECK_TRIES:
+            self._wreck_due = now + WRECK_AGAIN
+        elif wanted.wreck:
+            self._front.link.owe(CrashRecordingDone())
+
+    def _answer(self, wanted: _FlightRequest, reply: bytes | None, *, said: str) -> None:
+        """Whoever asked for it has an answer, whatever became of it."""
+        if wanted.call is None:
+            return
+        self._asked -= 1
+        if reply is not None:
+            wanted.call.reply(reply)
+        else:
+            wanted.call.error("NotWritten", {"path": str(self._folder.path), "message": said})

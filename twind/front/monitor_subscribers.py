@@ -1,0 +1,165 @@
+"""Monitor: who watches what, how often, and what is sent to them. Front process.
+
+The body of a message is encoded once per piece of news, however many watch.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from twind.front.accepted_trajectories import AcceptedTrajectory
+from twind.front.client_calls import ClientCall
+from twind.front.message_stream import MessageStream
+from twind.front.state_cache import StateCache, encode
+from twind.link import Event, Overview, Tick, VerdictReport
+
+# topic -> Hz where the call does not say
+PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
+HISTOGRAMS = "histograms"  # of topic latency, due once a second
+TOPICS = (*PERIODIC, "events", "verdicts", "trajectories", "stream")
+
+
+@dataclass(slots=True)
+class MonitorSubscriber:
+    """One Monitor call. `dropped`: messages lost since the last one that was sent."""
+
+    call: ClientCall
+    stream: MessageStream
+    topics: frozenset[str]
+    period: dict[str, float]  # s, by topic
+    due: dict[str, float] = field(default_factory=dict)  # s, by topic
+    dropped: int = 0
+    status: bytes | None = None  # that it was sent last
+
+    def wants(self, topic: str, now: float, slack: float) -> bool:
+        """It is time for a message of a periodic topic; `slack` s too early is in time."""
+        if topic not in self.topics:
+            return False
+        due = self.due.get(topic, now)
+        if now + slack < due:
+            return False
+        self.due[topic] = max(due, now - slack) + self.period[topic]
+        return True
+
+    def send(self, body: bytes) -> None:
+        """A message that ends with `body`, parameters after `dropped`; the only one without `more`."""
+        if self.call.more:
+            self.stream.publish(body, self)
+        else:
+            self.call.reply(b'{"dropped":0,' + body[:-1])
+
+
+def by_histograms(wanting: list[MonitorSubscriber], now: float) -> dict[bool, list[MonitorSubscriber]]:
+    """Who of those that want latencies gets histograms with them (True): everybody once a second."""
+    found: dict[bool, list[MonitorSubscriber]] = {True: [], False: []}
+    for watcher in wanting:
+        due = watcher.due.get(HISTOGRAMS, now)
+        whole = now + 0.05 >= due
+        watcher.due[HISTOGRAMS] = now + 1.0 if whole else due
+        found[whole].append(watcher)
+    return found
+
+
+class SubscriberRegistry:
+    """All watchers."""
+
+    def __init__(self, world: StateCache) -> None:
+        self._world = world
+        self._watchers: list[MonitorSubscriber] = []
+        self._slack = 0.5 / world.briefing.rate_hz
+
+    def watch(self, call: ClientCall, stream: MessageStream, topics: list[str], rate: float | None) -> None:
+        """Begin a Monitor call. `rate` in Hz for the periodic topics, None: each its own."""
+        most = self._world.briefing.rate_hz
+        period = {topic: 1.0 / min(rate or usual, most) for topic, usual in PERIODIC.items()}
+        self._watchers.append(MonitorSubscriber(call, stream, frozenset(topics), period))
+
+    def forget(self, client: int) -> None:
+        """A connection is gone."""
+        self._watchers = [watcher for watcher in self._watchers if watcher.call.caller.number != client]
+
+    def tick(self, tick: Tick) -> None:
+        """Topics that follow the tick."""
+        world, number = self._world, tick.sequence
+        self._status(tick)
+        for topic, key, piece, time in (
+            ("state", b"joints", world.state, tick.time),
+            ("raw", b"raw", world.raw, tick.read),
+        ):
+            wanting = [watcher for watcher in self._watchers if watcher.wants(topic, tick.time, self._slack)]
+            self._send(wanting, topic, key, piece, time, number)
+
+    def _status(self, tick: Tick) -> None:
+        """To whom it is time to tell another status than the last: most ticks have none."""
+        asking = [watcher for watcher in self._watchers if "status" in watcher.topics]
+        if not asking:
+            return
+        told = self._world.status()
+        other = [watcher for watcher in asking if watcher.status is not told]
+        wanting = [watcher for watcher in other if watcher.wants("status", tick.time, self._slack)]
+        for watcher in wanting:
+            watcher.status = told
+        self._send(wanting, "status", b"status", lambda: told, tick.time, tick.sequence)
+
+    def overview(self, overview: Overview) -> None:
+        """Topics that follow the overview."""
+        sequence = 0 if self._world.tick is None else self._world.tick.sequence
+        wanting = [watcher for watcher in self._watchers if watcher.wants("latency", overview.time, 0.05)]
+        for whole, to in by_histograms(wanting, overview.time).items():
+            piece = partial(self._world.latency, whole=whole)
+            self._send(to, "latency", b"latency", piece, overview.time, sequence)
+
+    def event(self, event: Event) -> None:
+        """To all who watch events."""
+        self._at_once("events", b"event", lambda: self._world.event(event), event.time, event.sequence)
+
+    def verdict(self, moment: VerdictReport) -> None:
+        """To all who watch verdicts."""
+        self._at_once(
+            "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
+        )
+
+    def accepted(self, accepted: AcceptedTrajectory, moment: VerdictReport) -> None:
+        """To all who watch trajectories."""
+        self._at_once(
+            "trajectories",
+            b"accepted",
+            lambda: encode(accepted.plain(self._world.names)),
+            moment.time,
+            moment.sequence,
+        )
+
+    def stream(self, streaming: dict[str, Any], time: float) -> None:
+        """To all who watch streamers."""
+        sequence = 0 if self._world.tick is None else self._world.tick.sequence
+        self._at_once("stream", b"stream", lambda: encode(streaming), time, sequence)
+
+    def _at_once(
+        self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int
+    ) -> None:
+        wanting = [watcher for watcher in self._watchers if topic in watcher.topics]
+        self._send(wanting, topic, key, piece, time, sequence)
+
+    def _send(
+        self,
+        to: list[MonitorSubscriber],
+        topic: str,
+        key: bytes,
+        piece: Callable[[], bytes],
+        time: float,
+        sequence: int,
+    ) -> None:
+        if not to:
+            return
+        body = b'"topic":"%s","time":%.6f,"sequence":%d,"%s":%s}}' % (
+            topic.encode(),
+            time,
+            sequence,
+            key,
+            piece(),
+        )
+        for watcher in to:
+            watcher.send(body)
+        # Who was answered for good, or hung up meanwhile: that has changed the list already.
+        self._watchers = [watcher for watcher in self._watchers if not watcher.call.finished]

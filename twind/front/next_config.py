@@ -1,0 +1,35 @@
+"""The briefing that holds once settings or files are others. Pure; for the front, and whoever reads files."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from twind.briefing import Briefing
+from twind.config import config_files, file_changes, reload_plan
+from twind.config.config_files import ConfigSources, LoadedConfig
+
+BY_CLIENT = "SetParameters"  # where such a value comes from
+
+
+def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -> Briefing:
+    """The next briefing, with what the files say by now; limits and gains of the robot stay as they are."""
+    return msgspec.structs.replace(
+        briefing,
+        parameters=then.settings.parameters(),
+        log_level=then.settings.log_level,
+        files=dict(then.files),
+        texts=file_changes.texts(then.files, briefing.texts),
+        described=config_files.packed(sources, then),
+        generation=briefing.generation + 1,
+    )
+
+
+def with_settings(briefing: Briefing, changes: Mapping[str, Any]) -> Briefing:
+    """The next briefing, with settings changed by a client's word. Raises NotHot, ValueError."""
+    sources, old = config_files.unpacked(briefing.described)
+    then = reload_plan.with_changes(old, changes)
+    named = dict.fromkeys((key.rpartition(".")[2] for key in changes), BY_CLIENT)
+    settings = replace(then.settings, origins={**then.settings.origins, **named})
+    return with_files(briefing, sources, replace(then, settings=settings))

@@ -1,0 +1,207 @@
+"""Changes while the daemon runs, the front's side: asked for, read, sent to the loop, in force on both sides.
+
+One at a time, in the order they were asked for. The loop decides whether a change may be made now; with its
+word the front takes the same values, and until then both go on by the old ones. Front process.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from twind import link
+from twind.briefing import Briefing, ReloadResult
+from twind.config.hot_keys import BLOCK, LEVEL, WARN, of_robot
+from twind.front.client_calls import ClientCall
+from twind.front.state_cache import encode
+from twind.front.trajectory_check_queue import NOBODY
+from twind.memfd import seal
+from twind.robot.finding import Finding, ReasonCode
+
+if TYPE_CHECKING:
+    from twind.front.front_server import FrontServer
+    from twind.twin.trajectory_precheck import TrajectoryPrecheck
+
+READING = 15.0  # s that reading and checking the files may take
+ANSWER = 5.0  # s until the loop must have answered
+WAITING = 8  # that may wait for their turn
+PARAMETERS = {"log_level": LEVEL, "latency_warn_ms": WARN, "latency_block_ms": BLOCK}  # of SetParameters
+
+
+@dataclass(slots=True)
+class ReloadRequest:
+    """One wish: the files read again, or settings by a client's word. `call` None: SIGHUP told the loop."""
+
+    call: ClientCall | None
+    changes: dict[str, Any] | None = None  # None: read the files
+    reading: ReloadResult | None = None
+    foresight: TrajectoryPrecheck | None = None  # by the new limits
+    ticket: int = NOBODY
+    deadline: float = 0.0  # s, of the loop's answer
+
+
+class ReloadQueue:
+    """What is under way, and what waits."""
+
+    def __init__(self, front: FrontServer) -> None:
+        self._front = front
+        self._waiting: deque[ReloadRequest] = deque()
+        self._now: ReloadRequest | None = None
+        self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
+
+    def close(self) -> None:
+        """The loop is gone: nobody waits for the files any more."""
+        if self._reader is not None:
+            self._reader.kill()
+
+    def ask(self, call: ClientCall | None, changes: dict[str, Any] | None = None) -> None:
+        """Read the files, or make `changes` (settings by their keys), when it is their turn."""
+        if call is not None and len(self._waiting) >= WAITING:
+            call.error("Busy", {"what": "reloads wait for each other: try again"})
+            return
+        if call is None and any(asked.call is None for asked in self._waiting):
+            return  # two signals, and the files are not looked at yet
+        self._waiting.append(ReloadRequest(call, changes))
+        self._next()
+
+    def _next(self) -> None:
+        if self._now is not None or not self._waiting:
+            return
+        asked = self._now = self._waiting.popleft()
+        briefing = self._front.world.briefing
+        if asked.changes is None:
+            self._front.link.owe(link.ReloadStarted())
+            working = self._front.loop.run_in_executor(None, self._work, briefing)
+            working.add_done_callback(lambda done: self._read(asked, done.result()))
+            return
+        from twind.front.next_config import with_settings  # noqa: PLC0415  a tenth of a second that no start needs
+
+        try:
+            made = with_settings(briefing, asked.changes)
+        except ValueError as error:  # NotHot
+            self._read(asked, ReloadResult(error=str(error)))
+        else:
+            self._read(asked, ReloadResult(changes=asked.changes, briefing=made))
+
+    def _work(self, briefing: Briefing) -> ReloadResult:
+        """In a thread, which waits for the process that reads."""
+        program = [sys.executable, "-P", "-m", "twind.front.reload_worker"]
+        pipe = subprocess.PIPE
+        try:
+            with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe) as self._reader:
+                try:
+                    told, said = self._reader.communicate(msgspec.msgpack.encode(briefing), READING)
+                except subprocess.TimeoutExpired:
+                    self._reader.kill()
+                    return ReloadResult(error=f"reading the files took longer than {READING:g} s")
+            if self._reader.returncode != 0:
+                last = said.decode(errors="replace").strip().rpartition("\n")[2]
+                return ReloadResult(error=f"reading the files broke ({self._reader.returncode}): {last}")
+            return msgspec.msgpack.decode(told, type=ReloadResult)
+        except (OSError, msgspec.MsgspecError) as error:
+            return ReloadResult(error=f"reading the files broke: {error}")
+        finally:
+            self._reader = None
+
+    def _read(self, asked: ReloadRequest, reading: ReloadResult) -> None:
+        """The files are read, and checked."""
+        if reading.error or reading.briefing is None:
+            if asked.changes is None:
+                self._front.link.owe(link.ReloadFailed(message=reading.error))
+            self._refused(asked, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
+            return
+        asked.reading = reading
+        if not of_robot(reading.changes):
+            self._send(asked)
+            return
+        made = self._front.loop.run_in_executor(None, _foresight, reading.briefing)
+        made.add_done_callback(lambda done: self._foreseen(asked, done.result()))
+
+    def _foreseen(self, asked: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
+        if isinstance(made, str):
+            self._read(asked, ReloadResult(error=made))
+            return
+        asked.foresight = made
+        self._send(asked)
+
+    def _send(self, asked: ReloadRequest) -> None:
+        """To the loop, which decides."""
+        front, reading = self._front, asked.reading
+        assert reading is not None
+        assert reading.briefing is not None
+        asked.ticket, asked.deadline = front.tickets.number(), front.now() + ANSWER
+        command = link.ApplyChanges(
+            ticket=asked.ticket,
+            client=NOBODY if asked.call is None else asked.call.caller.number,
+            generation=reading.briefing.generation,
+            changes=reading.changes,
+            needs_restart=reading.needs_restart,
+            reread=asked.changes is None,
+        )
+        fd = seal("twind-briefing", msgspec.msgpack.encode(reading.briefing))
+        try:
+            sent = front.link.send(command, fd)
+        finally:
+            os.close(fd)
+        if not sent:
+            front.loop.call_later(0.05, self._again, asked)
+
+    def _again(self, asked: ReloadRequest) -> None:
+        if self._now is asked and self._front.now() < asked.deadline:
+            deadline = asked.deadline
+            self._send(asked)
+            asked.deadline = deadline
+
+    # ------------------------------------------------------------------------------- the loop's word
+
+    def answer(self, reply: link.Reply) -> bool:
+        """The loop's answer to what is under way: True when it was that."""
+        asked = self._now
+        if asked is None or asked.ticket == NOBODY or reply.ticket != asked.ticket:
+            return False
+        named = self._front.world.names.reply(reply.parameters)
+        if reply.error is not None:
+            self._over(lambda call: call.error(reply.error or "Busy", named))
+            return True
+        assert asked.reading is not None
+        assert asked.reading.briefing is not None
+        self._front.adopt(asked.reading.briefing, asked.foresight)
+        if asked.changes is None:
+            self._over(lambda call: call.reply(encode(named)))
+        else:
+            shown = {"parameters": asked.reading.briefing.parameters, "needs_restart": []}
+            self._over(lambda call: call.reply(encode(shown)))
+        return True
+
+    def tend(self, now: float) -> None:
+        """A loop that does not answer may still have taken the values: this front ends, and the next one is
+        told what is in force."""
+        asked = self._now
+        if asked is not None and asked.ticket != NOBODY and now > asked.deadline:
+            self._front.log.say("error", "LOOP_SILENT", now, method="Reload")
+            self._front.ended.set()
+
+    def _refused(self, asked: ReloadRequest, findings: list[Finding]) -> None:
+        self._over(lambda call: self._front.refuse(call, findings))
+
+    def _over(self, answer: Any) -> None:
+        asked, self._now = self._now, None
+        if asked is not None and asked.call is not None:
+            answer(asked.call)
+        self._front.soon(self._next)
+
+
+def _foresight(briefing: Briefing) -> TrajectoryPrecheck | str:
+    """In a thread. A text: why there is none."""
+    from twind.twin.binding_transfer import foresight  # noqa: PLC0415  as in `foreseen`
+
+    try:
+        return foresight(briefing.binding, 1.0 / briefing.rate_hz)
+    except Exception as error:  # noqa: BLE001  whatever it is: nothing is changed
+        return f"no look-ahead by the new limits: {type(error).__name__}: {error}"

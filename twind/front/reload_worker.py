@@ -1,0 +1,69 @@
+"""The files read again: `python -m twind.front.reload_worker`, a process of its own; a briefing on standard
+input.
+
+Started by the front, which goes on serving: reading YAML and compiling a model takes long, and what breaks
+the compiler breaks nobody else. Checks everything as a start does, changes nothing.
+"""
+
+import sys
+
+import msgspec
+
+from twind.briefing import Briefing, ReloadResult
+from twind.config import config_files, reload_plan
+from twind.config.config_files import CommandLineError, describe
+from twind.config.hot_changes import RestartRequired
+from twind.config.hot_keys import of_robot
+from twind.config.yaml_tree import ConfigError
+from twind.front.next_config import with_files
+from twind.twin import binding_transfer
+from twind.twin.binding import Binding, BindingError, bind, rebound
+from twind.twin.simulation import hush
+
+
+def read_again(briefing: Briefing) -> ReloadResult:
+    """What of the files differs from `briefing`, and the next briefing, with the hot part in force."""
+    try:
+        sources, old = config_files.unpacked(briefing.described)
+        new = describe(sources)
+        hush()
+        bind(new.robot, new.calibration)
+        found = reload_plan.difference(old, new)
+        then = reload_plan.in_force(old, new, found)
+        told = with_files(briefing, sources, then)
+        told = msgspec.structs.replace(
+            told,
+            description=msgspec.to_builtins(then.robot, enc_hook=str),
+            calibration=msgspec.to_builtins(then.calibration, enc_hook=str),
+        )
+        if of_robot(found.changes):
+            binding = rebound(binding_transfer.unpacked(briefing.binding), then.robot, then.calibration)
+            told = _with_robot(told, binding)
+    except (ConfigError, CommandLineError, BindingError, RestartRequired, ValueError, OSError) as error:
+        return ReloadResult(error=str(error))
+    return ReloadResult(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
+
+
+def _with_robot(told: Briefing, binding: Binding) -> Briefing:
+    limits = binding.limits
+    joints = [
+        msgspec.structs.replace(joint, lower=float(lower), upper=float(upper))
+        for joint, lower, upper in zip(told.joints, limits.lower, limits.upper, strict=True)
+    ]
+    return msgspec.structs.replace(
+        told,
+        joints=joints,
+        binding=binding_transfer.packed(binding),
+    )
+
+
+def main() -> int:
+    """One reading, as msgpack on standard output."""
+    briefing = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Briefing)
+    sys.stdout.buffer.write(msgspec.msgpack.encode(read_again(briefing)))
+    sys.stdout.buffer.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,293 @@
+"""What the front knows of the robot now, and the JSON made of it: each piece is encoded once per news.
+
+Front process. Reads the loop's news, knows no client.
+"""
+
+from math import isfinite
+from typing import Any
+
+import msgspec
+
+from twind.briefing import Briefing
+from twind.front.joint_naming import JointNames
+from twind.link import Event, LatencyInfo, LoopInfo, Overview, Tick, VerdictReport
+
+# Bits of a servo's hardware error register (Protocol 2.0, address 70), and of what the CAN drivers make of a
+# fault (`twind_drivers.can.actuator_family`); bit 8: its last answer's alert.
+FAULT_BITS = {
+    0: "input_voltage",
+    1: "not_calibrated",
+    2: "overheating",
+    3: "encoder",
+    4: "electrical_shock",
+    5: "overload",
+    6: "communication_lost",
+    7: "unknown_fault",
+    8: "alert",
+}
+IMU = (("gyro", 0, 3), ("acceleration", 3, 6), ("quaternion", 6, 10))  # where they are in `Tick.imu`
+_TORQUE = {1: True, 0: False}
+
+_json = msgspec.json.Encoder()  # writes NaN and the infinities as null
+
+
+def encode(value: Any) -> bytes:
+    """JSON; NaN and infinities become null."""
+    return _json.encode(value)
+
+
+Slow = tuple[list[float], list[float], list[bool | None], list[bool | None], list[list[str]]]
+
+
+class JointSnapshot(msgspec.Struct):
+    """One joint, as `Joint` of the interface. NaN where unknown."""
+
+    name: str
+    bus: str
+    id: int
+    position: float
+    velocity: float
+    effort: float
+    goal: float
+    simulated: float
+    temperature: float
+    voltage: float
+    age_ms: float
+    heard: bool
+    torque: bool | None
+    calibrated: bool
+    verified: bool | None
+    faults: list[str]
+
+
+class StateCache:
+    """The latest tick and overview of one robot. Nothing is known until both have come."""
+
+    def __init__(self, briefing: Briefing) -> None:
+        self.briefing = briefing
+        self.names = JointNames([joint.name for joint in briefing.joints])
+        self.tick: Tick | None = None
+        self.overview: Overview | None = None
+        self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
+        self.streams: list[dict[str, Any]] = []  # `[]Streaming`
+        self._cache: dict[str, bytes] = {}
+        self._told: tuple[Any, Any, bytes] | None = None  # what the last status was made of, and it
+        self._slow: dict[str, msgspec.Raw] = {}
+        self._histograms: dict[str, LatencyInfo] = {}  # of each hop the last with its histogram
+        self._lateness: LoopInfo | None = None  # the same
+        self._columns: Slow | None = None
+
+    def brief(self, briefing: Briefing) -> None:
+        """The same robot, with other limits, gains or settings."""
+        self.briefing = briefing
+        self._cache.clear()
+
+    @property
+    def known(self) -> bool:
+        """A tick and an overview have come."""
+        return self.tick is not None and self.overview is not None
+
+    def take(self, news: Tick | Overview) -> None:
+        """Newer news replace older ones."""
+        self._cache.clear()
+        if isinstance(news, Tick):
+            self.tick = news
+        else:
+            self.overview = news
+            self._histograms |= {hop.hop: hop for hop in news.latencies if hop.histogram is not None}
+            self._lateness = news.loop if news.loop.lateness is not None else self._lateness
+            self._slow = {
+                "faults": msgspec.Raw(encode(self.names.findings(news.faults))),
+                "buses": msgspec.Raw(encode(news.buses)),
+                "loop": msgspec.Raw(encode(self._loop(news.loop))),
+            }
+            self._columns = _slow_columns(news)
+
+    def stream(self, streams: list[dict[str, Any]]) -> None:
+        """Who streams now; another list each time."""
+        self.streams = streams
+        self._cache.pop("status", None)
+
+    # ------------------------------------------------------------------------------ pieces of answers
+
+    def status(self) -> bytes:
+        """`Status` of the interface, encoded; the same object for as long as it says the same."""
+        return self._once("status", self._kept_status)
+
+    def joints(self) -> bytes:
+        """`[]Joint` of the interface, encoded."""
+        return self._once("joints", self._joints)
+
+    def state(self) -> bytes:
+        """Of the topic `state`: joints, their mode, how far apart their buses were read, the IMU; encoded."""
+        assert self.tick is not None
+        told = self.joints() + b',"mode":' + encode(self.tick.mode)
+        told += b',"skew_ms":' + encode(self.tick.skew * 1e3)
+        return told + b',"imu":' + encode(_imu(self.tick)) if self.tick.imu else told
+
+    def raw(self) -> bytes:
+        """Of the topic `raw`: what was on the wire of every actuator, encoded."""
+        assert self.tick is not None
+        ticks, age = memoryview(self.tick.raw).cast("q").tolist(), _floats(self.tick.raw_age)
+        efforts = _floats(self.tick.raw_effort)
+        return encode(
+            {
+                "names": [joint.actuator or joint.name for joint in self.briefing.joints],
+                "ticks": [one if isfinite(old) else None for one, old in zip(ticks, age, strict=True)],
+                "effort": [int(one) if isfinite(one) else None for one in efforts],
+                "age_ms": [each * 1e3 for each in age],
+            }
+        )
+
+    def latency(self, *, whole: bool = False) -> bytes:
+        """`[]Latency` of the interface, encoded. `whole`: with the histograms as they were told last."""
+        assert self.overview is not None
+        told = [self._hop(hop, whole=whole) for hop in self.overview.latencies]
+        return encode(told)
+
+    def robot(self) -> bytes:
+        """The reply's parameters of GetRobot, encoded."""
+        b = self.briefing
+        return encode({"robot": b.description, "calibration": b.calibration, "mjcf": b.mjcf})
+
+    def event(self, event: Event) -> bytes:
+        """`Event` of the interface, encoded."""
+        return encode(
+            {
+                "time": event.time,
+                "sequence": event.sequence,
+                "level": event.level,
+                "code": event.code,
+                "message": event.message,
+                "findings": self.names.findings(event.findings),
+                "annotation": event.annotation,
+                "id": event.id or None,
+                "phase": event.phase or None,
+                "before": event.before or None,
+                "cause": event.cause or None,
+                "stop": event.stop or None,
+            }
+        )
+
+    def verdict(self, moment: VerdictReport) -> bytes:
+        """Of the topic `verdicts`: the verdict, and which trajectory it is of; encoded."""
+        return encode(self.names.verdict(moment.verdict)) + b',"id":' + encode(moment.id or None)
+
+    def _hop(self, hop: LatencyInfo, *, whole: bool) -> LatencyInfo:
+        last = self._histograms.get(hop.hop) if whole else None
+        counts, total = (None, None) if last is None else (last.histogram, last.histogram_sum_ms)
+        return msgspec.structs.replace(hop, histogram=counts, histogram_sum_ms=total)
+
+    def _loop(self, loop: LoopInfo) -> LoopInfo:
+        last = self._lateness or loop
+        return msgspec.structs.replace(loop, lateness=last.lateness, lateness_sum_ms=last.lateness_sum_ms)
+
+    def _once(self, key: str, make: Any) -> bytes:
+        made = self._cache.get(key)
+        if made is None:
+            made = self._cache[key] = make()
+        return made
+
+    def _kept_status(self) -> bytes:
+        tick = self.tick
+        assert tick is not None
+        held = self.overview, self.flight, self.streams, self.briefing
+        said = (tick.mode, tick.state, tick.motion)
+        of = (*map(id, held), *said, tick.armed, tick.inherited)
+        if self._told is None or self._told[0] != of:
+            self._told = of, held, self._status()  # what is held has its id for itself
+        return self._told[2]
+
+    def _status(self) -> bytes:
+        tick, overview = self.tick, self.overview
+        assert tick is not None
+        assert overview is not None
+        return encode(
+            {
+                "version": self.briefing.version,
+                "robot": self.briefing.robot,
+                "mode": tick.mode,
+                "state": tick.state,
+                "motion": tick.motion,
+                "armed": tick.armed,
+                "inherited": tick.inherited,
+                "hw_connected": overview.hw_connected,
+                "sim_connected": overview.sim_connected,
+                "latency_ms": overview.latency_ms,
+                "latency_avg_ms": overview.latency_avg_ms,
+                "latency_max_ms": overview.latency_max_ms,
+                "violations": overview.violations,
+                "skew_ms": overview.skew_ms,
+                "skew_max_ms": overview.skew_max_ms,
+                "lease": overview.lease,
+                "flight": self.flight,
+                "streams": self.streams,
+                **self._slow,
+            }
+        )
+
+    def _joints(self) -> bytes:
+        tick, columns = self.tick, self._columns
+        assert tick is not None
+        assert columns is not None
+        still = self.briefing.joints
+        return encode(
+            [
+                JointSnapshot(
+                    j.name,
+                    j.bus,
+                    j.id,
+                    p,
+                    v,
+                    e,
+                    g,
+                    s,
+                    temp,
+                    volt,
+                    age * 1e3,
+                    h != 0,
+                    on,
+                    j.calibrated,
+                    fine,
+                    f,
+                )
+                for j, p, v, e, g, s, age, h, temp, volt, on, fine, f in zip(
+                    still,
+                    _floats(tick.position),
+                    _floats(tick.velocity),
+                    _floats(tick.effort),
+                    _floats(tick.goal),
+                    _floats(tick.simulated),
+                    _floats(tick.age),
+                    tick.heard,
+                    *columns,
+                    strict=True,
+                )
+            ]
+        )
+
+
+def _floats(data: bytes) -> list[float]:
+    numbers: Any = memoryview(data).cast("d").tolist()  # typed as ints whatever the format is
+    return list(numbers)
+
+
+def _slow_columns(news: Overview) -> Slow:
+    """Temperature, voltage, torque, verified and faults of each joint."""
+    torque = [_TORQUE.get(value) for value in memoryview(news.torque).cast("b").tolist()]
+    faults = [_faults(bits) for bits in memoryview(news.fault_bits).cast("h").tolist()]
+    verified: list[bool | None] = [each != 0 for each in news.verified]
+    return _floats(news.temperature), _floats(news.voltage), torque, verified or [None] * len(torque), faults
+
+
+def _faults(bits: int) -> list[str]:
+    """Names of the bits; none while they are unknown (-1)."""
+    if bits < 0:
+        return []
+    return [FAULT_BITS.get(bit, f"bit_{bit}") for bit in range(15) if bits >> bit & 1]
+
+
+def _imu(tick: Tick) -> dict[str, Any]:
+    """`Imu` of the interface."""
+    numbers = _floats(tick.imu)
+    return {key: numbers[first:end] for key, first, end in IMU} | {"age_ms": tick.imu_age * 1e3}

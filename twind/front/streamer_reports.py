@@ -1,0 +1,59 @@
+"""What streamers say of themselves, for topic `stream` and the status. Front process; the loop hears nothing.
+
+A report belongs to the connection that it came on, so there are never more of them than connections.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from twind.front.daemon_log import printable
+from twind.front.monitor_subscribers import SubscriberRegistry
+from twind.front.state_cache import StateCache
+
+TEXT = 200  # characters of each text that are kept
+MOST_HZ = 1e6  # samples a second that anybody measures
+MOST = 2**53  # of messages; beyond it JSON's readers round
+COUNTS = ("sent", "waiting", "dropped", "dead", "failures")
+SILENCE = 10.0  # s without another report after which a streamer counts as gone
+GONE = "the streamer is gone"
+HANGS = f"the streamer has said nothing for {SILENCE:g} s"
+
+
+class StreamerReports:
+    """The last report of each streamer."""
+
+    def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:
+        self._world, self._telemetry = world, telemetry
+        self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> when it came (s), what
+
+    def take(self, client: int, told: Mapping[str, Any], now: float) -> None:
+        """A report, as the interface has it. Its texts reach terminals: short, no control characters."""
+        kept = {key: _short(value) if isinstance(value, str) else value for key, value in told.items()}
+        self._reports[client] = now, kept
+        self._tell(kept, now)
+
+    def forget(self, client: int, now: float, why: str = GONE) -> None:
+        """That connection ended; nothing where it never reported."""
+        report = self._reports.pop(client, None)
+        if report is not None:
+            self._tell({**report[1], "error": why}, now)
+
+    def tend(self, now: float) -> None:
+        """Who hangs is no streamer."""
+        for client in [client for client, (at, _) in self._reports.items() if now - at > SILENCE]:
+            self.forget(client, now, HANGS)
+
+    def _tell(self, said: dict[str, Any], now: float) -> None:
+        self._world.stream([report for _, report in self._reports.values()])
+        self._telemetry.stream(said, now)
+
+
+def wrong(told: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Which number of a report is none that can be measured or counted, and why; None: all are."""
+    if not 0.0 <= told["rate_hz"] <= MOST_HZ:
+        return "rate_hz", f"0 to {MOST_HZ:.0f} samples a second"
+    return next(((key, f"0 to {MOST} messages") for key in COUNTS if not 0 <= told[key] <= MOST), None)
+
+
+def _short(text: str) -> str:
+    return printable(text[:TEXT])[:TEXT]

@@ -1,0 +1,201 @@
+"""Trajectories between their call and the loop: one at a time, in slices, so that everybody else is answered.
+
+Front process. The model is loaded once clients are served, in a thread; until then paths wait. What is found
+travels with the path (`Submit.refused`, `Submit.warned`): the loop adds its own share and answers, so that a
+caller hears all that is wrong at once.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.front.client_calls import ClientCall
+from twind.front.ticket_table import OUTSTANDING
+from twind.link import RenewLease, Tick
+from twind.robot.arrays import Floats
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.modes import Mode, Motion
+from twind.robot.trajectory import Reference, Trajectory
+
+if TYPE_CHECKING:
+    from twind.front.front_server import FrontServer
+    from twind.twin.trajectory_precheck import TrajectoryPrecheck
+
+Forward = Callable[[Verdict, float], None]  # what was found, and when the state that it rests on was true
+KEPT = (
+    10.0  # s that a path which waits here keeps its client's lease: on a slow machine the model loads as long
+)
+NOBODY = 0  # the ticket of a command whose answer nobody waits for
+
+
+@dataclass(slots=True)
+class TrajectoryCheck:
+    """One path to judge. `begun` is the state that it is judged from."""
+
+    call: ClientCall
+    path: Trajectory
+    append_stop: bool
+    moves: bool  # it will be followed if nothing is wrong; False: `Check`
+    forward: Forward
+    asked: float  # s, when it was called for
+    begun: Tick | None = None
+
+
+class TrajectoryCheckQueue:
+    """What is being judged, and what waits. One path of a connection at a time, in the order of its calls."""
+
+    def __init__(self, front: FrontServer) -> None:
+        self._front = front
+        self._foresight: TrajectoryPrecheck | None = None
+        self._why = "the model is not loaded"
+        self._loaded = False
+        self._jobs: deque[TrajectoryCheck] = deque()
+        self._steps: Generator[None, None, Verdict] | None = None
+
+    # ------------------------------------------------------------------------------- the model
+
+    def load(self) -> None:
+        """Begin to load the model. Answers of the front do not wait for it."""
+        loading = self._front.loop.run_in_executor(None, self._load)
+        loading.add_done_callback(lambda done: self._ready(done.result()))
+
+    def replace(self, foresight: TrajectoryPrecheck) -> None:
+        """From now on paths are judged by other limits; those begun, or waiting, must be sent again."""
+        self._foresight, self._loaded, self._steps = foresight, True, None
+        for job in self._jobs:
+            reason = "the limits were changed while this was judged: send it again"
+            self._front.refuse(job.call, [Finding(ReasonCode.CMD_EXPIRED, message=reason)])
+        self._jobs.clear()
+
+    def _load(self) -> TrajectoryPrecheck | None:
+        """In a thread: MuJoCo takes a quarter of a second to import."""
+        try:
+            from twind.twin.binding_transfer import foresight  # noqa: PLC0415  status is served before MuJoCo is there
+
+            briefing = self._front.world.briefing
+            return foresight(briefing.binding, 1.0 / briefing.rate_hz)
+        except Exception as error:  # noqa: BLE001  whatever it is: no look-ahead, and every path is refused
+            self._why = f"{type(error).__name__}: {error}"
+            return None
+
+    def _ready(self, foresight: TrajectoryPrecheck | None) -> None:
+        if not self._loaded:  # else the limits were changed meanwhile
+            self._foresight, self._loaded = foresight, True
+        now = self._front.now()
+        if self._foresight is None:
+            self._front.log.say("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")
+        else:
+            pairs = len(self._foresight.bodies.pairs)
+            self._front.log.say("info", "LOOKAHEAD", now, message=f"{pairs} pairs of bodies are watched")
+        self._next()
+
+    # ------------------------------------------------------------------------------- paths
+
+    def judge(self, job: TrajectoryCheck) -> None:
+        """Judge a path when it is its turn, then forward it; a connection that is gone by then ends it."""
+        own = [other for other in self._jobs if other.call.caller.number == job.call.caller.number]
+        if len(own) >= OUTSTANDING:  # only `oneway` can come that far
+            holder = job.call.caller.holder
+            self._front.log.say("warning", "ONEWAY_FLOOD", self._front.now(), holder=holder)
+            return
+        self._jobs.append(job)
+        self.keep()
+        if len(self._jobs) == 1:
+            self._next()
+
+    def keep(self) -> None:
+        """A motion call renews the lease when it comes, and it does not lapse while we are not done with it.
+
+        Called with every heartbeat. The loop refuses it to whoever does not hold the lease.
+        """
+        since = self._front.now() - KEPT
+        waiting = {
+            job.call.caller.number: job.call.caller for job in self._jobs if job.moves and job.asked > since
+        }
+        for number, caller in waiting.items():
+            if number in self._front.sessions:
+                self._front.link.send(
+                    RenewLease(ticket=NOBODY, client=number, uid=caller.uid, holder=caller.holder)
+                )
+
+    def stop(self) -> None:
+        """Somebody stops the robot: a motion that is still being judged must not begin afterwards."""
+        stopped = [job for job in self._jobs if job.moves]
+        if self._jobs and self._jobs[0].moves:
+            self._steps = None
+        for job in stopped:
+            self._jobs.remove(job)
+            reason = "the robot was stopped while this was judged: send it again"
+            self._front.refuse(job.call, [Finding(ReasonCode.BUSY, message=reason)])
+        if stopped and self._steps is None:
+            self._front.soon(self._next)
+
+    def _next(self) -> None:
+        """Begin with the first that waits."""
+        if self._steps is not None or not self._loaded:
+            return
+        while self._jobs and self._jobs[0].call.caller.number not in self._front.sessions:
+            self._jobs.popleft()
+        if not self._jobs:
+            return
+        job = self._jobs[0]
+        job.begun = self._front.world.tick
+        if self._foresight is None or job.begun is None:
+            reason = f"no look-ahead, so nothing may move: {self._why}"
+            self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
+            return
+        reference = standing(job.begun)
+        self._steps = self._foresight.judging(job.path, reference, append_stop=job.append_stop)
+        self._front.soon(self._step)
+
+    def _step(self) -> None:
+        """One slice; then whoever has something to say is heard."""
+        if self._steps is None:
+            return
+        if self._jobs[0].call.caller.number not in self._front.sessions:  # its client is gone
+            self._steps = None
+            self._next()
+            return
+        try:
+            next(self._steps)
+        except StopIteration as stop:
+            self._done(stop.value)
+        except Exception as error:  # noqa: BLE001  a path that breaks the judgement is not forwarded
+            call = self._jobs[0].call
+            self._front.broken(call.caller, call.method, error)
+            reason = f"cannot be judged: {type(error).__name__}: {error}"
+            self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
+        else:
+            self._front.soon(self._step)
+
+    def _done(self, verdict: Verdict) -> None:
+        job, self._steps = self._jobs.popleft(), None
+        try:
+            job.forward(verdict, self._as_of(job.begun))
+        finally:
+            self._front.soon(self._next)
+
+    def _as_of(self, begun: Tick | None) -> float:
+        """When the robot last stood where the verdict begins (s): now, if it has held there all the time."""
+        now = self._front.world.tick
+        if begun is None or now is None:
+            return self._front.now() if begun is None else begun.time
+        holds = (begun.motion, now.motion) == (Motion.HOLDING, Motion.HOLDING)
+        return now.time if holds and now.goal == begun.goal else begun.time
+
+
+def standing(tick: Tick) -> Reference:
+    """Where a path begins: at the goal; where there is none, where whoever is commanded is. NaN: unknown."""
+    goal = _floats(tick.goal)
+    place = _floats(tick.position if tick.mode == Mode.LIVE else tick.simulated)
+    still = np.zeros(len(goal))
+    return Reference(np.where(np.isfinite(goal), goal, place), still, still)
+
+
+def _floats(data: bytes) -> Floats:
+    return np.frombuffer(data, np.float64)

@@ -1,0 +1,127 @@
+"""A trajectory on its way to the loop: the front's share of the gate, S12-S16. Front process.
+
+What is wrong is said all at once; what passes travels as arrays in a sealed memfd.
+"""
+
+import os
+import secrets
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twind.front.joint_naming import JointNames
+from twind.link import pack_path
+from twind.memfd import seal
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.trajectory import Trajectory
+from twind.safety.trajectory_validation import PointRow, form
+
+POLICIES = ("reject", "retime")  # strict first
+LONGEST_WAIT = 60.0  # s: the largest start_in
+
+
+class ToleranceTooLoose(ValueError):
+    """A request that asks for less care than the robot file demands. `field` names it."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        super().__init__(f"{field}: {reason}")
+        self.field, self.reason = field, reason
+
+
+def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
+    """The path of a `Trajectory` of the interface in joint order, and all that is wrong (S12-S16)."""
+    rows = [
+        PointRow(
+            point["time_from_start"], point["positions"], point.get("velocities"), point.get("accelerations")
+        )
+        for point in message["points"]
+    ]
+    path, findings = form(message["joint_names"], rows, names.joints)
+    wrong = [*_start(message.get("start_in")), *findings, *_tolerances(message, names)]
+    return (None if wrong else path), wrong
+
+
+def _start(start_in: float | None) -> list[Finding]:
+    """S12."""
+    if start_in is None or 0.0 <= start_in <= LONGEST_WAIT:
+        return []
+    if start_in > LONGEST_WAIT:
+        reason = "start_in (s) is too far ahead"
+        return [Finding(ReasonCode.TOO_DISTANT, value=start_in, bound=LONGEST_WAIT, message=reason)]
+    return [
+        Finding(ReasonCode.CMD_EXPIRED, value=start_in, bound=0.0, message="start_in (s) lies in the past")
+    ]
+
+
+def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
+    """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
+    findings, seen = [], set()
+    for tolerance in message.get("tolerances") or ():
+        name = tolerance["joint"]
+        place = names.places.get(name)
+        if place is None:
+            findings.append(
+                Finding(ReasonCode.UNKNOWN_JOINT, message=f"tolerance of {name!r}: no such joint")
+            )
+        elif name in seen:
+            findings.append(Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances"))
+        seen.add(name)
+        for key in ("path", "goal"):
+            given = tolerance.get(key)
+            if given is not None and not (given >= 0.0 or given == -1.0):
+                reason = f"{key} tolerance (rad) must be positive, 0 for the default or -1 for no check"
+                findings.append(Finding(ReasonCode.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
+    if message.get("goal_time") is not None and not message["goal_time"] >= 0.0:
+        reason = "goal_time (s) must not be negative"
+        findings.append(Finding(ReasonCode.BAD_SCHEMA, value=message["goal_time"], bound=0.0, message=reason))
+    return findings
+
+
+def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
+    """What to do with too fast a path: as asked, else as the robot file says. Raises Looser."""
+    gate = description.get("gate")
+    theirs = str(gate.get("on_velocity", POLICIES[0])) if isinstance(gate, Mapping) else POLICIES[0]
+    asked = message.get("policy")
+    if asked is None:
+        return theirs
+    if asked not in POLICIES:
+        raise ToleranceTooLoose("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
+    if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
+        reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
+        raise ToleranceTooLoose("trajectory.policy", reason)
+    return str(asked)
+
+
+def fields(message: Mapping[str, Any], path: Trajectory, names: JointNames) -> dict[str, Any]:
+    """The fields of `link.Submit` that say what was asked."""
+    tolerances = [
+        (names.places[tolerance["joint"]], tolerance.get("path"), tolerance.get("goal"))
+        for tolerance in message.get("tolerances") or ()
+    ]
+    return {
+        "id": secrets.token_hex(4),  # told apart from those of an earlier front
+        "points": int(path.time.size),
+        "commanded": np.flatnonzero(path.commanded).tolist(),
+        "velocity": path.velocity is not None,
+        "acceleration": path.acceleration is not None,
+        "start_in": message.get("start_in") or 0.0,
+        "goal_time": message.get("goal_time"),
+        "tolerances": tolerances,
+        "append_stop": bool(message.get("append_stop")),
+    }
+
+
+class SealedTrajectory:
+    """The arrays of a path in a memfd, for as long as the context lasts."""
+
+    def __init__(self, path: Trajectory) -> None:
+        self._data = pack_path(path)
+        self.fd = -1
+
+    def __enter__(self) -> int:
+        self.fd = seal("twind-path", self._data)
+        return self.fd
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self.fd)

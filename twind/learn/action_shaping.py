@@ -1,0 +1,141 @@
+"""From an action to the joint target that is sent: smoothed, and never faster than the robot may.
+
+The same code runs in simulation and in front of a robot, so that both see the same targets: they stay within
+what the loop's own follower (`motion/stop_profiles.py`) follows unaltered.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.robot.arrays import Bools, Floats, frozen
+from twind.robot.joint_limits import JointLimits
+
+PERIOD = 0.02  # s, of a policy
+# With B = BEND / s, B asinh(s x / B) is below the fastest speed that stops within x in whole periods, for any
+# way x and smoothing s up to 0.5 (speeds in changes of one period, ways in what such a speed makes in one).
+BEND = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class ActionShaping:
+    """How actions are shaped. A policy is trained with one of these, and must run with the same."""
+
+    period: float = PERIOD  # s
+    reach: float = 0.5  # rad that an action of 1 is from the default pose
+    smoothing: float = 0.5  # of a small step of the target, this share is made in each period
+    velocity_share: float = 0.9  # of each joint's velocity limit
+    acceleration_share: float = 0.5  # of its acceleration limit
+    margin: float = 0.01  # rad that targets keep from the position limits
+
+    def __post_init__(self) -> None:
+        """Raises ValueError: a figure outside what it can be."""
+        shares = (self.smoothing, self.velocity_share, self.acceleration_share)
+        if not all(0.0 < share <= 1.0 for share in shares):
+            raise ValueError(f"smoothing and shares {shares} must be above 0 and at most 1")
+        if self.smoothing > 0.5:
+            raise ValueError(f"smoothing {self.smoothing} is above 0.5: it could not always brake in time")
+        if not (self.period > 0.0 and self.reach > 0.0 and self.margin >= 0.0):
+            raise ValueError(f"period {self.period} s, reach {self.reach} and margin {self.margin} rad")
+
+    def card(self) -> dict[str, float]:
+        """The figures by name, as a policy file keeps them."""
+        return asdict(self)
+
+
+class ActionShaper:
+    """The targets of one robot, or of `shape` robots: arrays (…, n), in joint order.
+
+    Each period a target goes `smoothing` of a short way to its goal (a low-pass with one pole), and of a long
+    way what can still be braked in whole periods. Every goal lies within the limits, and so does every place
+    where a target could come to rest.
+    """
+
+    def __init__(
+        self, limits: JointLimits, default: Floats, shaping: ActionShaping, shape: tuple[int, ...] = ()
+    ) -> None:
+        """`default` (n,): the pose that actions are told from, rad. Raises ValueError: beyond the limits."""
+        if not ((default >= limits.lower) & (default <= limits.upper)).all():
+            joint = int(np.argmax((default < limits.lower) | (default > limits.upper)))
+            bounds = f"{limits.lower[joint]:g}..{limits.upper[joint]:g}"
+            raise ValueError(f"joint {joint}: default pose {default[joint]:g} rad is outside {bounds}")
+        least = np.minimum(limits.lower + shaping.margin, default)
+        most = np.maximum(limits.upper - shaping.margin, default)
+        self.shaping, self.default = shaping, frozen(default)
+        self.lower = frozen(np.maximum(least, default - shaping.reach))  # rad, (n,), of goals
+        self.upper = frozen(np.minimum(most, default + shaping.reach))
+        # Inside, places are counted from the default pose in a unit in which the speed for a way x is, per
+        # period, smoothing * asinh(x).
+        bend = BEND / shaping.smoothing**2
+        unit = _most_change(limits, shaping) * shaping.period * bend
+        self._unit, self._per_second = frozen(unit), frozen(unit / shaping.period)
+        self._reach = frozen(shaping.reach / unit)
+        self._least, self._most = frozen((self.lower - default) / unit), frozen((self.upper - default) / unit)
+        n = len(default)
+        self._less, self._more = frozen(np.full(n, -1.0 / bend)), frozen(np.full(n, 1.0 / bend))
+        self.target = np.broadcast_to(default, (*shape, n)).copy()  # rad, at the end of the period
+        self.velocity = np.zeros((*shape, n))  # rad/s, through the period
+        self._place, self._speed, self._work = (np.zeros((*shape, n)) for _ in range(3))
+
+    def reset(self, target: Floats | None = None, at: Any = ...) -> None:
+        """Begin at rest on `target` (…, n), the default pose if None; `at`: of these of several robots."""
+        begin = self.default if target is None else target
+        self.target[at], self.velocity[at] = begin, 0.0
+        self._place[at], self._speed[at] = (begin - self.default) / self._unit, 0.0
+
+    def coast(self, periods: int) -> None:
+        """Where the targets of a robot that was told no other for so many periods have gone by themselves.
+
+        The loop goes on with the velocity of its last setpoint; a goal at its limit stays there, at rest.
+        """
+        np.add(self._place, self._speed * periods, self._place)
+        out = (self._place < self._least) | (self._place > self._most)
+        self._place.clip(self._least, self._most, self._place)
+        self._speed[out] = self.velocity[out] = 0.0
+        np.add(self._place * self._unit, self.default, self.target)
+
+    def step(self, action: NDArray[Any]) -> tuple[Floats, Floats]:
+        """The target (…, n) for the end of the next period, rad, and the velocity towards it, rad/s.
+
+        The period begins at `target - velocity * period`, where the last one ended. Both arrays are the
+        shaper's own: they change with the next step. An action beyond ±1 is one of ±1; NaN stays NaN.
+        """
+        place, speed, work = self._place, self._speed, self._work
+        work[...] = action
+        np.multiply(work, self._reach, work)
+        np.maximum(work, self._least, out=work)  # in two: cheaper than `clip`
+        np.minimum(work, self._most, out=work)
+        np.subtract(work, place, work)
+        np.arcsinh(work, work)
+        np.multiply(work, self.shaping.smoothing, work)
+        np.subtract(work, speed, work)
+        np.maximum(work, self._less, out=work)
+        np.minimum(work, self._more, out=work)
+        np.add(speed, work, speed)
+        np.add(place, speed, place)
+        np.multiply(place, self._unit, work)
+        np.add(work, self.default, self.target)
+        np.multiply(speed, self._per_second, self.velocity)
+        return self.target, self.velocity
+
+
+def _most_change(limits: JointLimits, shaping: ActionShaping) -> Floats:
+    """What velocity may change in one period, rad/s, (n,).
+
+    Its share of the acceleration limit; less where the longest way within the limits would become too fast.
+    """
+    most = limits.velocity * shaping.velocity_share
+    way = (limits.upper - limits.lower) * shaping.smoothing**2 / (BEND * shaping.period)
+
+    def slow(change: Floats) -> Bools:
+        found: Bools = change * BEND / shaping.smoothing * np.arcsinh(way / change) <= most
+        return found
+
+    whole = limits.acceleration * shaping.acceleration_share * shaping.period
+    share, step = np.zeros(len(whole)), 0.5
+    while step > 1e-6:  # bisection: the speed grows with the share
+        share = np.where(slow(whole * (share + step)), share + step, share)
+        step *= 0.5
+    return np.where(slow(whole), whole, whole * share)

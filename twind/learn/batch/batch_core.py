@@ -1,0 +1,154 @@
+"""Episodes of many robots at once: what both kinds of vector environment show, each in its own way.
+
+An episode that ends is followed by the next one in the same step: no simulation ever waits a step, and no
+transition has to be left out by who learns. The last observation of the old one is kept beside it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.config.robot_file import load_robot
+from twind.learn.action_shaping import ActionShaper, ActionShaping
+from twind.learn.batch.batch_body import BatchBody
+from twind.learn.learning_tasks import task_of
+from twind.learn.observation import BodyReading, ObservationBuilder, Observations
+from twind.learn.observation_layout import COMMAND, PHASE
+from twind.learn.plant_model import plant_of
+from twind.learn.randomise.randomisation_ranges import load_ranges
+from twind.learn.randomise.reading_noise import ReadingNoise
+from twind.learn.reset_options import Command, command_of
+from twind.learn.reward import RewardFunction
+from twind.robot.arrays import Bools, Floats, Ints
+
+Terms = dict[str, Any]  # of the reward, by name: arrays (count,)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchStep:
+    """What one control step gave. Arrays are new with each step: (count, …), but for those of `ended`."""
+
+    observation: Observations  # of the next episode where one has ended
+    reward: Floats
+    fallen: Bools
+    truncated: Bools  # out of time, fallen or not
+    terms: Terms
+    ended: Ints  # whose episode has ended
+    last: Observations  # (len(ended), N): the last observation of those
+
+
+class BatchCore:
+    """`count` robots with one task; each draws from a generator of its own, as a single environment does."""
+
+    def __init__(
+        self,
+        task: str,
+        count: int,
+        *,
+        robot: str = "h24",
+        randomise: str | None = None,
+        shaping: ActionShaping | None = None,
+        episode_steps: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """As `env.RobotEnv`. `episode_steps`: None, as the task says; `threads`: None, every core.
+
+        Raises KeyError, ConfigError, BindingError, ValueError.
+        """
+        if count < 1:
+            raise ValueError(f"{count} environments: at least one is needed")
+        self.task = task_of(task)
+        self.shaping = shaping or ActionShaping()
+        period = self.shaping.period
+        ranges = self.task.ranges(load_ranges(randomise))
+        self.plant = plant = plant_of(
+            load_robot(robot),
+            period=period,
+            action_delay=ranges.action_delay[1],
+            imu_delay=ranges.imu_delay[1],
+        )
+        self.count, n = count, len(plant.default)
+        self.episode_steps = episode_steps or self.task.steps(period)
+        self.body = BatchBody(plant, ranges, period, count, threads)
+        self.divergences = 0  # simulations that broke down, ever
+        self._shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping, (count,))
+        self._observer = ObservationBuilder(plant.layout, plant.default, (count,))
+        self._judge = RewardFunction(self.task, plant, (count,))
+        self._noise, self._noise_of_one = (ReadingNoise(ranges.noise, n, each) for each in (count, 1))
+        self._phases, self._phase = self.task.phases(period), np.zeros((count, PHASE))
+        self._action, self.command = np.zeros((count, n)), np.zeros((count, COMMAND))
+        self._steps = np.zeros(count, np.int64)
+        self.rngs: list[np.random.Generator] = [np.random.default_rng() for _ in range(count)]
+
+    @property
+    def joints(self) -> int:
+        """Size of an action."""
+        return len(self.plant.default)
+
+    def seed(self, seeds: Sequence[int | None]) -> None:
+        """Generators anew from `seeds`; where there is None the old one goes on."""
+        for at, seed in enumerate(seeds):
+            if seed is not None:
+                self.rngs[at] = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed)))
+
+    def reset(self, ids: Ints | None = None, command: Sequence[float] | None = None) -> Observations:
+        """New episodes of robots `ids` (sorted; None: all). The observations of all, (count, N).
+
+        `command`: forward, left (m/s), turn (rad/s), instead of drawn ones. Raises ValueError: it is not.
+        """
+        wanted = None if command is None else command_of(command)
+        self._begin(np.arange(self.count) if ids is None else ids, wanted)
+        return self._observe()
+
+    def step(self, action: NDArray[Any]) -> BatchStep:
+        """One control period of all; `action` (count, n).
+
+        Raises ValueError: an action with NaN. Nothing moves by it; then reset.
+        """
+        self._action[:] = action
+        target, _ = self._shaper.step(self._action)
+        size = np.vecdot(target, target)
+        if (size != size).any():  # NaN; sooner than any robot hears of it
+            raise ValueError(f"robots {np.flatnonzero(size != size)}: an action is not all numbers: reset")
+        reading = self.body.advance(target, self.rngs)
+        reward, terms = self._judge.reward(reading, target, self.command, self._phase)
+        fallen = self._judge.fallen(reading)
+        if np.count_nonzero(self.body.diverged):
+            fallen |= self.body.diverged
+            self.divergences += int(np.count_nonzero(self.body.diverged))
+            terms["diverged"] = self.body.diverged.copy()
+        self._steps += 1
+        self._turn()
+        truncated = self._steps >= self.episode_steps
+        self._noise.add(reading, self.rngs)
+        observation = self._observe()
+        ended = np.flatnonzero(fallen | truncated)
+        last = observation[ended]
+        if ended.size:
+            self._begin(ended)
+            observation = self._observe()
+        return BatchStep(observation, reward, fallen, truncated, terms, ended, last)
+
+    def _begin(self, ids: Ints, command: Command | None = None) -> None:
+        for each in ids:
+            drawn = self.task.draw_command(self.rngs[each])
+            self.command[each] = drawn if command is None else command
+        self._shaper.reset(at=ids)
+        self._action[ids], self._steps[ids] = 0.0, 0
+        self._turn()
+        self.body.reset(ids, self.rngs)
+        values = self.body.reading.values
+        for each in ids:
+            self._noise_of_one.add(BodyReading(values[each]), [self.rngs[each]])
+
+    def _observe(self) -> Observations:
+        return self._observer.observe(
+            self.body.reading, self._action, self._shaper.target, self.command, self._phase
+        )
+
+    def _turn(self) -> None:
+        """The phase that each robot's steps have brought it to."""
+        np.take(self._phases, self._steps % len(self._phases), axis=0, out=self._phase, mode="clip")

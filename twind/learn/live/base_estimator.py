@@ -1,0 +1,62 @@
+"""A reading of a robot whose base nobody measures: gravity from its IMU, feet and base from joints and gyro.
+
+Leg odometry: what is lowest stands still. Where nothing stands, or a foot slips or tips, the base's velocity
+is wrong by as much; its height is that above the lower sole in any case.
+"""
+
+import mujoco
+import numpy as np
+
+from twind.learn.live.state_message import StateMessage
+from twind.learn.observation import BodyReading
+from twind.learn.plant_model import Plant
+from twind.robot.arrays import Floats
+
+BOTH = 0.01  # m: within this of the lower sole the other one stands too, the less the higher it is
+
+
+class BaseEstimator:
+    """Readings of one robot. Owns its MuJoCo data; not for several threads at once."""
+
+    def __init__(self, plant: Plant) -> None:
+        """`plant`: without delays."""
+        self._plant, self.data = plant, mujoco.MjData(plant.model)  # data: as it stood at the last reading
+        places = plant.places
+        self._height = places.base_qpos + 2
+        self._turn = slice(places.base_qpos + 3, places.base_qpos + 7)
+        self._spin = slice(places.base_dof + 3, places.base_dof + 6)
+
+    def reading(self, heard: StateMessage) -> BodyReading:
+        """What a simulated body would read: a new one. The state must be fresh: it is taken as it is."""
+        imu = heard.inertial
+        assert imu is not None, "whoever asks has looked"
+        plant, data = self._plant, self.data
+        data.qpos[plant.position], data.qvel[plant.speed] = heard.position, heard.velocity
+        data.qpos[self._turn], data.qvel[self._spin] = imu.quaternion, imu.gyro
+        self._follow()
+        reading = BodyReading.empty(len(heard.position))
+        plant.read(data.qpos, data.qvel, data.sensordata, reading)
+        reading.gyro[...], reading.acceleration[...] = imu.gyro, imu.acceleration
+        reading.base_velocity[...] = odometry(reading)
+        data.qpos[self._height] = reading.height  # for a picture; no sensor tells it
+        return reading
+
+    def _follow(self) -> None:
+        """Places, velocities and sensors of the pose; no contacts, no forces."""
+        model, data = self._plant.model, self.data
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+
+def odometry(reading: BodyReading) -> Floats:
+    """How the base moves (3,), m/s, base frame, if what is lowest stands still."""
+    x, y, z = reading.gyro
+    turning = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    depth = reading.soles @ reading.gravity
+    share = np.maximum(1.0 - (depth.max() - depth) / BOTH, 0.0)
+    moving: Floats = share @ (reading.soles @ turning.T + reading.sole_velocities)
+    still: Floats = -moving / share.sum()
+    return still

@@ -1,0 +1,36 @@
+"""When the next control period begins: absolute deadlines, missed ones skipped and counted. Pure."""
+
+from collections.abc import Sequence
+from math import floor
+
+import numpy as np
+
+from twind.learn.live.state_message import StateMessage
+
+MARGIN = 3e-4  # s after which a state that comes as usual is there
+
+
+class RateTimer:
+    """Deadlines `period` s apart, from `first` on (s, monotonic)."""
+
+    def __init__(self, first: float, period: float) -> None:
+        self.deadline, self.period, self.missed = first, period, 0
+
+    def advance(self, now: float) -> int:
+        """On to the next deadline that has not passed; how many were missed."""
+        skipped = max(0, floor((now - self.deadline) / self.period))
+        self.deadline += (skipped + 1) * self.period
+        self.missed += skipped
+        return skipped
+
+
+def in_step(states: Sequence[StateMessage], now: float, period: float, loop: float) -> RateTimer:
+    """A beat whose deadlines lie just after a state has come, so that what is sent meets the next tick.
+
+    `states`: of consecutive ticks, the newest last; `loop`: the loop's period, s. Both clocks are this
+    machine's, and the loop keeps its phase, so it is found once.
+    """
+    # The median: on a busy machine a state that is late is a tick old, and the setpoint still meets the next.
+    way = float(np.median([each.arrived - each.time for each in states])) + MARGIN
+    first = states[-1].time + min(way, 0.9 * loop)
+    return RateTimer(first + max(0, floor((now - first) / loop) + 1) * loop, period)

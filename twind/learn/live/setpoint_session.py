@@ -1,0 +1,102 @@
+"""Who drives: the lease, a way to a pose, and setpoints, on one connection. All of it passes the gate."""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from twind.client import Client, ClientError
+from twind.client.errors import finding_text
+from twind.robot.arrays import Floats
+
+PATIENCE = 1.0  # s for an answer to a setpoint: the loop gives it within a tick
+WAY = 130.0  # s for reports of a way
+SHORTEST, PACE = 1.0, 2.0  # s; s per rad, as `twindctl move`
+PERIODS = 3.0  # that a setpoint may be followed without the next
+LONGEST = 0.1  # s, the gate's bound for that
+ROUNDING = 1e-6  # s
+
+
+class PoseNotReached(Exception):
+    """The way to a pose did not end there. The text says why."""
+
+
+class SetpointSession:
+    """Holds the lease of a robot from `__init__` to `drop`."""
+
+    def __init__(self, client: Client, joints: Sequence[str], period: float, *, take: bool = False) -> None:
+        """`period`: s between setpoints. Raises ClientError: another holds the lease."""
+        self._client, self._joints, self._dropped = client, list(joints), False
+        self._period, self._valid_for = period, min(LONGEST, PERIODS * period)
+        self.take(by_force=take)
+
+    def take(self, *, by_force: bool = False) -> None:
+        """The lease, if it is free or ours. Raises ClientError: another holds it."""
+        self._client.call("AcquireLease", take=by_force or None)
+
+    def go(self, pose: Floats, tell: Callable[[Mapping[str, Any]], None] = lambda report: None) -> None:
+        """To `pose` (n,), rad, and stop there. Raises NotThere, ClientError (Refused: by the gate)."""
+        rows = self._client.call("GetStatus", joints=True)["joints"]
+        now = [row["position"] if row["goal"] is None else row["goal"] for row in rows]
+        ways = [abs(goal - at) for goal, at in zip(pose.tolist(), now, strict=True) if at is not None]
+        point = {
+            "positions": pose.tolist(),
+            "velocities": [0.0] * len(pose),
+            "time_from_start": max(SHORTEST, PACE * max(ways, default=0.0)),
+        }
+        last: Mapping[str, Any] = {}
+        self._client.timeout = WAY
+        trajectory = {"joint_names": self._joints, "points": [point], "policy": "retime"}
+        for last in self._client.stream("SubmitTrajectory", trajectory=trajectory):
+            tell(last)
+        self._client.timeout = PATIENCE
+        if last.get("phase") != "succeeded":
+            why = "; ".join(map(finding_text, last.get("findings") or ()))
+            raise PoseNotReached(
+                f"the way to the default pose {last.get('phase')}: {why or 'no reason given'}"
+            )
+
+    def send(self, position: Floats, velocity: Floats, *, wait: bool = False) -> None:
+        """Where joints are to be now, rad, and how they go on, rad/s, (n,).
+
+        The gate answers within one or two ticks, which may be longer than a period: so the answer is taken
+        with the next call, unless `wait`. Raises ClientError; Refused: this one, or the one before, and then
+        this one was not sent.
+        """
+        self._client.finish()
+        self._client.begin(
+            "Setpoint",
+            joint_names=self._joints,
+            positions=position.tolist(),
+            velocities=velocity.tolist(),
+            valid_for=self._valid_for,
+        )
+        if wait:
+            self._client.finish()
+
+    def settle(self) -> None:
+        """Take the answer to the last setpoint. Raises ClientError (Refused)."""
+        self._client.finish()
+
+    def lapses(self, missed: int) -> bool:
+        """After `missed` periods without another, a setpoint is followed no longer, or may not be."""
+        return (missed + 1) * self._period >= self._valid_for - ROUNDING
+
+    def keep(self) -> None:
+        """Keep the lease while nothing is sent. Raises ClientError (Refused: the last setpoint)."""
+        self._client.finish()
+        self._client.call("RenewLease")
+
+    def drop(self) -> None:
+        """Give the lease back, if it is still ours: the robot then holds. May be called twice.
+
+        No Cancel, which stops whoever drives by now; and nothing on a connection that is gone: its lease went
+        with it, and a new one would reach whoever is there now.
+        """
+        if self._client.connected and not self._dropped:
+            with contextlib.suppress(ClientError):
+                self._client.finish()
+            with contextlib.suppress(ClientError, RuntimeError):
+                if self._client.connected:
+                    self._client.call("ReleaseLease")
+        self._dropped = True
+        self._client.close()

@@ -1,0 +1,81 @@
+"""The ONNX graph that a policy is written as. What is read of anybody's: `model.py`, `chain.py`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.learn.policy.policy_card import PolicyError
+
+Rows = NDArray[np.float32]
+INPUT, OUTPUT = "observation", "action"
+OPSET, IR = 17, 8  # old enough for every runtime that is still about
+ACTIVATIONS = {"none": "", "tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkLayer:
+    """One layer of a network: weight (out, in), bias (out,), as `torch.nn.Linear` has them."""
+
+    weight: Rows
+    bias: Rows
+    activation: str = "none"  # of `ACTIVATIONS`
+
+
+def written(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> Any:
+    """The graph: clip((observation - mean) / std, ±clip), the layers, clip(±1). Raises PolicyError."""
+    from onnx import TensorProto, helper
+
+    _require_network(layers, mean, std, clip)
+    arrays: dict[str, Any] = {
+        "mean": mean,
+        "std": std,
+        "lowest": np.float32(-clip),
+        "highest": np.float32(clip),
+        "minus_one": np.float32(-1.0),
+        "one": np.float32(1.0),
+    }
+    nodes = [
+        helper.make_node("Sub", [INPUT, "mean"], ["centred"]),
+        helper.make_node("Div", ["centred", "std"], ["scaled"]),
+        helper.make_node("Clip", ["scaled", "lowest", "highest"], ["h0"]),
+    ]
+    for at, layer in enumerate(layers):
+        arrays[f"weight{at}"], arrays[f"bias{at}"] = layer.weight, layer.bias
+        operation = ACTIVATIONS[layer.activation]
+        into = f"g{at}" if operation else f"h{at + 1}"
+        nodes.append(helper.make_node("Gemm", [f"h{at}", f"weight{at}", f"bias{at}"], [into], transB=1))
+        if operation:
+            nodes.append(helper.make_node(operation, [into], [f"h{at + 1}"]))
+    nodes.append(helper.make_node("Clip", [f"h{len(layers)}", "minus_one", "one"], [OUTPUT]))
+    ends = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", count])
+        for name, count in ((INPUT, len(mean)), (OUTPUT, len(layers[-1].bias)))
+    ]
+    return helper.make_graph(nodes, "policy", ends[:1], ends[1:], [_tensor(*each) for each in arrays.items()])
+
+
+def _tensor(name: str, array: Any) -> Any:
+    from onnx import numpy_helper
+
+    return numpy_helper.from_array(np.asarray(array, np.float32), name)
+
+
+def _require_network(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> None:
+    if not layers or mean.shape != std.shape or mean.ndim != 1:
+        raise PolicyError(f"{len(layers)} layers, mean {mean.shape}, std {std.shape}: mean and std are (N,)")
+    if not ((std > 0.0).all() and np.isfinite(std).all() and np.isfinite(mean).all() and 0.0 < clip < np.inf):
+        raise PolicyError("mean, std and clip must be finite, std and clip above 0")
+    width = len(mean)
+    for at, layer in enumerate(layers):
+        if layer.activation not in ACTIVATIONS:
+            raise PolicyError(f"layer {at}: activation {layer.activation!r}; known: {', '.join(ACTIVATIONS)}")
+        if layer.weight.shape != (len(layer.bias), width):
+            raise PolicyError(
+                f"layer {at}: weight {layer.weight.shape}, expected ({len(layer.bias)}, {width})"
+            )
+        if not (np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all()):
+            raise PolicyError(f"layer {at}: a weight is not finite")
+        width = len(layer.bias)

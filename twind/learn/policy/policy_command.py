@@ -1,0 +1,81 @@
+"""a trained policy: what its file says, or let it drive the robot or the simulation
+
+It drives as any client does: with the lease, through the gate, at the rate it was trained with. What is
+stale, late or not finite makes it hold; where that lasts, it ends. However it ends, the robot holds.
+"""
+
+import argparse
+import json
+from math import isfinite
+from pathlib import Path
+
+from twind.ctl.ctl_main import common
+from twind.ctl.verb import DONE, Rejected, show
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl policy`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
+    shown = kinds.add_parser("show", help="what it was made for")
+    drives = kinds.add_parser("run", help="drive, until Ctrl-C or --seconds")
+    for each in (shown, drives):
+        common(each, argparse.SUPPRESS)  # also behind what is to be done
+        each.add_argument("file", metavar="FILE", type=Path, help="a policy file (.onnx)")
+    drives.add_argument(
+        "--command",
+        metavar="VX,VY,TURN",
+        type=command,
+        help="m/s forward, m/s to the left, rad/s; default: the middle of what it was trained for",
+    )
+    drives.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
+    drives.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+
+
+def command(text: str) -> tuple[float, float, float]:
+    """`0.2,0,0` as numbers. Raises ArgumentTypeError."""
+    try:
+        forward, left, turn = (float(each) for each in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: three numbers are needed, as in 0.2,0,0") from None
+    if not all(map(isfinite, (forward, left, turn))):
+        raise argparse.ArgumentTypeError(f"{text!r}: finite numbers are needed")
+    return forward, left, turn
+
+
+def run(options: argparse.Namespace) -> int:
+    """The exit code. Raises UsageError, Rejected, ClientError."""
+    from twind.learn.policy.policy_file import PolicyError, load
+
+    try:
+        policy = load(options.file)
+    except PolicyError as error:
+        raise Rejected(str(error)) from None
+    if options.kind == "run":
+        from twind.learn.policy.policy_run_command import run_policy
+
+        return run_policy(options, policy)
+    lines = [str(options.file), *_lines(json.loads(policy.card.text()))]
+    show(options, json.loads(policy.card.text()), "\n".join(lines))
+    return DONE
+
+
+def _lines(card: dict[str, object]) -> list[str]:
+    """A card for people: long rows of equal figures shortened."""
+    lines = []
+    for key, value in card.items():
+        if isinstance(value, dict):
+            said = ", ".join(f"{name} {_said(each, '..')}" for name, each in value.items()) or "-"
+        else:
+            said = _said(value)
+        lines.append(f"{key:<14} {said}")
+    return lines
+
+
+def _said(value: object, between: str = " ") -> str:
+    if isinstance(value, list):
+        if len(value) > 2 and all(each == value[0] for each in value):
+            return f"{_said(value[0])} each"
+        return between.join(_said(each) for each in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,201 @@
+"""A policy at the reins: fresh readings in, setpoints out; where either is missing it holds. Time is given.
+
+A hold is no setpoint at all: the gate then brakes and holds by itself. It ends when all is fresh again and
+the robot rests within the policy's reach, or with the drive.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import acos, degrees, inf, nan
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.learn.action_shaping import ActionShaper
+from twind.learn.live.state_message import STALE, StateMessage
+from twind.learn.observation import BodyReading, ObservationBuilder
+from twind.learn.observation_layout import ObservationLayout
+from twind.learn.policy.policy_card import PolicyCard
+from twind.robot.arrays import Floats
+
+LATE = 0.5  # of a period after its deadline an action is too late
+PATIENCE = 1.0  # s of a hold after which the drive ends
+STRAY = 0.05  # rad beyond its targets at which a robot is out of a policy's reach
+RESTING = 1e-4  # rad a goal may move between two states of a robot that rests
+APART = 0.5  # of a period that these states are apart, at least
+EXCESS = 1e-5  # above 1, of an action: rounding
+
+
+class ActionSource(Protocol):
+    """What chooses actions."""
+
+    card: PolicyCard
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n,) in -1..1 for (N,)."""
+
+
+class ReadingSource(Protocol):
+    """What makes readings of states."""
+
+    def reading(self, heard: StateMessage) -> BodyReading:
+        """Of a fresh state."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicySetpoint:
+    """To be sent now. Arrays (n,)."""
+
+    position: Floats  # rad, now
+    velocity: Floats  # rad/s, until the next
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyHold:
+    """Nothing is to be sent, and why."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyEnd:
+    """The drive is over, and why."""
+
+    reason: str
+
+
+@dataclass(slots=True)
+class PolicyStatistics:
+    """What a pilot has seen, for whoever looks on."""
+
+    steps: int = 0  # actions that became setpoints, and were taken
+    holds: int = 0
+    too_late: int = 0  # actions that came so late that they were a hold
+    held: float = 0.0  # s, of all holds together
+    tilt: float = nan  # degrees from upright, now
+    most_tilt: float = 0.0
+    inference: float = nan  # s, the last one
+    source: float = nan  # s, monotonic: the tick whose state it acted on
+
+
+class PolicyController:
+    """One drive of one policy, from rest in its default pose on."""
+
+    def __init__(
+        self,
+        policy: ActionSource,
+        seeing: ReadingSource,
+        fallen: Callable[[BodyReading], bool],
+        phases: Floats,
+        command: Floats,
+        clock: Callable[[], float],
+    ) -> None:
+        """`phases`: (k, 4) of the steps, again and again; `command`: (3,) m/s, m/s, rad/s."""
+        self._policy, self._seeing, self._fallen = policy, seeing, fallen
+        self._phases, self._command, self._clock = phases, command, clock
+        card = policy.card
+        self._joints, self._period = card.joints, card.shaping.period
+        default = np.array(card.default)
+        self._observer = ObservationBuilder(ObservationLayout(card.joints), default)
+        self.shaper = ActionShaper(card.limits, default, card.shaping)
+        self._action = np.zeros(len(card.joints), np.float32)
+        self.figures = PolicyStatistics()
+        self.holding: str | None = None  # why, while it holds
+        self._since = self._looked = inf  # s: when this hold began, and was looked at last
+        self._seen: StateMessage | None = None  # in this hold: what a later state is compared with
+
+    def step(self, heard: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
+        """What is to be done in the period that began at `deadline`, from the newest state."""
+        now = self._clock()
+        why = "no state has come yet" if heard is None else heard.stale(now, STALE, self._joints)
+        if heard is None or why is not None:
+            return self.hold(str(why))
+        reading = self._seeing.reading(heard)
+        self._look(reading)
+        if self._fallen(reading):
+            tilt, height = self.figures.tilt, float(reading.height)
+            return PolicyEnd(
+                f"fallen: the base is {tilt:.0f} degrees from upright, {height:.2f} m above the soles"
+            )
+        if self.holding is not None:
+            still = self._back(heard)
+            if still is not None:
+                return still
+        return self._drive(heard, reading, deadline)
+
+    def taken(self) -> None:
+        """The gate took the last setpoint: the drive goes on."""
+        if self.holding is not None:
+            self.figures.held += self._clock() - self._looked
+        self.figures.steps, self.holding = self.figures.steps + 1, None
+
+    def missed(self, periods: int, *, lapsed: bool) -> None:
+        """So many periods had no setpoint: the loop went on by the last one, or holds if that has lapsed."""
+        if self.holding is None and lapsed:
+            self.hold(f"{periods} periods were missed: the last setpoint has lapsed")
+        elif self.holding is None:
+            self.shaper.coast(periods)
+
+    def hold(self, reason: str) -> PolicyHold | PolicyEnd:
+        """Send nothing for now; the end, where that goes on for too long."""
+        now = self._clock()
+        if self.holding is None:
+            self._since, self.figures.holds = now, self.figures.holds + 1
+            self._seen = None
+        else:
+            self.figures.held += now - self._looked
+        self._looked = now
+        self.holding = reason
+        if now - self._since > PATIENCE:
+            return PolicyEnd(f"held for {PATIENCE:g} s: {reason}")
+        return PolicyHold(reason)
+
+    def _drive(
+        self, heard: StateMessage, reading: BodyReading, deadline: float
+    ) -> PolicySetpoint | PolicyHold | PolicyEnd:
+        phase = self._phases[self.figures.steps % len(self._phases)]
+        seen = self._observer.observe(reading, self._action, self.shaper.target, self._command, phase)
+        finite = np.isfinite(seen)
+        if not finite.all():
+            entry = self._observer.layout.names[int(np.argmin(finite))]
+            return self.hold(f"entry {entry} of the observation is not finite")
+        began = self._clock()
+        action = self._policy.act(seen)
+        ended = self._clock()
+        self.figures.inference = ended - began
+        good = np.abs(action) <= 1.0 + EXCESS  # NaN is not
+        if not good.all():
+            joint = int(np.argmin(good))
+            return self.hold(f"the action of {self._joints[joint]} is {action[joint]:g}, not in -1..1")
+        if not ended - deadline <= LATE * self._period:
+            late = (ended - deadline) * 1e3
+            self.figures.too_late += 1
+            return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self._period * 1e3:g} ms")
+        self._action, self.figures.source = action, heard.time
+        target, velocity = self.shaper.step(action)
+        return PolicySetpoint(target - velocity * self._period, velocity.copy())
+
+    def _back(self, heard: StateMessage) -> PolicyHold | PolicyEnd | None:
+        """None: it rests in reach, and the drive goes on from there."""
+        before = self._seen
+        if before is not None and not self._later(heard, before):
+            return self.hold(str(self.holding))  # the same state, or nearly: it says nothing new
+        self._seen = heard
+        if before is None or not (np.abs(heard.goal - before.goal) <= RESTING).all():  # nor a goal unknown
+            return self.hold(str(self.holding))
+        stray = np.maximum(self.shaper.lower - heard.goal, heard.goal - self.shaper.upper)
+        joint = int(np.argmax(stray))
+        if not stray[joint] <= STRAY:
+            return PolicyEnd(f"{self._joints[joint]} rests {stray[joint]:.2f} rad out of the policy's reach")
+        self.shaper.reset(heard.goal)
+        share = (heard.goal - self.shaper.default) / self.shaper.shaping.reach
+        self._action = np.clip(share, -1.0, 1.0).astype(np.float32)
+        return None
+
+    def _later(self, heard: StateMessage, before: StateMessage) -> bool:
+        return heard.sequence > before.sequence and heard.time - before.time >= APART * self._period
+
+    def _look(self, reading: BodyReading) -> None:
+        tilt = degrees(acos(float(np.clip(-reading.gravity[2], -1.0, 1.0))))
+        self.figures.tilt, self.figures.most_tilt = tilt, max(self.figures.most_tilt, tilt)

@@ -1,0 +1,221 @@
+"""`twindctl policy run`: what stands between a terminal and a drive."""
+
+import argparse
+import gc
+import json
+import sys
+import threading
+from collections.abc import Mapping
+from math import inf
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from twind.ctl.progress import ProgressLine
+from twind.ctl.stop_signals import told_to_stop
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, complain, harmless, observer, operator, show
+from twind.learn.learning_tasks import LearningTask, task_of
+from twind.learn.live.base_estimator import BaseEstimator
+from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.daemon_robot import (
+    ANEW,
+    RobotMismatch,
+    latched,
+    plant_told,
+    require_armed,
+    require_mode,
+)
+from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
+from twind.learn.live.state_subscriber import StateSubscriber
+from twind.learn.plant_model import Plant
+from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
+from twind.learn.policy.policy_controller import PolicyController
+from twind.learn.policy.policy_file import Policy
+from twind.learn.policy.policy_run import RECENT, PolicyRun
+from twind.learn.reward import RewardFunction
+from twind.robot.arrays import Floats
+from twind.twin.binding import BindingError
+
+AXES = ("forward", "left", "turn")
+MANY = 0.02  # of the periods: so many missed ones are told with a remedy
+BUSY = (
+    "busy     this machine had no time for every period: in a missed one no setpoint is sent, and the robot "
+    "goes on by the last one, or holds; run less beside it, or `nice -n -10 twindctl policy run FILE`"
+)
+
+
+class _RunInterrupted(Exception):
+    """Told to stop on the way to the default pose."""
+
+
+def run_policy(options: argparse.Namespace, policy: Policy) -> int:
+    """Drive; 1 when it ended otherwise than asked. Raises UsageError, Rejected, ClientError."""
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise UsageError(f"--seconds {options.seconds:g}: must be above 0")
+    card = policy.card
+    try:
+        task = task_of(card.task)
+    except KeyError as error:
+        raise Rejected(f"{options.file}: {error.args[0]}") from None
+    threadpool_limits(limits=1)  # a second thread would only be waited for
+    with observer(options) as client:
+        status, told = client.call("GetStatus")["status"], client.call("GetRobot")
+    rate_hz = float(status["loop"]["rate_hz"])
+    plant = _fitting(card, told, status, rate_hz)
+    pilot = PolicyController(
+        policy,
+        BaseEstimator(plant),
+        RewardFunction(task, plant).fallen,
+        task.phases(card.shaping.period),
+        _command(options, card, task),
+        SystemClock().now,
+    )
+    return _drive(options, pilot, card, rate_hz)
+
+
+def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
+    """The robot, if this policy can drive it as it is now. Raises Rejected."""
+    try:
+        require_mode(status["mode"])
+        require_armed(status)
+        require_fit(card, PolicyRobot.told(told["robot"], rate_hz))
+        plant = plant_told(told, card.shaping.period)
+    except (RobotMismatch, PolicyError, BindingError) as error:
+        raise Rejected(str(error)) from None
+    return plant
+
+
+def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) -> Floats:
+    """What is asked of it, within what it was trained for. Raises UsageError."""
+    spans = [card.command.get(axis, span) for axis, span in zip(AXES, task.command, strict=True)]
+    given = options.command or [0.5 * (low + high) for low, high in spans]
+    for axis, value, (low, high) in zip(AXES, given, spans, strict=True):
+        if not low <= value <= high:
+            raise UsageError(
+                f"--command: {axis} {value:g} is outside what it was trained for: {low:g}..{high:g}"
+            )
+    return np.array(given, np.float64)
+
+
+def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCard, rate_hz: float) -> int:
+    senses = StateSubscriber(observer(options), card.joints, rate_hz)
+    try:
+        reins = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
+        try:
+            with told_to_stop() as stop, ProgressLine(options, "policy") as progress:
+
+                def say(reason: str) -> None:
+                    progress.clear()
+                    print(f"twindctl: holds: {harmless(reason)}", file=sys.stderr, flush=True)
+
+                drive = PolicyRun(
+                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), say
+                )
+                good, why = _whole(options, drive, reins, pilot, stop, progress)
+        finally:
+            reins.drop()
+    finally:
+        senses.close()
+    return _report(options, drive, pilot, good, why, senses.status)
+
+
+def _whole(
+    options: argparse.Namespace,
+    drive: PolicyRun,
+    reins: SetpointSession,
+    pilot: PolicyController,
+    stop: threading.Event,
+    progress: ProgressLine,
+) -> tuple[bool, str]:
+    """To the default pose, then the drive."""
+    progress.tell("to the default pose")
+
+    def check(_report: Mapping[str, Any]) -> None:
+        if stop.is_set():
+            raise _RunInterrupted
+
+    try:
+        reins.go(pilot.shaper.default, check)
+    except _RunInterrupted:
+        return True, "stopped"
+    except PoseNotReached as error:
+        return False, str(error)
+    gc.collect()
+    gc.freeze()  # what is here stays: no collection looks at it while it drives
+
+    def tell(drive: PolicyRun) -> None:
+        if options.json:
+            told = {"phase": "running"} | drive.log.plain(pilot, drive.beat, RECENT)
+            print(json.dumps(told), flush=True)
+        elif progress.live:
+            progress.tell(_line(drive.log.plain(pilot, drive.beat, RECENT), pilot.holding))
+
+    return drive.run(options.seconds or inf, stop.is_set, tell)
+
+
+def _line(told: Mapping[str, Any], holding: str | None) -> str:
+    text = (
+        f"{told['rate_hz']} Hz, late p99 {_ms(told['late_p99_ms'])}, "
+        f"inference p99 {_ms(told['inference_p99_ms'])}, {told['refused']} refused, "
+        f"{told['holds']} holds, tilt {told['tilt_deg']}°"
+    )
+    return f"HOLDS: {holding}; {text}" if holding else text
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} ms"
+
+
+def _report(
+    options: argparse.Namespace,
+    drive: PolicyRun,
+    pilot: PolicyController,
+    good: bool,
+    why: str,
+    status: Mapping[str, Any],
+) -> int:
+    told: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
+        pilot, drive.beat
+    )
+    lines = [why] if good else []
+    lines += _figures(told) if told["late_max_ms"] is not None else []
+    lines.append(_after(status))
+    show(options, told, "\n".join(lines))
+    if not good and not options.json:
+        complain(options, Rejected(why))
+    return DONE if good else REFUSED
+
+
+def _figures(told: Mapping[str, Any]) -> list[str]:
+    """Of a drive that began."""
+    lines = [
+        f"{told['steps']} steps in {told['seconds']:.1f} s, {told['missed']} missed",
+        f"late p50 {_ms(told['late_p50_ms'])}, p99 {_ms(told['late_p99_ms'])}; inference p99 "
+        f"{_ms(told['inference_p99_ms'])}; from a tick to its setpoint p50 {_ms(told['way_p50_ms'])}, "
+        f"p99 {_ms(told['way_p99_ms'])}",
+        f"{told['refused']} refused, {told['holds']} holds{_held(told)}, "
+        f"tilt at most {told['most_tilt_deg']:g}°",
+    ]
+    if told["missed"] > MANY * (told["steps"] + told["missed"]) or told["too_late"]:
+        lines.append(BUSY)
+    lines += [
+        f"refused  {code}{f' {joint}' if joint else ''}: {count} times"
+        for code, joints in told["refusals"].items()
+        for joint, count in joints.items()
+    ]
+    return lines + [f"held     {reason}" for reason in told["why_held"]]
+
+
+def _held(told: Mapping[str, Any]) -> str:
+    return f" of {told['held_s']:.1f} s together" if told["holds"] else ""
+
+
+def _after(status: Mapping[str, Any]) -> str:
+    if status["mode"] == "live" and status["armed"]:
+        return (
+            "the robot holds where it is, with torque on, and nobody drives it: `twindctl disarm` lowers it"
+        )
+    if status["mode"] == "live" and status["faults"]:
+        return f"nobody drives it now: state {status['state']}{latched(status)}; {ANEW}"
+    return f"nobody drives it now: mode {status['mode']}, state {status['state']}"

@@ -1,0 +1,46 @@
+"""The state that an episode begins in, as drawn: standing on the floor, a little off its pose."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twind.learn.randomise.episode_draw import EpisodeDraw
+from twind.learn.randomise.physics_randomiser import ModelAddresses
+from twind.robot.arrays import Floats
+from twind.twin.base_pose import touch_down, touching
+
+
+class EpisodeStart:
+    """Begins episodes of one robot near a pose. Needs the model as it was compiled, and leaves it so."""
+
+    def __init__(self, model: Any, at: ModelAddresses, stance: Floats) -> None:
+        """`stance` (nq,): the robot on its feet."""
+        self._model, self._at, self._stance = model, at, stance
+        self._geoms = touching(model)
+        self._data = data = mujoco.MjData(model)
+        turn = at.base_qpos + 3
+        self._qpos, self._orientation = data.qpos, data.qpos[turn : turn + 4]
+        limited = model.jnt_limited[at.joints] != 0
+        self._lower = np.where(limited, model.jnt_range[at.joints, 0], -np.inf)
+        self._upper = np.where(limited, model.jnt_range[at.joints, 1], np.inf)
+
+    def state(self, draw: EpisodeDraw) -> tuple[Floats, Floats]:
+        """qpos (nq,) as the encoders say it, and qvel (nv,): joints within their stops, feet on the floor.
+
+        Where the floor is depends on shapes alone, so the compiled model tells it, whatever is drawn.
+        """
+        at = self._at
+        velocity = np.zeros(self._model.nv)
+        velocity[at.base_dof : at.base_dof + 2] = draw.start_velocity
+        qpos = self._stance.copy()
+        if not (draw.start_joints.any() or draw.start_tilt.any() or draw.encoder_zero.any()):
+            return qpos, velocity
+        joints = (qpos[at.qpos] + draw.start_joints - draw.encoder_zero).clip(self._lower, self._upper)
+        self._qpos[:] = qpos
+        self._qpos[at.qpos] = joints
+        mujoco.mju_quatIntegrate(self._orientation, np.array([*draw.start_tilt, 0.0]), 1.0)
+        touch_down(self._model, self._data, at.base_qpos + 2, self._geoms)
+        qpos[:] = self._qpos
+        qpos[at.qpos] = joints + draw.encoder_zero
+        return qpos, velocity

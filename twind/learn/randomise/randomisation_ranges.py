@@ -1,0 +1,175 @@
+"""The ranges of domain randomisation, read from a YAML file as strictly as every file of twind.
+
+A file has profiles; of what a profile leaves out nothing is randomised.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twind.config.config_section import ConfigSection
+from twind.config.yaml_tree import parse, read_text
+
+Span = tuple[float, float]  # low, high
+FORMAT = "twind-ranges/1"
+FILE = Path(__file__).with_name("ranges.yaml")
+NONE, DEFAULT = "none", "default"
+SAME, ZERO = (1.0, 1.0), (0.0, 0.0)
+MOST_DELAY = 0.2  # s: ten control steps
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRule:
+    """How a quantity stands in the file: its key, and what both ends must lie within."""
+
+    key: str
+    least: float
+    most: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseRanges:
+    """Of each quantity of a reading: what it is off by at most, evenly, both ways."""
+
+    position: float = 0.0
+    velocity: float = 0.0
+    gyro: float = 0.0
+    acceleration: float = 0.0
+    gravity: float = 0.0  # of a unit vector, which stays one
+    height: float = 0.0
+    base_velocity: float = 0.0
+    soles: float = 0.0
+    sole_velocities: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PushRanges:
+    """A force in the plane on the base: when, how strong, how long."""
+
+    every: Span  # s, from the end of one (or the start of the episode) to the next
+    speed: Span  # m/s, what the whole robot would gain, had it no feet
+    lasting: Span  # s
+
+
+@dataclass(frozen=True, slots=True)
+class RandomisationRanges:
+    """What is drawn at each reset, [low, high]; as it stands here nothing is changed."""
+
+    friction: Span = SAME
+    mass: Span = SAME
+    centre_of_mass: Span = ZERO
+    armature: Span = SAME
+    damping: Span = SAME
+    frictionloss: Span = SAME
+    stiffness: Span = SAME
+    braking: Span = SAME
+    encoder_zero: Span = ZERO
+    action_delay: Span = ZERO
+    imu_delay: Span = ZERO
+    start_joints: Span = ZERO
+    start_tilt: Span = ZERO
+    start_velocity: Span = ZERO
+    pushes: PushRanges | None = None
+    noise: NoiseRanges = NoiseRanges()
+
+
+def _factor(key: str) -> RangeRule:
+    """At most tenfold, so that nothing vanishes or explodes."""
+    return RangeRule(key, 0.1, 10.0)
+
+
+RULES: Mapping[str, RangeRule] = {
+    "friction": _factor("friction"),
+    "mass": _factor("mass"),
+    "centre_of_mass": RangeRule("centre_of_mass_m", -1.0, 1.0),
+    "armature": _factor("armature"),
+    "damping": _factor("damping"),
+    "frictionloss": _factor("frictionloss"),
+    "stiffness": _factor("stiffness"),
+    "braking": _factor("braking"),
+    "encoder_zero": RangeRule("encoder_zero_rad", -0.5, 0.5),
+    "action_delay": RangeRule("action_delay_s", 0.0, MOST_DELAY),
+    "imu_delay": RangeRule("imu_delay_s", 0.0, MOST_DELAY),
+    "start_joints": RangeRule("start_joints_rad", -1.0, 1.0),
+    "start_tilt": RangeRule("start_tilt_rad", -1.0, 1.0),
+    "start_velocity": RangeRule("start_velocity_m_s", -5.0, 5.0),
+}
+PUSHES: Mapping[str, RangeRule] = {
+    "every": RangeRule("every_s", 0.02, 3600.0),
+    "speed": RangeRule("speed_m_s", 0.0, 10.0),
+    "lasting": RangeRule("for_s", 0.02, 2.0),
+}
+NOISE: Mapping[str, RangeRule] = {
+    "position": RangeRule("position_rad", 0.0, 0.5),
+    "velocity": RangeRule("velocity_rad_s", 0.0, 10.0),
+    "gyro": RangeRule("gyro_rad_s", 0.0, 10.0),
+    "acceleration": RangeRule("acceleration_m_s2", 0.0, 50.0),
+    "gravity": RangeRule("gravity", 0.0, 0.5),
+    "height": RangeRule("height_m", 0.0, 0.5),
+    "base_velocity": RangeRule("base_velocity_m_s", 0.0, 5.0),
+    "soles": RangeRule("soles_m", 0.0, 0.5),
+    "sole_velocities": RangeRule("sole_velocities_m_s", 0.0, 10.0),
+}
+
+
+def load_ranges(which: str | Path | None = None) -> RandomisationRanges:
+    """A profile of the built-in file by its name, or the profile `default` of a file of one's own.
+
+    None: the profile `none`. What has a slash in it, or ends in .yaml, is a path. Raises ConfigError.
+    """
+    path = file_of(which)
+    name = DEFAULT if path != FILE else NONE if which is None else str(which)
+    return parse_ranges(read_text(path), str(path), name)
+
+
+def file_of(which: str | Path | None) -> Path:
+    """The file that `load_ranges` reads for it."""
+    own = isinstance(which, Path) or "/" in str(which) or str(which).endswith((".yaml", ".yml"))
+    return Path(str(which)) if own else FILE
+
+
+def parse_ranges(text: str, file: str, profile: str) -> RandomisationRanges:
+    """The `profile` of a file's text; all its profiles are checked. Raises ConfigError naming `file`."""
+    whole = ConfigSection(file, parse(text, file))
+    whole.text("format", choices=(FORMAT,))
+    profiles = whole.section("profiles")
+    whole.close()
+    found = {name: _ranges(profiles.section(name)) for name in profiles}
+    profiles.close()
+    if profile not in found:
+        near = difflib.get_close_matches(profile, found, 1)
+        hint = f"; nearest: {near[0]}" if near else ""
+        raise whole.refuse("profiles", f"no profile {profile!r}: {', '.join(found) or 'none at all'}{hint}")
+    return found[profile]
+
+
+def _ranges(section: ConfigSection) -> RandomisationRanges:
+    given: dict[str, Any] = {
+        name: _span(section, rule) for name, rule in RULES.items() if section.has(rule.key)
+    }
+    if section.has("pushes"):
+        pushes = section.section("pushes")
+        given["pushes"] = PushRanges(**{name: _span(pushes, rule) for name, rule in PUSHES.items()})
+        pushes.close()
+    noise = section.section("noise")
+    given["noise"] = NoiseRanges(
+        **{
+            name: noise.number(rule.key, 0.0, least=rule.least, most=rule.most)
+            for name, rule in NOISE.items()
+        }
+    )
+    noise.close()
+    section.close()
+    return RandomisationRanges(**given)
+
+
+def _span(section: ConfigSection, rule: RangeRule) -> Span:
+    low, high = section.numbers(rule.key, 2)
+    if low > high:
+        raise section.refuse(rule.key, f"{low:g} to {high:g} is empty: the lower end comes first")
+    for end in (low, high):
+        if not rule.least <= end <= rule.most:
+            raise section.refuse(rule.key, f"{end:g} is outside >= {rule.least:g} and <= {rule.most:g}")
+    return low, high

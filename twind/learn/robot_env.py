@@ -1,0 +1,180 @@
+"""The environments: a task, a robot file and a body, as Gymnasium wants them."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from twind.config.robot_file import load_robot
+from twind.learn.action_shaping import ActionShaper, ActionShaping
+from twind.learn.camera_renderer import CameraRenderer
+from twind.learn.daemon_body import DaemonBody
+from twind.learn.learning_tasks import task_of
+from twind.learn.observation import BodyReading, ObservationBuilder
+from twind.learn.plant_model import Plant, plant_of
+from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
+from twind.learn.randomise.reading_noise import ReadingNoise
+from twind.learn.reset_options import command_in
+from twind.learn.reward import RewardFunction
+from twind.learn.sim_body import SimBody
+from twind.robot.arrays import Floats
+
+BACKENDS = ("sim", "daemon")
+
+
+class RobotBody(Protocol):
+    """What can be told to move and says how it stands: a simulation, or a robot behind its daemon."""
+
+    model: Any  # mujoco.MjModel and
+    data: Any  # mujoco.MjData: how it stands, for a picture
+
+    @property
+    def diverged(self) -> bool:
+        """What the last reading says is of no use: the episode must end."""
+
+    @property
+    def told(self) -> Mapping[str, Any]:
+        """What else `info` is to say of the last step."""
+
+    def reset(self, rng: np.random.Generator) -> BodyReading:
+        """Stand in the default pose, as well as can be; what may differ is drawn from `rng`."""
+
+    def advance(self, target: Floats, velocity: Floats) -> BodyReading:
+        """One control period; the joints (n,) are to be at `target`, rad, at its end, with `velocity`, rad/s.
+
+        The reading is the body's own: it changes with the next call.
+        """
+
+    def close(self) -> None:
+        """Give back what is held; may be called twice."""
+
+
+class RobotEnv(gymnasium.Env):
+    """One robot with one task. Observations are new arrays; reward terms stand in `info` by name.
+
+    It ends its episodes by itself, in time too.
+    """
+
+    metadata: Mapping[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1.0 / ActionShaping().period),
+    }
+
+    def __init__(
+        self,
+        task: str,
+        robot: str = "h24",
+        backend: str = "sim",
+        render_mode: str | None = None,
+        randomise: str | None = None,
+        socket: str | None = None,
+        shaping: ActionShaping | None = None,
+        episode_steps: int | None = None,
+    ) -> None:
+        """`robot`: name or path of a robot file; `backend`: sim or daemon (at `socket`, None: the usual one).
+
+        `randomise`: a profile of the ranges, or a file of them; `episode_steps`: None, as the task says.
+        Raises KeyError, ConfigError, BindingError, ValueError.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode {render_mode!r}: None or 'rgb_array', which `render()` returns")
+        if backend != "sim" and randomise not in (None, "none"):
+            raise ValueError(f"randomise {randomise!r} with backend {backend!r}: it is of simulations alone")
+        self.render_mode = render_mode
+        self.task = task_of(task)
+        self.shaping = shaping or ActionShaping()
+        ranges = self.task.ranges(load_ranges(randomise))
+        self.plant = plant = plant_of(
+            load_robot(robot),
+            period=self.shaping.period,
+            action_delay=ranges.action_delay[1],
+            imu_delay=ranges.imu_delay[1],
+        )
+        self.body: RobotBody = _body(plant, ranges, self.shaping, backend, socket)
+        self.shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping)
+        self._observer, self._judge = (
+            ObservationBuilder(plant.layout, plant.default),
+            RewardFunction(self.task, plant),
+        )
+        self._noise = ReadingNoise(ranges.noise, len(plant.default))
+        self._phases = self.task.phases(self.shaping.period)
+        self._command, self._phase, self._steps = np.zeros(3), self._phases[0], 0
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.shaping.period)}
+        self.episode_steps = episode_steps or self.task.steps(self.shaping.period)
+        self._rngs: list[np.random.Generator] = []
+        self._picture: CameraRenderer | None = None
+        most = plant.layout.most.astype(np.float32)
+        self.observation_space = spaces.Box(-most, most, dtype=np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (len(plant.default),), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode. `options`: {"command": (m/s forward, m/s left, rad/s)} or a drawn one.
+
+        Raises ValueError: other options, or no command that can be.
+        """
+        command = command_in(options)
+        super().reset(seed=seed)
+        rng = self.np_random
+        self._rngs = [rng]
+        drawn = self.task.draw_command(rng)
+        self._command = drawn if command is None else np.array(command)
+        self.shaper.reset()
+        self._steps, self._phase = 0, self._phases[0]
+        reading = self.body.reset(rng)
+        observation = self._observe(reading, np.zeros(len(self.plant.default)))
+        return observation, {"command": tuple(self._command.tolist())}
+
+    def step(self, action: NDArray[Any]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One control period. Raises ValueError: an action with NaN; ResetNeeded. Nothing moves by either."""
+        if not self._rngs:
+            raise ResetNeeded("no episode has begun: reset() first")
+        target, velocity = self.shaper.step(action)
+        size = target.dot(target)
+        if size != size:  # NaN; sooner than anybody hears of it
+            raise ValueError(f"the action {action} is not all numbers: reset, and look at the policy")
+        reading = self.body.advance(target, velocity)
+        reward, terms, fallen = self._judge.verdict(reading, target, self._command, self._phase)
+        if self.body.diverged:
+            fallen, terms["diverged"] = True, True
+        if self.body.told:
+            terms |= self.body.told
+        self._steps += 1
+        self._phase = self._phases[self._steps % len(self._phases)]
+        return self._observe(reading, action), reward, fallen, self._steps >= self.episode_steps, terms
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The robot from the side, (height, width, 3); None without render_mode."""
+        if self.render_mode is None:
+            return None
+        if self._picture is None:
+            self._picture = CameraRenderer(self.body.model, self.plant.binding.robot.base)
+        return self._picture.take(self.body.data)
+
+    def close(self) -> None:
+        """Let go of the body and of the picture."""
+        self.body.close()
+        if self._picture is not None:
+            self._picture.close()
+            self._picture = None
+
+    def _observe(self, reading: BodyReading, action: NDArray[Any]) -> NDArray[np.float32]:
+        if not self._noise.silent:
+            self._noise.add(reading, self._rngs)
+        return self._observer.observe(reading, action, self.shaper.target, self._command, self._phase)
+
+
+def _body(
+    plant: Plant, ranges: RandomisationRanges, shaping: ActionShaping, backend: str, socket: str | None
+) -> RobotBody:
+    """Raises ValueError: no such back end."""
+    if backend == "sim":
+        return SimBody(plant, ranges, shaping.period)
+    if backend == "daemon":
+        return DaemonBody(plant, shaping, socket)
+    raise ValueError(f"backend {backend!r}: {' or '.join(BACKENDS)}")

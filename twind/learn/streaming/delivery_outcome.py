@@ -1,0 +1,62 @@
+"""What an answer of an endpoint means for the message, and how long to wait before the next try. Pure."""
+
+import random
+from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
+from enum import Enum
+
+FIRST, LONGEST = 0.25, 10.0  # s, of the waits that double
+PATIENT = 900.0  # s: for longer nobody is waited for, whatever Retry-After says
+# What is wrong is the way there or who we are, and not the message: it waits until somebody mends that.
+NOT_THE_MESSAGE = frozenset({401, 402, 403, 404, 405, 407, 408, 409, 421, 423, 425, 426, 429, 451})
+
+
+class DeliveryOutcome(Enum):
+    """Of a message that was answered."""
+
+    DONE = "done"  # it arrived
+    AGAIN = "again"  # the same, later
+    DEAD = "dead"  # it will never be taken: a dead letter
+
+
+def fate(status: int) -> DeliveryOutcome:
+    """By the status code. A redirection is not followed: whoever moved the endpoint changes the URL."""
+    if 200 <= status < 300:
+        return DeliveryOutcome.DONE
+    return (
+        DeliveryOutcome.DEAD
+        if 400 <= status < 500 and status not in NOT_THE_MESSAGE
+        else DeliveryOutcome.AGAIN
+    )
+
+
+def retry_after(header: str | None, wall: float) -> float:
+    """s that the answer asks us to wait: of seconds or a date; 0 for none, and for what is neither."""
+    if header is None:
+        return 0.0
+    text = header.strip()
+    if text.isascii() and text.isdigit():
+        return min(float(text[:9]), PATIENT)
+    try:
+        return min(max(0.0, parsedate_to_datetime(text).timestamp() - wall), PATIENT)
+    except (ValueError, OverflowError, TypeError, IndexError):
+        return 0.0
+
+
+@dataclass(slots=True)
+class Backoff:
+    """When to try again: after each failure in a row twice as late, by a random half less."""
+
+    random: random.Random
+    failures: int = 0  # in a row
+    until: float = 0.0  # s, monotonic
+
+    def failed(self, now: float, asked: float = 0.0) -> None:
+        """Once more; `asked`: s of Retry-After, waited for at least."""
+        wait = min(LONGEST, FIRST * 2.0 ** min(self.failures, 20)) * self.random.uniform(0.5, 1.0)
+        self.failures += 1
+        self.until = now + max(wait, asked)
+
+    def went_well(self) -> None:
+        """The next failure is the first one again."""
+        self.failures, self.until = 0, 0.0

@@ -1,0 +1,118 @@
+"""Pictures of the robot as its twin has it, drawn off screen and sent as JPEG among the samples.
+
+A thread at a rate of its own: drawing in software takes 10 ms and more, which no other thread here waits for.
+The base stands where the model has it, as in `twindctl view`: no sensor of the stream tells where it is.
+"""
+
+import argparse
+import io
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from twind.client import ClientError
+from twind.client.clock_pair import ClockPair, clocks
+from twind.ctl.verb import observer
+from twind.learn.camera_renderer import CameraRenderer, RendererUnavailable
+from twind.learn.streaming.sample_batcher import SampleBatcher
+from twind.learn.streaming.stream_samples import ROWS, StreamSample, picture
+from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+
+QUALITY = 80  # of JPEG: 640x480 are 20 kB
+AGAIN = 5.0  # s until a robot that cannot be drawn is asked for anew
+POSITION = ROWS.index("position")
+NAME = "render"
+
+
+class CameraScene:
+    """One robot, drawn. Of one thread: the GL context belongs to it."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        """`told`: the answer of GetRobot. Raises NoLikeness, NoPicture."""
+        import mujoco
+
+        self._likeness = RobotModel(told)
+        self._model = self._likeness.model
+        self._data = mujoco.MjData(self._model)
+        self._steps = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight)
+        self._picture = CameraRenderer(self._model, self._likeness.base)
+
+    def fits(self, sample: StreamSample) -> bool:
+        """The sample is of these joints."""
+        return tuple(sample.names) == self._likeness.joints
+
+    def jpeg(self, sample: StreamSample) -> bytes:
+        """The robot in that pose; joints that are not known are as at rest."""
+        from PIL import Image
+
+        position = np.array(sample.rows[POSITION], dtype=float)
+        known = np.where(np.isfinite(position), position, self._likeness.rest)
+        self._data.qpos[self._likeness.qpos] = known
+        for step in self._steps:
+            step(self._model, self._data)
+        out = io.BytesIO()
+        Image.fromarray(self._picture.take(self._data)).save(out, "JPEG", quality=QUALITY)
+        return out.getvalue()
+
+    def close(self) -> None:
+        """Give the GL context back."""
+        self._picture.close()
+
+
+class PictureStreamer:
+    """Puts a picture of the newest sample into the basket, `rate` times a second at most."""
+
+    def __init__(
+        self, options: argparse.Namespace, basket: SampleBatcher, rate: float, tell: Callable[[str], None]
+    ) -> None:
+        self._options, self._basket, self._period, self._tell = options, basket, 1.0 / rate, tell
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._said = ""
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Draw no more."""
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        scene: CameraScene | None = None
+        drawn, wait = -1, 0.0
+        while not self._stop.wait(wait):
+            begun, sample = time.monotonic(), self._basket.latest
+            wait = self._period
+            if sample is None or sample.tick == drawn:
+                continue
+            try:
+                if scene is None or not scene.fits(sample):
+                    scene = self._scene(scene)
+                self._put(scene.jpeg(sample), sample)
+                drawn, wait = sample.tick, max(0.0, self._period - (time.monotonic() - begun))
+            except (NoRobotModel, RendererUnavailable, ClientError, ValueError) as error:
+                self._complain(str(error))
+                wait = AGAIN
+        if scene is not None:
+            scene.close()
+
+    def _scene(self, old: CameraScene | None) -> CameraScene:
+        if old is not None:
+            old.close()
+        with observer(self._options) as client:
+            return CameraScene(client.call("GetRobot"))
+
+    def _put(self, jpeg: bytes, sample: StreamSample) -> None:
+        """With the time of the sample, which is that of the pose."""
+        now = clocks()
+        self._basket.add(picture(jpeg, NAME, ClockPair(sample.time, now.wall(sample.time))))
+
+    def _complain(self, why: str) -> None:
+        if why != self._said:
+            self._said = why
+            self._tell(f"no pictures: {why}")

@@ -1,0 +1,118 @@
+"""Samples on their way from the thread that listens to the one that writes: batches, in a bounded queue.
+
+Who puts something in never waits. What finds no room is lost, the oldest first, and counted.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from twind.client.clock_pair import ClockPair
+from twind.learn.streaming.stream_samples import PostMessage, SampleBatch, StreamedRobot, StreamSample
+
+ROOM = 64  # closed batches, and pictures: 20 s at 100 Hz
+
+
+class SampleBatcher:
+    """For one thread that takes, and any that put."""
+
+    def __init__(
+        self,
+        size: int,
+        age: float,
+        now: Callable[[], float],
+        clocks: Callable[[], ClockPair],
+        room: int = ROOM,
+    ) -> None:
+        """A batch is closed at `size` samples, or `age` s after its first."""
+        self._size, self._age, self._now, self._clocks, self._room = size, age, now, clocks, room
+        self._changed = threading.Condition()
+        self._open: list[StreamSample] = []
+        self._robot: StreamedRobot | None = None
+        self._begun = 0.0
+        self._stamp = ClockPair(0.0, 0)
+        self._lost = {"daemon": 0, "here": 0}
+        self._closed: deque[SampleBatch | PostMessage] = deque()
+        self.samples = 0  # that came so far
+        self.latest: StreamSample | None = None
+        self.dropped = 0  # batches and pictures that found no room
+
+    def put(self, sample: StreamSample, robot: StreamedRobot) -> None:
+        """A sample of that robot. A batch is of one robot, in one mode, with the same joints."""
+        with self._changed:
+            self.samples += 1
+            self.latest = sample
+            if self._open and (self._robot is not robot or self._open[0].names != sample.names):
+                self._close()
+            if sample.dropped and self._open:
+                self._close()  # so that a loss is said where it was
+            self._lost["daemon"] += sample.dropped
+            if not self._open:
+                self._begun, self._stamp, self._robot = self._now(), self._clocks(), robot
+            self._open.append(sample)
+            if len(self._open) >= self._size:
+                self._close()
+
+    def add(self, picture: PostMessage) -> None:
+        """A message that is whole as it is."""
+        with self._changed:
+            self._keep(picture)
+
+    def take(self, timeout: float) -> SampleBatch | PostMessage | None:
+        """The oldest that is closed, waiting for one at most `timeout` s."""
+        with self._changed:
+            if not self._closed:
+                self._changed.wait(timeout)
+            if self._open and self._now() - self._begun >= self._age:
+                self._close()
+            return self._closed.popleft() if self._closed else None
+
+    def give_back(self, batch: SampleBatch | PostMessage) -> None:
+        """It could not be written: it is the oldest again, and the first to go."""
+        with self._changed:
+            self._closed.appendleft(batch)
+            self._fit()
+
+    @property
+    def left(self) -> int:
+        """Batches and pictures that nobody has taken."""
+        with self._changed:
+            return len(self._closed)
+
+    def end(self) -> None:
+        """Close what is open: nothing more comes."""
+        with self._changed:
+            if self._open:
+                self._close()
+
+    def _close(self) -> None:
+        assert self._robot is not None
+        batch = SampleBatch(self._robot, self._stamp, tuple(self._open), dict(self._lost))
+        self._open = []
+        self._lost = dict.fromkeys(self._lost, 0)
+        self._keep(batch)
+
+    def _keep(self, batch: SampleBatch | PostMessage) -> None:
+        self._closed.append(batch)
+        self._fit()
+        self._changed.notify()
+
+    def _fit(self) -> None:
+        """Of a batch that goes the next one tells: how many samples are missing before it."""
+        while len(self._closed) > self._room:
+            gone = self._closed.popleft()
+            self.dropped += 1
+            if isinstance(gone, SampleBatch):
+                self._tell({**gone.lost, "here": gone.lost["here"] + len(gone.samples)})
+
+    def _tell(self, lost: Mapping[str, int]) -> None:
+        for place, each in enumerate(self._closed):
+            if isinstance(each, SampleBatch):
+                self._closed[place] = replace(each, lost=_sum(each.lost, lost))
+                return
+        self._lost = _sum(self._lost, lost)
+
+
+def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+    return {who: count + other[who] for who, count in one.items()}

@@ -1,0 +1,171 @@
+"""PPO of Stable-Baselines3 as it is used here: how it is made, one update, and all that a checkpoint holds.
+
+One thread for torch. Its matrices here are small (a batch of 256 through 64 x 64): a second thread waits for
+the first longer than it helps, and the simulations, which do use every core, wait meanwhile.
+"""
+
+import io
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from twind.learn.training.training_settings import TrainingSettings
+
+FORMAT = "twind-checkpoint/1"
+THREADS = 1
+SLOWEST = 0.05  # share of the learning rate that is left at the end
+RECENT = 100  # episodes that the running figures are of
+
+
+def environments(settings: TrainingSettings) -> Any:
+    """As the settings say, not normalised yet. Raises what `RobotEnv` does."""
+    if settings.kind == "batch":
+        from twind.learn.batch.vec_env import BatchVecEnv
+
+        return BatchVecEnv(settings.task, settings.envs, robot=settings.robot, randomise=settings.profile)
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+    if settings.kind == "subproc":
+        return SubprocVecEnv([lambda: _in_a_process(settings)] * settings.envs)
+    return DummyVecEnv([lambda: _one(settings)] * settings.envs)
+
+
+def _in_a_process(settings: TrainingSettings) -> Any:
+    """Ctrl-C in a terminal reaches every process: it is the learner's alone."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return _one(settings)
+
+
+def _one(settings: TrainingSettings) -> Any:
+    """One environment that ends by itself when its time is up."""
+    from gymnasium.wrappers import TimeLimit
+
+    from twind.learn.robot_env import RobotEnv
+
+    env = RobotEnv(settings.task, settings.robot, randomise=settings.profile)
+    return TimeLimit(env, env.task.steps(env.shaping.period))
+
+
+class PpoLearner:
+    """One PPO with its environments, stepped an update at a time. `close` gives them back."""
+
+    def __init__(self, settings: TrainingSettings, state: bytes | None = None) -> None:
+        """`state`: of a checkpoint, to go on from. Raises ValueError: it is none of ours."""
+        import torch
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+        from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+        torch.set_num_threads(THREADS)
+        self.settings = settings
+        self._normal = VecNormalize(VecMonitor(environments(settings)), gamma=settings.gamma)
+        self.model: Any = None  # while it is made it asks for the learning rate
+        self.model = PPO(
+            "MlpPolicy",
+            self._normal,
+            learning_rate=lambda _: self._rate(),
+            n_steps=settings.rollout,
+            batch_size=min(settings.batch, settings.rollout * settings.envs),
+            n_epochs=settings.epochs,
+            gamma=settings.gamma,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip,
+            policy_kwargs={
+                "net_arch": list(settings.hidden),
+                "activation_fn": torch.nn.Tanh,
+                "log_std_init": float(np.log(settings.std)),
+            },
+            seed=settings.seed,
+            device="cpu",
+        )
+        self.model.set_logger(Logger(None, []))
+        self.model.ep_info_buffer = deque(maxlen=RECENT)
+        self.model.ep_success_buffer = deque(maxlen=RECENT)
+        if state is not None:
+            self._restore(state)
+        # What is drawn from here on depends on seed and steps alone, and repeats nothing drawn before.
+        self.model.set_random_seed(_seed(settings.seed, self.steps))
+
+    @property
+    def steps(self) -> int:
+        """Control steps so far, of all environments and all sessions."""
+        return 0 if self.model is None else int(self.model.num_timesteps)
+
+    def update(self) -> None:
+        """One rollout, and what is learnt of it."""
+        self.model.learn(self.settings.rollout * self.settings.envs, reset_num_timesteps=False)
+
+    def recent(self) -> tuple[float, float, float] | None:
+        """Of the last episodes: mean return, mean length (control steps), share that fell. None: none yet."""
+        episodes = list(self.model.ep_info_buffer)
+        if not episodes:
+            return None
+        returns, lengths = ([each[name] for each in episodes] for name in ("r", "l"))
+        longest = self._longest
+        return (
+            float(np.mean(returns)),
+            float(np.mean(lengths)),
+            float(np.mean([each < longest for each in lengths])),
+        )
+
+    def state(self) -> bytes:
+        """All that goes on: network, optimiser, normalisation, steps."""
+        import torch
+
+        normal = {
+            name: [torch.as_tensor(np.asarray(each)) for each in (rms.mean, rms.var, rms.count)]
+            for name, rms in (("obs", self._normal.obs_rms), ("ret", self._normal.ret_rms))
+        }
+        data = {
+            "format": FORMAT,
+            "steps": self.steps,
+            "updates": int(self.model._n_updates),
+            "policy": self.model.policy.state_dict(),
+            "optimiser": self.model.policy.optimizer.state_dict(),
+            "normal": normal,
+        }
+        file = io.BytesIO()
+        torch.save(data, file)
+        return file.getvalue()
+
+    def close(self) -> None:
+        """Give the environments back."""
+        self._normal.close()
+
+    def _restore(self, state: bytes) -> None:
+        import torch
+
+        try:
+            data = torch.load(
+                io.BytesIO(state), weights_only=True
+            )  # never more: a pickle would run what it says
+            if data["format"] != FORMAT:
+                raise ValueError(f"is no {FORMAT}")
+            self.model.policy.load_state_dict(data["policy"])
+            self.model.policy.optimizer.load_state_dict(data["optimiser"])
+            self.model.num_timesteps = data["steps"]
+            self.model._n_updates = data["updates"]
+            for name, rms in (("obs", self._normal.obs_rms), ("ret", self._normal.ret_rms)):
+                rms.mean, rms.var, count = (each.numpy() for each in data["normal"][name])
+                rms.count = float(count)
+        except Exception as error:
+            raise ValueError(f"cannot go on from it: {' '.join(str(error).split())[:200]}") from error
+
+    def _rate(self) -> float:
+        share = min(1.0, self.steps / self.settings.steps)
+        return self.settings.learning_rate * max(SLOWEST, 1.0 - share)
+
+    @property
+    def _longest(self) -> int:
+        from twind.learn.action_shaping import ActionShaping
+        from twind.learn.learning_tasks import task_of
+
+        return task_of(self.settings.task).steps(ActionShaping().period)
+
+
+def _seed(seed: int, steps: int) -> int:
+    """32 bits that no other pair of seed and steps is likely to have."""
+    return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])

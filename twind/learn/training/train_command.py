@@ -1,0 +1,181 @@
+"""train a policy in simulation, and export it as a policy file
+
+TASK is `stand` (not to tip over on soft servos) or `humanoid` (walk as asked). PPO of Stable-Baselines3
+learns on a batch of simulations. Now and then it is judged on simulations of its own, beside the zero
+policy, which only holds the default pose. Ctrl-C ends it with a checkpoint; --resume goes on, also after
+a kill.
+
+In the folder: policy.onnx (the best so far: `twindctl policy run`), last.onnx, curve.png, run.json (settings,
+versions, figures), checkpoint.pt.
+"""
+
+import argparse
+from datetime import datetime
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from twind.ctl.extras import how_to_add
+from twind.ctl.verb import DONE, Rejected, UsageError
+from twind.learn.training.training_settings import DEFAULTS, KINDS
+
+NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
+# Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
+FIGURES: tuple[tuple[str, Any, str, str], ...] = (
+    (
+        "steps",
+        int,
+        "N",
+        "control steps of all environments together, rounded up to whole updates; the learning rate falls "
+        "with the share of them that is done, so the same step of a longer training is another policy",
+    ),
+    ("envs", int, "N", "simulations at a time"),
+    ("seed", int, "N", "of everything that is drawn"),
+    ("evaluate_every", int, "N", "steps between two evaluations, each with a checkpoint"),
+    ("episodes", int, "N", "of each evaluation"),
+    ("rollout", int, "N", "steps of each simulation between two updates"),
+    ("batch", int, "N", "steps in one gradient step"),
+    ("epochs", int, "N", "times that a rollout is learnt from"),
+    ("learning_rate", float, "X", "at the beginning; it falls to a twentieth over --steps"),
+    ("gamma", float, "X", "what a reward one step later is worth"),
+    ("std", float, "X", "of the actions that are tried, at the beginning; 1: the whole reach"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl train`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument("task", metavar="TASK", nargs="?", help="stand or humanoid; with --resume not needed")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default: h24)")
+    parser.add_argument(
+        "--profile",
+        metavar="NAME|FILE",
+        help="ranges of randomisation: none, default, or a file of one's own",
+    )
+    parser.add_argument("--kind", choices=KINDS, help="how simulations run (default: batch, the fastest)")
+    for name, kind, metavar, said in FIGURES:
+        parser.add_argument(
+            f"--{name.replace('_', '-')}", type=kind, metavar=metavar, help=said + _default(name)
+        )
+    sizes = f"hidden layers of actor and critic{_default('hidden')}"
+    parser.add_argument("--hidden", type=_sizes, metavar="N,N", help=sizes)
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder to make (default: TASK-DATE-TIME here)"
+    )
+    where.add_argument("--resume", type=Path, metavar="DIR", help="go on with the training in DIR")
+
+
+def _default(name: str) -> str:
+    """What a setting is if nobody says otherwise, and for which task it is something else."""
+    usual = getattr(DEFAULTS["Stand"], name)
+    others = {task.lower(): getattr(each, name) for task, each in DEFAULTS.items()}
+    told = [_figure(usual), *(f"{task}: {_figure(each)}" for task, each in others.items() if each != usual)]
+    return f" (default: {'; '.join(told)})"
+
+
+def _figure(value: Any) -> str:
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _sizes(text: str) -> tuple[int, ...]:
+    """`256,256` as numbers. Raises ArgumentTypeError."""
+    try:
+        sizes = tuple(int(each) for each in text.split(","))
+    except ValueError:
+        sizes = ()
+    if not sizes or not all(1 <= each <= 4096 for each in sizes):
+        raise argparse.ArgumentTypeError(f"{text!r}: sizes of 1 to 4096 are needed, as in 256,256")
+    return sizes
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: trained, or stopped with a checkpoint. Raises UsageError, Rejected."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
+    from twind.config.yaml_tree import ConfigError
+    from twind.learn.training.training_folder import require_fresh, taken
+    from twind.twin.binding import BindingError
+
+    given = _given(options)
+    if options.resume is None and options.task is None:
+        raise UsageError("name a TASK, stand or humanoid, or a folder with --resume")
+    try:
+        if options.resume is not None:
+            if not options.resume.is_dir():
+                raise Rejected(f"{options.resume}: there is no such folder")
+            with taken(options.resume) as folder:
+                return _resumed(options, given, folder)
+        settings = _settings(given)
+        out = options.out or Path(f"{settings.task.lower()}-{datetime.now():%Y%m%d-%H%M%S}")
+        require_fresh(out)
+        with taken(out) as folder:
+            require_fresh(out)
+            return _trained(options, settings, folder, None)
+    except (ConfigError, BindingError) as error:
+        raise Rejected(str(error)) from None
+
+
+def _given(options: argparse.Namespace) -> dict[str, Any]:
+    """What was said, and nothing that was not. Raises UsageError: no such task."""
+    from twind.learn.learning_tasks import task_of
+
+    names = ("robot", "profile", "kind", "hidden", *(name for name, *_ in FIGURES))
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if options.task is not None:
+        try:
+            given["task"] = task_of(options.task).name
+        except KeyError as error:
+            raise UsageError(error.args[0]) from None
+    return given
+
+
+def _settings(given: dict[str, Any]) -> Any:
+    from twind.learn.training.training_origin import originated
+    from twind.learn.training.training_settings import chosen
+
+    try:
+        settings = chosen(given["task"], given)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    return originated(settings)
+
+
+def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) -> int:
+    """Raises Rejected: other settings than before, another robot or other ranges."""
+    from dataclasses import replace
+
+    from twind.learn.training.training_folder import read_run
+    from twind.learn.training.training_origin import changed
+    from twind.learn.training.training_settings import differences
+
+    settings, before = read_run(folder.path)
+    wrong = differences(settings, given) + changed(settings)
+    if wrong:
+        raise Rejected(
+            f"{folder.path}: it was begun otherwise: {'; '.join(wrong)}; leave that out, or train anew"
+        )
+    return _trained(options, replace(settings, steps=given.get("steps", settings.steps)), folder, before)
+
+
+def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
+    from twind.ctl.progress import ProgressLine
+    from twind.ctl.stop_signals import told_to_stop
+    from twind.learn.training.trainer import Trainer
+    from twind.learn.training.training_reporter import TrainingReporter
+
+    with told_to_stop() as stop, ProgressLine(options, "train") as progress:
+        progress.tell("making simulations, judging the zero policy")
+        course = Trainer(settings, folder, TrainingReporter(options), before)
+        try:
+            course.run(stop, progress)
+        except OSError as error:
+            raise Rejected(f"{folder.path}: {error.strerror or error}; the last checkpoint stands") from None
+        except ValueError as error:  # a network that is not all numbers any more
+            reason = " ".join(str(error).split())[:200]
+            raise Rejected(f"{folder.path}: it broke down, the last checkpoint stands: {reason}") from None
+        finally:
+            course.close()
+    return DONE

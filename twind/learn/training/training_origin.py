@@ -1,0 +1,33 @@
+"""Of what files a training is made: two trainings of the same files and settings differ by nothing else."""
+
+import hashlib
+from dataclasses import replace
+
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import read_text
+from twind.learn.randomise.randomisation_ranges import file_of
+from twind.learn.training.training_settings import TrainingSettings
+
+
+def originated(settings: TrainingSettings) -> TrainingSettings:
+    """With the hashes of robot file and MJCF (its meshes aside), and of the file of ranges, as they are now.
+
+    Raises ConfigError.
+    """
+    robot, profile = load_robot(settings.robot), settings.profile
+    ranges = "" if profile is None else _hash(read_text(file_of(profile)))
+    return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
+
+
+def changed(settings: TrainingSettings) -> list[str]:
+    """What is no more as it was when the training began, a sentence each. Raises ConfigError."""
+    now, found = originated(settings), []
+    if now.robot_sha256 != settings.robot_sha256:
+        found.append(f"the robot file {settings.robot} or its MJCF has changed since")
+    if now.profile_sha256 != settings.profile_sha256:
+        found.append(f"the ranges of {settings.profile} have changed since")
+    return found
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

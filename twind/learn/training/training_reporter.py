@@ -1,0 +1,112 @@
+"""What a training says: a table that grows for people, a line of JSON for each thing with --json."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twind.ctl.verb import show
+from twind.learn.training.evaluation import EvaluationScore
+from twind.learn.training.training_settings import TrainingSettings
+
+HEAD = f"{'steps':>10} {'steps/s':>8} {'return':>8} {'against zero':>12} {'length':>7} {'fell':>6} {'m/s':>6}"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingReporter:
+    """Says it, as the options want it."""
+
+    options: argparse.Namespace
+
+    def began(self, settings: TrainingSettings, path: Path, done: int, zero: EvaluationScore) -> None:
+        """What is trained, and what there is to beat."""
+        random = settings.profile or "none"
+        lines = [
+            f"{settings.task} with {settings.robot}: {_count(settings.steps)} steps of {settings.envs}"
+            f" environments ({settings.kind}), seed {settings.seed}, randomised: {random}",
+            f"into {path}" + (f", going on after {_count(done)} steps" if done else ""),
+            "",
+            "Each line is an evaluation on simulations of its own, with the same seeds every time.",
+            "return: mean sum of rewards of an episode; against zero: how much more that is than holding the",
+            f"default pose gives; length: of an episode, in control steps, of {zero.longest}; fell: share of",
+            "episodes that ended by a fall; m/s: mean speed forward.",
+            "* marks the best so far: policy.onnx.",
+            "",
+            HEAD,
+            _row("zero", "", zero, zero, ""),
+        ]
+        data = {
+            "event": "began",
+            "settings": settings.told(),
+            "out": str(path),
+            "steps": done,
+            "zero": zero.told(),
+        }
+        show(self.options, data, "\n".join(lines))
+
+    def evaluated(
+        self, steps: int, rate: float, score: EvaluationScore, zero: EvaluationScore, best: bool
+    ) -> None:
+        """One evaluation; `rate` in control steps a second since the last one."""
+        data = {
+            "event": "evaluated",
+            "steps": steps,
+            "steps_per_s": rate,
+            "best": best,
+            "score": score.told(),
+        }
+        show(self.options, data, _row(_count(steps), f"{rate:.0f}", score, zero, " *" if best else ""))
+
+    def progress(self, steps: int, rate: float, recent: tuple[float, float, float] | None) -> None:
+        """After an update; with --json alone: people have the bar."""
+        if self.options.json:
+            names = ("return", "length", "falls")
+            known = dict(zip(names, recent, strict=True)) if recent else dict.fromkeys(names)
+            show(self.options, {"event": "progress", "steps": steps, "steps_per_s": rate, **known}, "")
+
+    def ended(
+        self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
+    ) -> None:
+        """What came of it, and how to go on."""
+        data: dict[str, Any] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
+        data |= {"zero": zero.told(), "best": best.told() if best else None}
+        lines = ["", f"{'done' if whole else 'stopped'} after {_count(steps)} steps: {path}"]
+        if best is not None:
+            lines += _verdict(best, zero, path)
+        if not whole:
+            lines.append(f"  twindctl train --resume {path} goes on with it")
+        show(self.options, data, "\n".join(lines))
+
+
+def bar(steps: int, rate: float, recent: tuple[float, float, float] | None) -> str:
+    """What stands behind the bar."""
+    line = f"{_count(steps)} steps, {rate:.0f}/s"
+    if recent is None:
+        return line
+    returns, length, falls = recent
+    return f"{line}, return {returns:.0f}, length {length:.0f}, fell {falls:.0%}"
+
+
+def _verdict(best: EvaluationScore, zero: EvaluationScore, path: Path) -> list[str]:
+    said = (
+        f"  policy.onnx: return {best.returns:.1f} (zero policy {zero.returns:.1f}),"
+        f" fell in {best.falls:.0%} of {best.episodes} episodes (zero policy {zero.falls:.0%})"
+    )
+    if best.returns <= zero.returns:
+        return [said, "  It is no better than doing nothing: train longer, or with other settings."]
+    return [
+        said,
+        f"  twindctl policy show {path / 'policy.onnx'} says what it is for; `policy run` drives with it",
+    ]
+
+
+def _row(steps: str, rate: str, score: EvaluationScore, zero: EvaluationScore, mark: str) -> str:
+    more = "" if score is zero else f"{score.returns - zero.returns:+.1f}"
+    return (
+        f"{steps:>10} {rate:>8} {score.returns:>8.1f} {more:>12} {score.length:>7.0f} {score.falls:>6.0%}"
+        f" {score.speed:>6.2f}{mark}"
+    )
+
+
+def _count(steps: int) -> str:
+    return f"{steps:,}".replace(",", " ")

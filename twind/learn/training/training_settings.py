@@ -1,0 +1,90 @@
+"""What a training is: task, robot, the figures of PPO. Kept with the run, compared by who resumes it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+KINDS = ("batch", "dummy", "subproc")  # how environments run: one batch, one after the other, a process each
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingSettings:
+    """All that decides how a training goes. Two runs with the same settings differ by nothing else."""
+
+    task: str
+    robot: str = "h24"  # name or path of a robot file
+    profile: str | None = None  # of the ranges of randomisation, or a file of them
+    robot_sha256: str = ""  # of robot file and MJCF, as they were when the training began (`origin.py`)
+    profile_sha256: str = ""  # of the file of ranges
+    seed: int = 0
+    steps: int = 61_440  # control steps, of all environments together
+    envs: int = 8
+    kind: str = "batch"
+    rollout: int = 256  # steps of each environment between two updates
+    batch: int = 256  # steps in one gradient step
+    epochs: int = 5  # times that a rollout is looked at
+    learning_rate: float = 3e-4  # at the beginning; falls to a twentieth with the steps
+    gamma: float = 0.95  # what a reward one step later is worth
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    std: float = 0.13  # of the actions that are tried, at the beginning: wider ones make every robot fall
+    hidden: tuple[int, ...] = (64, 64)  # of actor and critic each, tanh
+    evaluate_every: int = 20_000  # steps
+    episodes: int = 20  # of each evaluation
+
+    def __post_init__(self) -> None:
+        """Raises ValueError: a figure that nothing can be trained with."""
+        whole = ("steps", "envs", "rollout", "batch", "epochs", "evaluate_every", "episodes")
+        for name in whole:
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name.replace('_', ' ')} {getattr(self, name)}: at least 1 is needed")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed {self.seed}: 0 to {2**32 - 1} is needed")
+        if self.rollout * self.envs < 2:
+            raise ValueError("one step of one environment between two updates: at least 2 are needed")
+        for name in ("learning_rate", "gae_lambda", "clip", "std"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise ValueError(
+                    f"{name.replace('_', ' ')} {getattr(self, name):g}: above 0 and at most 1 is needed"
+                )
+        if not 0.0 < self.gamma < 1.0:
+            raise ValueError(f"gamma {self.gamma:g}: above 0 and below 1 is needed")
+
+    def told(self) -> dict[str, Any]:
+        """As it stands in the run's file."""
+        return asdict(self) | {"hidden": list(self.hidden)}
+
+
+# What is proven to train, by task: see docs/learn.md for what came of it.
+DEFAULTS: Mapping[str, TrainingSettings] = {
+    "Stand": TrainingSettings("Stand"),
+    "Humanoid": TrainingSettings("Humanoid", steps=2_000_000, evaluate_every=100_000, gamma=0.99),
+}
+
+
+def chosen(task: str, given: Mapping[str, Any]) -> TrainingSettings:
+    """The defaults of `task` with what was `given`. Raises ValueError."""
+    return replace(DEFAULTS.get(task, TrainingSettings(task)), **given)
+
+
+def told_settings(data: Mapping[str, Any]) -> TrainingSettings:
+    """As a run's file has them. Raises ValueError: no settings of ours."""
+    known = {each.name for each in fields(TrainingSettings)}
+    if set(data) != known:
+        other = ", ".join(sorted(known ^ set(data)))
+        raise ValueError(f"its settings are not those of this twind: {other}")
+    return TrainingSettings(**{**data, "hidden": tuple(data["hidden"])})
+
+
+def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]:
+    """What was asked for otherwise than `before`, a sentence each. More steps are no difference."""
+    found = []
+    for name, value in given.items():
+        was = getattr(before, name)
+        if value != was and not (name == "steps" and value > was):
+            found.append(f"{name.replace('_', ' ')} is {_said(was)}, not {_said(value)}")
+    return found
+
+
+def _said(value: Any) -> str:
+    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)[:80]

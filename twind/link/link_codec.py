@@ -1,0 +1,55 @@
+"""How messages travel: msgpack datagrams, and the arrays of a trajectory as float64, one after the other."""
+
+import msgspec
+import numpy as np
+
+from twind.link.link_commands import Inward, Submit
+from twind.link.link_reports import Outward
+from twind.robot.arrays import Floats
+from twind.robot.trajectory import Trajectory
+
+DATAGRAM = 1 << 17  # bytes: largest datagram of the link
+
+_encoder = msgspec.msgpack.Encoder()
+_inward = msgspec.msgpack.Decoder(Inward)
+_outward = msgspec.msgpack.Decoder(Outward)
+
+
+def encode(message: Inward | Outward) -> bytes:
+    """One datagram."""
+    return _encoder.encode(message)
+
+
+def decode_command(data: bytes) -> Inward:
+    """A datagram from the front. Raises msgspec.DecodeError."""
+    command: Inward = _inward.decode(data)
+    return command
+
+
+def decode_news(data: bytes) -> Outward:
+    """A datagram from the loop. Raises msgspec.DecodeError."""
+    news: Outward = _outward.decode(data)
+    return news
+
+
+def pack_path(path: Trajectory) -> bytes:
+    """time (k,), position (k, n), velocity, acceleration where given: float64, one after the other."""
+    parts = [path.time, path.position, path.velocity, path.acceleration]
+    return b"".join(np.ascontiguousarray(part, np.float64).tobytes() for part in parts if part is not None)
+
+
+def unpack_path(data: bytes, submit: Submit, count: int) -> Trajectory:
+    """The trajectory of `submit` for `count` joints. Raises ValueError when the two do not fit exactly."""
+    k, joints = submit.points, list(submit.commanded)
+    if submit.acceleration and not submit.velocity:
+        raise ValueError("accelerations need velocities")
+    if not all(0 <= joint < count for joint in joints):
+        raise ValueError(f"joints {joints}: this robot has 0..{count - 1}")
+    blocks = 1 + int(submit.velocity) + int(submit.acceleration)
+    numbers: Floats = np.frombuffer(data, np.float64)
+    if k < 1 or numbers.size != k * (1 + blocks * count):
+        raise ValueError(f"trajectory of {k} points x {count} joints: got {numbers.size} numbers")
+    columns = [block.reshape(k, count) for block in np.split(numbers[k:], blocks)]
+    commanded = np.zeros(count, np.bool_)
+    commanded[joints] = True
+    return Trajectory(numbers[:k], columns[0], commanded, *columns[1:])

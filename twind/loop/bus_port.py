@@ -1,0 +1,330 @@
+"""One bus and its life: closed → open → identified → lost → reopened. Runs scripts, one transaction a tick.
+
+Knows ticks and devices, no radians: those are `hardware.py`'s. Never blocks but for opening a port.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from math import inf
+from typing import Any, Generic, TypeVar
+
+from twind.loop.bus_tap import BusTap
+from twind.robot.arrays import every
+from twind_drivers.bus import (
+    BusError,
+    BusReader,
+    BusSample,
+    BusWriter,
+    IdentifiedDevice,
+    Order,
+    PingRequest,
+    PortError,
+    Query,
+    ReadRequest,
+    Request,
+    RequestReply,
+    Script,
+)
+
+T = TypeVar("T")
+
+Opener = Callable[[str], BusReader]  # bus name -> reader; raises PortError
+Enabler = Callable[[BusReader], BusWriter]  # the write half, made in live only
+
+REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
+IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
+QUEUE = 16  # scripts that may wait on one bus
+# Ticks without room that a script or a slice of upkeep waits, each: then it may use what is kept free at the
+# end of a tick; then it begins though the tick will end late. Readings can come late for ever (an adapter
+# that holds them back, a machine at its limit), and what tells of lost torque must not be blind.
+SOON, PATIENCE = 2, 8
+
+
+class PortState(Enum):
+    """How far a port has come."""
+
+    CLOSED = auto()
+    IDENTIFYING = auto()
+    CONNECTED = auto()
+
+
+@dataclass(eq=False)
+class ScriptRun(Generic[T]):
+    """A script on its way: one transaction a tick. `done` with a result, or with the error that ended it."""
+
+    script: Script[T]
+    urgent: bool = False  # changes torque: goes before all else, and does not wait for a roomier tick
+    request: Request | None = None
+    result: T | None = None
+    error: BusError | KeyError | ValueError | None = None
+    done: bool = False
+
+    def advance(self, reply: RequestReply | None) -> None:
+        """Give the script its reply (None to begin) and take its next request."""
+        try:
+            self.request = next(self.script) if reply is None else self.script.send(reply)
+        except StopIteration as stop:
+            self.result, self.done, self.request = stop.value, True, None
+        except (BusError, KeyError, ValueError) as error:
+            # Without its traceback: that would keep every frame alive, and nothing collects cycles here.
+            self.error, self.done, self.request = error.with_traceback(None), True, None
+
+    def cancel(self, error: BusError) -> None:
+        """End it from outside: the port went, or something more urgent came."""
+        if not self.done:
+            self.script.close()
+            self.error, self.done, self.request = error, True, None
+
+
+@dataclass
+class BusCounters:
+    """What happened on a bus since the start."""
+
+    exchanges: int = 0
+    errors: int = 0  # exchanges in which a device stayed silent, and ports lost
+    discarded: int = 0  # bytes that were no answer of ours
+    busy: float = 0.0  # s of the last tick that the bus was in use
+
+
+@dataclass(eq=False)
+class BusPort:
+    """A bus by its name: its reader while open, its writer while the mode is live."""
+
+    name: str
+    where: str | None  # the port's path, None: no port given
+    opener: Opener
+    enabler: Enabler
+    tape: BusTap = field(default_factory=BusTap)
+    link: PortState = PortState.CLOSED
+    reader: BusReader | None = None
+    writer: BusWriter | None = None
+    holding: bool = False  # goals go here: armed, and not lost since
+    devices: tuple[IdentifiedDevice, ...] = ()
+    trouble: str = ""  # why it is not open, for people
+    beside: str = ""  # what is wrong with a device that hangs there besides, for people
+    counts: BusCounters = field(default_factory=BusCounters)
+    tasks: list[ScriptRun[Any]] = field(default_factory=list)
+    identification: ScriptRun[tuple[IdentifiedDevice, ...]] | None = None
+    patient: bool = False  # it waits for the slowest return delay
+    _holed: bool = False  # in the last cyclic reading somebody was silent
+    _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
+    _retry: float = -inf
+    _wait: float = REOPEN_FIRST
+    _asked: ScriptRun[Any] | None = None
+    querying: bool = False  # the rare transaction asks something: it is answered, and not at once
+    _upkeep: bool = False  # it goes before the scripts this time
+    _due: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
+    _waited: int = 0  # ticks that it has found no room ...
+    _queued: int = 0  # ... and that the first script has not
+    _span: float = 0.0  # s of bus time of the rare transaction ...
+    _late: float = 0.0  # ... and what the last one that was answered took beyond it
+
+    # ------------------------------------------------------------------------------- open and lost
+
+    def open(self, now: float) -> bool:
+        """Try to open when it is time; True when just opened. Identification begins."""
+        if self.reader is not None or self.where is None or now < self._retry:
+            return False
+        try:
+            self.reader = self.opener(self.name)
+        except PortError as error:
+            self.trouble = str(error)
+            self._retry, self._wait = now + self._wait, min(self._wait * 2, REOPEN_MOST)
+            return False
+        self.trouble, self._wait = "", REOPEN_FIRST
+        self.tape.opened(self.where)
+        self.identify()
+        return True
+
+    def enable(self, on: bool) -> None:
+        """Make the write half, or drop it: in mirror no object exists that could write."""
+        if not on:
+            self.writer = None
+        elif self.reader is not None and self.writer is None:
+            self.writer = self.enabler(self.reader)
+
+    def identify(self, *, patient: bool = False) -> None:
+        """Ask everybody who they are; `identification` is done some ticks later. One under way begins anew:
+        what it heard so far may be of servos that have restarted since. `patient`: wait for the slowest."""
+        if self.reader is not None:
+            if self.identification is not None:
+                self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
+            self.link = PortState.IDENTIFYING
+            self._begun = (self.counts.exchanges, self.counts.discarded)
+            self.patient = patient
+            self.tape.identifying()
+            self.identification = self.run(self.reader.identify(patient=patient))
+
+    @property
+    def resting(self) -> bool:
+        """No cyclic reading: its answers would take longer than a tick, into the next question. Only on a bus
+        that is not identified, and gets no goals."""
+        if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
+            return False
+        asked = self.identification
+        unheard = self.patient or (self._holed and not self.devices)
+        return self.reader.lags or (unheard and asked is not None and not asked.done)
+
+    @property
+    def warning(self) -> str:
+        """What is wrong though it is open and works, and the remedy; empty: nothing."""
+        said = ("", "") if self.reader is None else (self.reader.transport.warning, self.beside)
+        return "; ".join(filter(None, said))
+
+    @property
+    def readings(self) -> int:
+        """Cyclic readings since identification began."""
+        return self.counts.exchanges - self._begun[0]
+
+    @property
+    def strays(self) -> int:
+        """Bytes since identification began that were no answer of ours."""
+        return self.counts.discarded - self._begun[1]
+
+    def lose(self, error: PortError, now: float) -> None:
+        """Close at once (an open descriptor would make the replugged adapter another ttyUSB); retry soon."""
+        self._let_go(error)
+        self.trouble = str(error)
+        self.counts.errors += 1
+        self._retry, self._wait = now + REOPEN_FIRST, REOPEN_FIRST
+
+    def close(self) -> None:
+        """Let go of the port, for good or until the mode wants it again."""
+        if self.reader is not None:
+            self._let_go(PortError(self.reader.transport.name, "closed"))
+            self.trouble, self._retry, self._wait = "", -inf, REOPEN_FIRST
+
+    def _let_go(self, error: PortError) -> None:
+        if self.reader is not None:
+            self.reader.transport.close()
+            self.tape.lost(str(error))
+        self.reader = self.writer = None
+        self.holding = self._holed = False
+        self.link, self.devices, self.beside = PortState.CLOSED, (), ""
+        self._asked = self.identification = self._due = None
+        self._waited = self._queued = 0
+        for task in self.tasks:
+            task.cancel(error)
+        self.tasks.clear()
+
+    # ------------------------------------------------------------------------------- scripts
+
+    def run(self, script: Script[T], *, urgent: bool = False) -> ScriptRun[T]:
+        """Queue a script; an urgent one goes before the others."""
+        task = ScriptRun(script, urgent)
+        task.advance(None)
+        if not task.done:
+            self.tasks.insert(0 if urgent else len(self.tasks), task)
+        return task
+
+    @property
+    def busy(self) -> bool:
+        """A script waits or is under way that somebody asked for; to identify everybody is none."""
+        return any(not task.done and task is not self.identification for task in self.tasks)
+
+    @property
+    def hurried(self) -> bool:
+        """What waits changes torque: nothing goes before it."""
+        return any(task.urgent and not task.done for task in self.tasks)
+
+    @property
+    def full(self) -> bool:
+        """So many scripts wait that another one is refused."""
+        return len(self.tasks) >= QUEUE
+
+    def drop(self, reason: str) -> None:
+        """Cancel every queued script but identification."""
+        for task in [task for task in self.tasks if task is not self.identification]:
+            task.cancel(BusError(f"{self.name}: {reason}"))
+            self.tasks.remove(task)
+
+    def begin_rare(self, now: float, until: float, last: float = inf, *, upkeep: bool = True) -> bool:
+        """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
+
+        `upkeep`: a new slice may come up in this tick. `last`: when the tick ends. Neither waits longer than
+        `PATIENCE` ticks for room, and a slice that waits stays the next one.
+        """
+        reader = self.reader
+        if reader is None:
+            return False
+        self.tasks[:] = [task for task in self.tasks if not task.done]
+        task = self.tasks[0] if self.tasks else None
+        alone = task is not None and (
+            task.urgent or (self.link is PortState.IDENTIFYING and not self.holding)
+        )
+        if upkeep and not alone and self._due is None:
+            self._upkeep = task is None or not self._upkeep  # what tells of lost torque is never starved
+            if self._upkeep:
+                self._due = reader.upkeep(now)
+        due = None if alone else self._due
+        if (
+            due is not None
+            and (self._upkeep or task is None)
+            and self._fits(due, now, until, last, self._waited)
+        ):
+            self._due, self._waited, self._asked = None, 0, None
+            return self._ask(due, now)
+        self._waited += due is not None
+        if task is None or task.request is None:
+            return False
+        if not self._fits(task.request, now, until, last, self._queued) and not task.urgent:
+            self._queued, self._upkeep = self._queued + 1, due is not None
+            return False
+        self._queued, self._asked, self._upkeep = 0, task, due is not None
+        if isinstance(task.request, PingRequest | ReadRequest):
+            return self._ask(task.request, now)
+        self.querying = False
+        return self._order(task.request, task, now)
+
+    def _fits(self, request: Request, now: float, until: float, last: float, waited: int) -> bool:
+        """It ends in time, or has `waited` so many ticks that it begins all the same."""
+        self._span = 0.0 if self.reader is None else self.reader.span(request)
+        if waited >= PATIENCE or now + self._span <= until:
+            return True
+        return waited >= SOON and now + self._span + self._late <= last
+
+    def _ask(self, query: Query, now: float) -> bool:
+        self.querying = True
+        if self.reader is not None:
+            self.reader.begin(query, now)
+        return True
+
+    def _order(self, order: Order, task: ScriptRun[Any], now: float) -> bool:
+        """Begin what a script wants written; one that may not leave ends its script, not the tick."""
+        try:
+            if self.writer is None:
+                raise BusError(f"{self.name}: opened read-only, {type(order).__name__} refused")
+            self.writer.begin(order, now)
+        except PortError:
+            raise
+        except BusError as error:
+            task.cancel(error)
+            return False
+        return True
+
+    def end_rare(self, now: float) -> None:
+        """Take the answer; the script that asked goes one step on."""
+        if self.reader is None:
+            return
+        reply, task = self.reader.answer(now), self._asked
+        self._asked = None
+        self.counts.busy = reply.waited + (0.0 if self.resting else self.counts.busy)
+        self.counts.discarded += reply.strays
+        if reply.data:
+            self._late = max(0.0, reply.waited - self._span)
+        if task is not None and not task.done:
+            task.advance(reply)
+
+    # ------------------------------------------------------------------------------- the cyclic reading
+
+    def finish(self, now: float) -> BusSample | None:
+        """End the cyclic reading and count it; whether it is an error of the bus, the caller knows."""
+        if self.reader is None:
+            return None
+        sample = self.reader.finish(now)
+        self.counts.exchanges += 1
+        self._holed = not every(sample.heard)
+        self.counts.discarded += sample.discarded
+        self.counts.busy = now - sample.sent
+        return sample

@@ -1,0 +1,221 @@
+"""What the loop writes down for the flight recorder: bytes of its buses, datagrams of its link.
+
+Loop's process. The drivers know nothing of it: what is taped is a port or a CAN channel like others.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import count
+from typing import Generic, TypeVar
+
+from twind.config.robot_spec import RobotFile
+from twind.flight import LOST, NO_BUS, OPENED, REFUSED, EntryKind, FlightEntry, FlightRing, pack
+from twind.flight.recorder_ring import TRANSCRIPT
+from twind.standard_streams import tell
+from twind_drivers.bus import ByteTransport, PortError
+from twind_drivers.can.channel import CanChannel
+from twind_drivers.can.frame import Frames
+from twind_drivers.clock import Clock
+
+SPAN = 30.0  # s that a recorder is made for
+MOST = 64 << 20  # bytes of one: at 500 Hz and four buses of 3 Mbaud it holds some 20 s
+_TICK = 800  # bytes of a tick's datagram and of the heads of its records, and for each joint ...
+_JOINT = 110  # ... of its arrays
+_SLOW = 50_000  # bytes/s of overviews, answers, events and calls
+
+
+class BusTap:
+    """What happens on one bus, for whoever writes it down: here nobody."""
+
+    def opened(self, where: str) -> None:
+        """The port is open."""
+
+    def lost(self, why: str) -> None:
+        """It was let go, or went."""
+
+    def identifying(self) -> None:
+        """Everybody is asked who he is, from here on."""
+
+    def identified(self, *, whole: bool) -> None:
+        """Who answered has answered; `whole`: everybody did."""
+
+
+class FlightRecorder:
+    """The loop's side of the flight recorder."""
+
+    def __init__(self, ring: FlightRing, buses: Sequence[str], clock: Clock) -> None:
+        self._ring, self._clock = ring, clock
+        self.tapes: Mapping[str, RecordingBusTap] = {
+            name: RecordingBusTap(ring, place, clock) for name, place in zip(buses, count(), strict=False)
+        }
+
+    @property
+    def fd(self) -> int:
+        """The memory that others can read, also when this process is gone."""
+        return self._ring.fd
+
+    def link(self, kind: EntryKind, data: bytes) -> None:
+        """A datagram of the link, or the arrays beside one."""
+        self._ring.append(kind, NO_BUS, self._clock.now(), data)
+
+    def sign(self, signature: bytes) -> None:
+        """Of what version and files it is (`briefing.fingerprint`), for a daemon after this one."""
+        self._ring.sign(signature)
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._ring.close()
+
+
+def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder | None:
+    """One for this robot; None, and why is told: there is no memory for it."""
+    try:
+        ring = FlightRing.create(size(robot, rate_hz), buses=len(robot.buses))
+    except OSError as error:
+        tell(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
+        return None
+    return FlightRecorder(ring, [bus.name for bus in robot.buses], clock)
+
+
+def size(robot: RobotFile, rate_hz: float) -> int:
+    """Bytes of a recorder that holds `SPAN` of this robot, or `MOST`."""
+    buses = sum(robot.bus(bus.name).baud / 10.0 for bus in robot.buses)
+    return min(MOST, round(SPAN * (buses + rate_hz * (_TICK + _JOINT * len(robot.joints)) + _SLOW)))
+
+
+class RecordingBusTap(BusTap):
+    """One bus, written down; the bytes of its last whole identification are kept beside the ring."""
+
+    def __init__(self, ring: FlightRing, place: int, clock: Clock) -> None:
+        self._ring, self._place, self._clock = ring, place, clock
+        self._transcript: list[FlightEntry] | None = None  # of the identification under way
+        self._length = 0  # bytes of it, heads not counted
+        self._whole = False  # the one that is kept is of everybody
+
+    def sent(self, data: bytes | bytearray | memoryview) -> None:
+        """Bytes written to the bus."""
+        self._note(EntryKind.OUT, data)
+
+    def heard(self, data: bytes | bytearray | memoryview) -> None:
+        """Bytes read from it, whatever they are."""
+        self._note(EntryKind.IN, data)
+
+    def _note(self, kind: EntryKind, data: bytes | bytearray | memoryview) -> None:
+        now = self._clock.now()
+        self._ring.append(kind, self._place, now, data)
+        if self._transcript is not None:
+            self._transcript.append(FlightEntry(now, kind, self._place, bytes(data)))
+            self._length += len(data)
+            if self._length > TRANSCRIPT:  # somebody babbles: what is kept would not be whole
+                self._transcript = None
+
+    def refused(self, size: int, why: str) -> None:
+        """The port did not take so many bytes, or nobody knows how many of them."""
+        self._port(REFUSED, f"{size} bytes: {why}")
+
+    def opened(self, where: str) -> None:
+        """The port is open."""
+        self._port(OPENED, where)
+
+    def lost(self, why: str) -> None:
+        """It was let go, or went."""
+        self._transcript = None
+        self._port(LOST, why)
+
+    def _port(self, word: bytes, text: str) -> None:
+        self._ring.append(EntryKind.PORT, self._place, self._clock.now(), word + b" " + text.encode())
+
+    def identifying(self) -> None:
+        """Its bytes are kept from here on."""
+        self._transcript, self._length = [], 0
+
+    def identified(self, *, whole: bool) -> None:
+        """They are complete. Of somebody who did not answer they replace none of everybody."""
+        if self._transcript is not None and (whole or not self._whole):
+            self._whole = whole
+            self._ring.keep(self._place, pack(self._transcript))
+        self._transcript = None
+
+
+Inside = TypeVar("Inside", ByteTransport, CanChannel)
+
+
+class _Tapped(Generic[Inside]):
+    """What a port and a channel have in common; what carries no bytes costs nothing more than before."""
+
+    def __init__(self, inside: Inside, tape: RecordingBusTap) -> None:
+        self._inside: Inside = inside
+        self._tape, self.name = tape, inside.name
+        self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
+
+    @property
+    def warning(self) -> str:
+        """As inside."""
+        return self._inside.warning
+
+    @warning.setter
+    def warning(self, text: str) -> None:
+        self._inside.warning = text
+
+
+class TappedTransport(_Tapped[ByteTransport]):
+    """A `Transport` as the one inside, whose bytes are written down."""
+
+    def __init__(self, inside: ByteTransport, tape: RecordingBusTap) -> None:
+        super().__init__(inside, tape)
+        self.holds, self.backlog, self.flush = inside.holds, inside.backlog, inside.flush
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """As inside; of what it does not take, that and why is written down."""
+        try:
+            self._inside.write(data)
+        except PortError as error:
+            self._tape.refused(len(data), str(error))
+            raise
+        self._tape.sent(data)
+
+    def read_into(self, buffer: memoryview) -> int:
+        """As inside."""
+        taken = self._inside.read_into(buffer)
+        if taken:
+            self._tape.heard(buffer[:taken])
+        return taken
+
+    def drain(self, thrown: bytearray | None = None) -> int:
+        """As inside; of a babbling line the last bytes are written down."""
+        mine = bytearray()
+        try:
+            count = self._inside.drain(mine)
+        except PortError:
+            if mine:
+                self._tape.heard(mine)
+            raise
+        if count:
+            self._tape.heard(mine)
+            if thrown is not None:
+                thrown[:] = thrown + mine if len(mine) == count else mine
+        return count
+
+
+class TappedChannel(_Tapped[CanChannel]):
+    """A `Channel` as the one inside, whose frames are written down, as the bytes of their records."""
+
+    def __init__(self, inside: CanChannel, tape: RecordingBusTap) -> None:
+        super().__init__(inside, tape)
+        self.condition, self.drive, self.purge = inside.condition, inside.drive, inside.purge
+
+    def send(self, frames: Frames, now: float) -> None:
+        """As inside."""
+        try:
+            self._inside.send(frames, now)
+        except PortError as error:
+            self._tape.refused(frames.nbytes, str(error))
+            raise
+        if frames.size:
+            self._tape.sent(frames.tobytes())
+
+    def receive(self, now: float) -> Frames:
+        """As inside."""
+        frames = self._inside.receive(now)
+        if frames.size:
+            self._tape.heard(frames.tobytes())
+        return frames

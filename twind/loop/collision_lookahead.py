@@ -1,0 +1,144 @@
+"""What lies just ahead of the motion of every tick: the least clearance on the way (R20). Loop's process.
+
+Looks along the commanded way for as long as the robot takes to brake. While the way stays the same only the
+time that is newly reached is looked at; when it changes, all of it anew. A robot that holds costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import ceil, inf, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.motion.lookahead_path import LookaheadPlan
+from twind.robot.arrays import Floats, Ints
+from twind.robot.finding import Finding
+from twind.robot.joint_limits import JointLimits
+from twind.robot.modes import Motion
+from twind.safety.guard_types import ClearanceAhead
+from twind.twin.collision_model import CollisionModel
+
+if TYPE_CHECKING:
+    from twind.motion.trajectory_executor import TrajectoryExecutor
+
+LEAST = 0.3  # s that are looked ahead at least
+MOST = 1.0  # s at most: a joint that takes longer to brake is looked at as far as that
+POSES = 30  # looked at in one tick at most: 0.2 to 0.3 ms
+NEAR = 0.02  # m: how far bodies are looked at; less is faster
+NEARER = 1e-4  # m: what does not come nearer than that than it is now is no danger
+CLEAR = ClearanceAhead(inf)
+
+
+class CollisionLookahead:
+    """Remembers of the way what comes near; the rest needs no memory. Distances are (p,), m."""
+
+    def __init__(self, bodies: CollisionModel, limits: JointLimits, period: float) -> None:
+        """`period`: s, of a tick."""
+        self._bodies, self._limits, self._period = bodies, limits, period
+        brakes = float((limits.velocity / limits.acceleration).max(initial=0.0))
+        ticks = ceil(min(max(brakes, LEAST), MOST) / period - 1e-9)
+        self._stride = ceil(ticks / POSES)
+        self._ticks = np.arange(ticks, 0, -self._stride)[::-1]  # from now; the last is the farthest
+        self._times: Floats = self._ticks.astype(np.float64) * period
+        self._told = bodies.block + bodies.band
+        self._tick = self._due = 0
+        self._way: tuple[object, ...] | None = None
+        self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
+
+    def within(self, limits: JointLimits) -> CollisionLookahead:
+        """The same bodies, for a robot at rest that from now on has these limits."""
+        return CollisionLookahead(self._bodies, limits, self._period)
+
+    def look(self, executor: TrajectoryExecutor) -> ClearanceAhead | None:
+        """The tightest place just ahead of all that comes nearer; None while nothing moves.
+
+        Not finite: the clearance is NaN.
+        """
+        plan = executor.plan
+        if plan is None or executor.motion not in (Motion.ACTIVE, Motion.STREAMING):
+            self._way = None
+            return None
+        self._tick += 1
+        way = plan.way
+        new = way != self._way
+        if new:
+            self._near.clear()
+        if new or self._tick >= self._due:
+            times = self._times if new else self._times[-1:]
+            poses = plan.course(self._limits, times)
+            if not np.isfinite(poses).all():
+                self._way = None
+                return ClearanceAhead(nan, float(times[-1]))
+            self._take(poses)
+            self._way, self._due = way, self._tick + self._stride
+        while self._near and self._near[0][0] <= self._tick:
+            self._near.popleft()
+        return self._tightest(plan) if self._near else CLEAR
+
+    def refuses(
+        self, executor: TrajectoryExecutor, joints: Ints, position: Floats, velocity: Floats | None
+    ) -> tuple[Finding, ...]:
+        """Why a setpoint (m,) of a stream cannot be taken: after a step to it no way to rest is clear.
+
+        A pair that is too close already may not come nearer.
+        """
+        plan = executor.plan
+        if plan is None:
+            return ()
+        poses = plan.halting(joints, position, velocity, self._limits, self._period, self._times)
+        rows = self._measured(poses) if np.isfinite(poses).all() else np.full((1, len(self._told)), nan)
+        least = rows.min(axis=0)
+        if (least > self._bodies.block).all():
+            return ()
+        spare = self._spare(plan, least)
+        pair = int(np.where(np.isnan(spare), -inf, spare).argmin())
+        if spare[pair] > 0.0:
+            return ()
+        closest, block = self._bodies.pairs[pair], float(self._bodies.block[pair])
+        reason = f"{closest.name}: m between them if it went on and had to stop at once"
+        return (Finding(closest.code, value=float(least[pair]), bound=block, message=reason),)
+
+    def _take(self, poses: Floats) -> None:
+        """Look at the poses (k, n) at the last k of `times`; keep those in which anything is near."""
+        rows = self._measured(poses)
+        ticks = self._ticks[-len(poses) :]
+        for k in np.flatnonzero((rows < self._told).any(axis=1)):
+            self._near.append((self._tick + int(ticks[k]), rows[k]))
+
+    def _measured(self, poses: Floats) -> Floats:
+        """Distances (k, p); those of boxes only where they can be near on this way."""
+        bodies = self._bodies
+        rows, boxes = bodies.distances(poses), bodies.boxes
+        if not len(boxes):
+            return rows
+        last = np.array([bodies.between(pair, 1.0) for pair in boxes])  # that pose is still taken up
+        rows[-1, boxes] = np.minimum(last, bodies.reach)
+        turned = np.abs(poses - poses[-1]).max(axis=0)
+        doubtful = boxes[~(last - bodies.levers[boxes] @ turned > self._told[boxes])]
+        for k in range(len(poses) - 1) if len(doubtful) else ():
+            bodies.place(poses[k])
+            rows[k, doubtful] = [bodies.between(pair, bodies.reach) for pair in doubtful]
+        return rows
+
+    def _spare(self, plan: LookaheadPlan, least: Floats) -> Floats:
+        """How much of the way `least` leaves each pair beyond `block`; infinite where it comes no nearer."""
+        now = self._measured(plan.reference.position[None])[0]
+        return np.where(least > now - NEARER, inf, least - self._bodies.block)
+
+    def _tightest(self, plan: LookaheadPlan) -> ClearanceAhead:
+        """Of the pairs that come nearer than they are now, the one with the least to spare."""
+        bodies = self._bodies
+        rows = np.array([row for _, row in self._near])
+        least = rows.min(axis=0)
+        spare = np.where(least < self._told, self._spare(plan, least), inf)
+        pair = int(spare.argmin())
+        if not spare[pair] < inf:
+            return CLEAR
+        reached = self._near[int(rows[:, pair].argmin())][0]
+        block = float(bodies.block[pair])
+        ahead = max(reached - self._tick, 1) * self._period
+        return ClearanceAhead(
+            float(least[pair]), ahead, bodies.pairs[pair].bodies, block, block + bodies.band
+        )

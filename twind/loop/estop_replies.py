@@ -1,0 +1,62 @@
+"""Who waits for the answer to an e-stop. None is forgotten, whatever ends the stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from twind import link
+from twind.loop.procedures import Priority
+from twind.robot.modes import Mode
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+
+@dataclass(eq=False)
+class PendingEStop:
+    """One call: answered once the stop has begun, and with `more` again when it is over."""
+
+    command: link.EStop
+    told: bool = False
+
+
+class EStopReplies:
+    """`begun`: the first effect of the running stop was read back from the bus."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self._waiting: list[PendingEStop] = []
+        self.begun = False
+
+    def ask(self, command: link.EStop) -> None:
+        """Answer this call when there is something true to say."""
+        self._waiting.append(PendingEStop(command))
+
+    def begin(self) -> None:
+        """A stop starts: nothing of it is confirmed yet."""
+        self.begun = False
+
+    def gone(self, client: int) -> None:
+        """Nobody waits on that connection any more; the stop goes on."""
+        self._waiting = [waiting for waiting in self._waiting if waiting.command.client != client]
+
+    def answer(self) -> None:
+        """After each exchange: tell whom there is something to tell."""
+        running = self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
+        for waiting in list(self._waiting):
+            if not running:
+                known = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
+                self._tell(waiting, done=known)
+                self._waiting.remove(waiting)
+            elif self.begun and not waiting.told:
+                waiting.told = True
+                self._tell(waiting, done=False)
+                if not waiting.command.more:
+                    self._waiting.remove(waiting)
+
+    def _tell(self, waiting: PendingEStop, *, done: bool) -> None:
+        loop = self._loop
+        more = waiting.command.more and self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
+        off = loop.torque_off
+        loop.say.reply(waiting.command, continues=more, state=loop.state.value, torque_off=off, done=done)

@@ -1,0 +1,355 @@
+"""A joint driven against its stop: one servo with torque, weak and slow, everybody else limp.
+
+Readings agree, the servo goes into the mode that has a current cap, torque on, the course (`motion/homing`),
+torque off. Whatever ends it, here or from outside, mode and settings are given back by a procedure that runs
+beside and was begun before anything was written; that one answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from twind import link
+from twind.loop.homing_request import sought
+from twind.loop.pending_restore import PendingRestore, answer, clamped, give_back, leave, release
+from twind.loop.procedures import Priority, Procedure
+from twind.loop.torque import loosen
+from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
+from twind.robot.arrays import some
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind.safety.device_rules import TRIPPED
+from twind.safety.state_machine import LATCHED
+from twind_drivers.bus import BusError, Script, WireClamp
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+    from twind_drivers.single_device import SingleDeviceControl
+
+T = TypeVar("T")
+PIN = "find stop"  # holds the lease while it lasts
+REPORT = 0.25  # s between two reports of progress
+SWINGS = 5  # times that goal := present is tried of a joint that moves
+READ = 3  # ticks until readings are newer than what was just written
+OFF_TURN = 16  # part of a turn that counts may be off a whole one when the mode changes
+
+
+class HomingEnded(Exception):
+    """The search ends, torque goes off; the finding says why."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(finding.message)
+        self.finding = finding
+
+
+class HomingProcedure:
+    """At most one search; `owed` until its servo is what it was."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self.owed: PendingRestore | None = None
+        self._told = (-1.0, "")  # s and phase of the last report
+
+    def ask(self, command: link.FindStop, now: float) -> None:
+        """Begin, or answer why not."""
+        loop = self._loop
+        if loop.state is not RobotState.CALIBRATING and loop.state not in LATCHED:
+            allowed = [RobotState.CALIBRATING.value]
+            loop.say.error(command, "WrongState", state=loop.state.value, allowed=allowed)
+            return
+        if self.owed is not None or loop.procedures.rank is not None:
+            loop.say.error(command, "Busy", what="a joint is driven against its stop, or being given back")
+            return
+        if (asking := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
+            what = f"somebody reads, writes, scans or reboots on bus {asking}: try again"
+            loop.say.error(command, "Busy", what=what)
+            return
+        found = sought(loop, command, now)
+        if isinstance(found, list):
+            loop.say.refuse(command, found)
+            return
+        device = next(each for each in found.port.devices if each.id == found.id)
+        loop.procedures.own(Priority.HOME, lambda: self._search(PendingRestore(command, found, device)))
+
+    def findings(self) -> list[Finding]:
+        """Why the joint that is owed is not what it was calibrated as."""
+        owed = self.owed
+        if owed is None:
+            return []
+        message = f"driven against its stop, and not given back yet: it has {owed.left}"
+        return [Finding(ReasonCode.CALIB_MISMATCH, owed.sought.joint, message=message)]
+
+    def busy(self, bus: str | None = None, id: int | None = None) -> str:
+        """What is waited for before somebody else changes anything, of that device; empty: nothing."""
+        owed = self.owed
+        if owed is None or (bus, id) not in ((None, None), (owed.sought.port.name, owed.sought.id)):
+            return ""
+        return f"{self._loop.joints.names[owed.sought.joint]} is given back its mode and settings"
+
+    def leave(self) -> None:
+        """The daemon ends: what is still owed is told."""
+        if self.owed is not None:
+            leave(self._loop, self.owed)
+
+    # ------------------------------------------------------------------------------- the search
+
+    def _search(self, debt: PendingRestore) -> Procedure:
+        loop = self._loop
+        loop.lease.pin(debt.command.client, PIN)
+        try:
+            debt.findings = yield from self._outcome(debt)
+            loop.hardware.clear()
+            if loop.energising:
+                debt.findings += yield from self._loosened(debt)
+        except GeneratorExit:  # what took over takes the torque: `energising` is set
+            debt.findings = debt.findings or (_cause(loop),)
+            loop.unconfirmed = loop.unconfirmed or loop.energising
+            loop.hardware.clear()
+            raise
+        finally:
+            self._end(debt)
+
+    def _outcome(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+        """What went wrong; nothing: it was found."""
+        loop, joint = self._loop, debt.sought.joint
+        try:
+            yield from self._found(debt)
+        except HomingEnded as ended:
+            return (self._of(debt, ended.finding),)
+        except ValueError as error:  # its model has no such mode, or not so little current
+            return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
+        except WireClamp as error:
+            return (clamped(loop, debt, error),)
+        except BusError as error:
+            return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)
+        except Exception as error:  # noqa: BLE001 - whatever broke, torque goes off
+            broken = Finding(ReasonCode.INTERNAL, joint, message=repr(error))
+            loop.fail(broken, loop.clock.now())
+            return (broken,)
+        return ()
+
+    def _loosened(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+        """Torque off, read back; what is to be said of it."""
+        loop = self._loop
+        try:
+            yield from loosen(loop)
+        except BusError as error:
+            message = f"torque could not be read back off: {error}"
+            loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
+            return (Finding(ReasonCode.TORQUE_MISMATCH, debt.sought.joint, message=message),)
+        return ()
+
+    @staticmethod
+    def _of(debt: PendingRestore, finding: Finding) -> Finding:
+        """What the course says is of its joint."""
+        own = (
+            ReasonCode.STOP_NOT_FOUND,
+            ReasonCode.OVERCURRENT,
+            ReasonCode.STATE_STALE,
+            ReasonCode.CALIB_MISMATCH,
+        )
+        return replace(finding, joint=debt.sought.joint) if finding.code in own else finding
+
+    def _end(self, debt: PendingRestore) -> None:
+        self._loop.lease.unpin(debt.command.client, PIN)
+        debt.over = True
+        if debt.kept is None:  # nobody runs beside it
+            release(self._loop, debt)
+            answer(self._loop, debt)
+
+    def _found(self, debt: PendingRestore) -> Generator[None, float, None]:
+        """Everything from the first look to the last capture. Raises Ended, BusError, ValueError."""
+        loop, aim = self._loop, debt.sought
+        writer, command = aim.port.writer, debt.command
+        assert writer is not None
+        name = loop.joints.names[aim.joint]
+        loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
+        debt.shift = int(loop.hardware.readings.shift[aim.joint])
+        yield from self._quiet(debt)
+        loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque
+        alone = writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
+        kept = yield from self._done(debt, alone.look())
+        debt.left, debt.watchdog = alone.left(kept), alone.watchdog
+        self.owed, debt.kept = debt, kept
+        loop.procedures.beside(give_back(loop, debt))
+        held = yield from self._pinned(debt, alone, kept)
+        now = yield from self._energised(debt, alone, held)
+        yield from self._course(debt, alone, EndstopSearch(aim.search, float(held), now), now)
+
+    def _quiet(self, debt: PendingRestore) -> Generator[None, float, None]:
+        now = self._loop.clock.now()
+        self._report(debt, "waiting", 0.0, now)
+        now = yield
+        quiet = StandstillCheck(now)
+        while (answer := quiet.step(self._look(debt), now)) is not True:
+            if isinstance(answer, Finding):
+                raise HomingEnded(answer)
+            now = yield
+            self._require(debt, now)
+        debt.looked_after = True
+
+    def _newer(self, debt: PendingRestore) -> Generator[None, float, float]:
+        """Wait for a reading newer than all that was written so far; the time. Raises Ended."""
+        since, passed, now = self._loop.clock.now(), 0, 0.0
+        while passed < READ or not self._look(debt).at > since:
+            now = yield
+            self._require(debt, now)
+            passed += 1
+        return now
+
+    def _pinned(
+        self, debt: PendingRestore, alone: SingleDeviceControl, kept: Any
+    ) -> Generator[None, float, int]:
+        """In its other mode, with goal := present read back; the count (calibrated) that it is to hold."""
+        aim, before = debt.sought, self._count(debt)
+        yield from self._done(debt, alone.enter(kept))
+        yield from self._newer(debt)
+        debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
+        alone.bound(aim.lower - debt.shift, aim.upper - debt.shift)
+        for _ in range(SWINGS):
+            held = self._count(debt)
+            if not aim.lower <= held <= aim.upper:
+                break
+            yield from self._done(debt, alone.prepare(kept, held - debt.shift))
+            yield from self._newer(debt)
+            if abs(self._count(debt) - held) <= AGREE:
+                return held
+        moved = float(abs(self._count(debt) - before_raw - debt.shift))
+        message = "still moving (counts): let it hang still, then try again"
+        raise HomingEnded(
+            Finding(ReasonCode.STOP_NOT_FOUND, value=moved, bound=float(AGREE), message=message)
+        )
+
+    def _energised(
+        self, debt: PendingRestore, alone: SingleDeviceControl, held: int
+    ) -> Generator[None, float, float]:
+        """Torque on, read back, and it did not jump; the time."""
+        loop, aim = self._loop, debt.sought
+        loop.energising = True
+        yield from self._done(debt, alone.energise())
+        debt.powered = loop.clock.now()
+        now = yield from self._newer(debt)
+        jump = float(abs(self._count(debt) - held))
+        if not jump <= aim.jump:
+            message = "counts: it jumped when torque came on"
+            raise HomingEnded(Finding(ReasonCode.STOP_NOT_FOUND, value=jump, bound=aim.jump, message=message))
+        return now
+
+    def _course(
+        self, debt: PendingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
+    ) -> Generator[None, float, None]:
+        debt.looked_after = False  # the course does that itself
+        while True:
+            self._require(debt, now)
+            goal = course.step(self._look(debt), now)
+            if course.failed is not None:
+                raise HomingEnded(course.failed)
+            if course.done:
+                debt.captures = course.captures
+                return
+            alone.goal(round(goal) - debt.shift)
+            self._report(debt, course.phase.value, course.progress, now)
+            now = yield
+
+    # ------------------------------------------------------------------------------- what ends it
+
+    def _require(self, debt: PendingRestore, now: float) -> None:
+        """Raises Ended where anything says that this may not go on."""
+        for finding in self._against(debt, now):
+            raise HomingEnded(finding)
+
+    def _against(self, debt: PendingRestore, now: float) -> Generator[Finding, None, None]:
+        loop, joint = self._loop, debt.sought.joint
+        if loop.state is not RobotState.CALIBRATING or loop.latches:
+            yield _cause(loop)
+        if not loop.lease.held_by(debt.command.client, now):
+            yield Finding(ReasonCode.LEASE_LOST, message="the lease is gone")
+        yield from loop.parts.guard.bars
+        if loop.unreachable is not None:
+            yield loop.unreachable
+        if not loop.hardware.connected:
+            yield Finding(ReasonCode.HW_DISCONNECTED, message="a bus was lost, or is asked anew who is there")
+        if debt.looked_after and not (age := now - self._look(debt).at) <= LOST:
+            message = "s since its last reading: check cable and power"
+            yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
+        slow = loop.hardware.slow
+        on = slow.torque == 1
+        on[joint] = False
+        if some(on):
+            other = int(np.argmax(on))
+            yield Finding(ReasonCode.TORQUE_MISMATCH, other, value=1.0, bound=0.0, message="its torque is on")
+        if debt.powered is None or not slow.status_time[joint] > debt.powered:
+            return
+        if slow.torque[joint] != 1:
+            value = float(slow.torque[joint])
+            yield Finding(
+                ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message="torque went off"
+            )
+        if slow.watchdog[joint] == TRIPPED:
+            message = "its watchdog tripped: nobody spoke on its bus for too long"
+            yield Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+        elif (watchdog := float(slow.watchdog[joint])) != debt.watchdog:
+            message = "its watchdog is another than was set: nobody would stop it if the daemon died"
+            yield Finding(
+                ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=debt.watchdog, message=message
+            )
+        if slow.fault[joint] > 0:
+            value = float(slow.fault[joint])
+            yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
+
+    def _done(self, debt: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
+        """The result of a script, while nothing speaks against going on. Raises what it raises, Ended."""
+        task = debt.sought.port.run(script, urgent=True)
+        while not task.done:
+            now = yield
+            self._require(debt, now)
+        if task.error is not None:
+            raise task.error
+        return task.result  # type: ignore[return-value]
+
+    # ------------------------------------------------------------------------------- what is said
+
+    def _report(self, debt: PendingRestore, phase: str, progress: float, now: float) -> None:
+        at, last = self._told
+        if debt.command.more and (phase != last or not now - at < REPORT):
+            self._told = (now, phase)
+            self._loop.say.reply(debt.command, continues=True, phase=phase, progress=progress)
+
+    # ------------------------------------------------------------------------------- what is read
+
+    def _raw(self, debt: PendingRestore) -> int:
+        return int(self._loop.hardware.readings.raw.ticks[debt.sought.joint])
+
+    def _count(self, debt: PendingRestore) -> int:
+        return self._raw(debt) + debt.shift
+
+    def _look(self, debt: PendingRestore) -> HomingSample:
+        raw, joint = self._loop.hardware.readings.raw, debt.sought.joint
+        return HomingSample(float(raw.heard_at[joint]), self._count(debt), float(raw.effort[joint]))
+
+
+def _frame(before: int, raw: int, turn: int) -> int:
+    """Whole turns between the calibrated count before and the raw one in the other mode. Raises Ended."""
+    shift = turn * round((before - raw) / turn)
+    off = abs(before - raw - shift)
+    if off > turn / OFF_TURN:
+        message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
+        raise HomingEnded(
+            Finding(ReasonCode.CALIB_MISMATCH, value=float(off), bound=turn / OFF_TURN, message=message)
+        )
+    return shift
+
+
+def _cause(loop: Loop) -> Finding:
+    """Why it was ended from outside."""
+    for finding in loop.latches.values():
+        return finding
+    if loop.stop_wanted:
+        return Finding(ReasonCode.NOT_ARMED, message="the daemon ends")
+    return Finding(
+        ReasonCode.NOT_ARMED, message=f"the robot went to {loop.state.value}: disarmed, or a bus lost"
+    )

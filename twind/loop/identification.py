@@ -1,0 +1,283 @@
+"""Who is on the wire: ports that open and go, devices that are missing or not the ones calibrated.
+
+Watches the ports after each exchange and turns what happened into states and findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.loop import torque, torque_release
+from twind.loop.bus_port import IDENTIFY_AGAIN, BusPort, PortState
+from twind.loop.joint_verification import JointVerification
+from twind.loop.procedures import Priority
+from twind.robot.arrays import Bools, some
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joints import JointBusMap
+from twind.robot.modes import Mode, RobotState
+from twind.safety.state_machine import RobotEvent
+from twind_drivers.bus import IdentifiedDevice
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
+GONE = 0.1  # s without an answer from anybody: their power may have gone (docs/safety.md, a stale state)
+UNREAD = 1.0  # s without a sound reading of a device that answers when it is asked who it is
+READINGS = 5  # that must have been tried before that is said
+DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells; disconnect one"
+SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
+
+# (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
+Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
+
+
+class IdentificationState:
+    """What is known of the devices, bus by bus."""
+
+    def __init__(self, loop: Loop, judge: Judge) -> None:
+        self._loop, self.judge = loop, judge
+        self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
+        self._again: dict[str, float] = {}
+        self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
+        self._waited: dict[str, frozenset[tuple[int, bool]]] = {}  # bus -> whom patience has found
+        self._mute: set[str] = set()  # buses on which the last identification found nobody at all
+        self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
+        self._told = False  # that torque was found on
+        self._found_all = False  # everybody is there: the simulation may start where they are
+        self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
+        self.mismatches: tuple[Finding, ...] = ()  # S09
+        self.verified = JointVerification(loop)
+
+    @property
+    def troubles(self) -> list[Finding]:
+        """What stands between the robot and being armed, for the status."""
+        missing = [finding for findings in self.missing.values() for finding in findings]
+        return [*missing, *self.mismatches, *self.verified.findings()]
+
+    def watch(self, now: float) -> None:
+        """Once per tick, after the exchange."""
+        loop = self._loop
+        for lost in loop.hardware.lost:
+            self._lost(lost.bus, str(lost.error), now)
+        loop.hardware.lost.clear()
+        for port, bus in loop.hardware.pairs:
+            self._tend(port, bus, now)
+        self.verified.watch(now)
+        self._place(loop)
+        self.settle_state(now)
+        if loop.inherited and not self._told:
+            message = "torque was found on; nothing is written until an operator arms or disarms"
+            loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
+        self._told = loop.inherited
+
+    def settle_state(self, now: float) -> None:
+        """Bring the robot's state in line with its ports, whatever came between."""
+        loop = self._loop
+        ports = loop.hardware.ports
+        if loop.mode is Mode.SIM or loop.state is RobotState.INHIBITED:
+            return
+        identified = loop.hardware.connected
+        if not identified and loop.state is RobotState.CONNECTED:
+            loop.change(RobotEvent.PORT_LOST, now)  # a latched state says so until it is reset
+        if loop.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
+            loop.change(RobotEvent.PORT_OPENED, now)
+        waits = loop.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
+        if identified and not loop.condition.identified and waits:
+            loop.change(RobotEvent.IDENTIFIED, now)
+        if loop.torque_off:
+            loop.owed = loop.unconfirmed = False
+        idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
+        if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
+            torque_release.stop(
+                loop, loop.stop_level, now
+            )  # it came back with torque on under a latched stop
+        elif loop.unconfirmed and idle and loop.inherited:
+            loop.procedures.own(Priority.DISARM, lambda: torque.again(loop))
+
+    def restarted(self, findings: Sequence[Finding]) -> None:
+        """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
+        joints = {finding.joint for finding in findings}
+        self.verified.restarted(findings)
+        for port, bus in self._loop.hardware.pairs:
+            if not joints.isdisjoint(bus.joints.tolist()):
+                port.identify()
+
+    # ----------------------------------------------------------------------------- coming
+
+    def _tend(self, port: BusPort, bus: JointBusMap, now: float) -> None:
+        loop = self._loop
+        if port.link is PortState.CLOSED:
+            if port.trouble and self._said.get(port.name) != port.trouble:
+                self._said[port.name] = port.trouble
+                loop.say.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
+            return
+        warning = port.warning
+        if self._said.get(port.name, "") != warning:
+            self._said[port.name] = warning
+            if warning:
+                loop.say.event("warning", "PORT_WARNING", f"{port.name}: {warning}")
+        if port.link is PortState.CONNECTED:
+            self._listen(port, loop.hardware.silence(bus, now))
+        if port.link is PortState.IDENTIFYING:
+            self._identify(port, bus, now)
+
+    def _listen(self, port: BusPort, silence: float) -> None:
+        """Nobody answers, or nobody did for a moment: a servo that lost its power may have lost its settings
+        and its turns, so everybody is asked anew."""
+        before = self._gone.pop(port.name, 0.0)
+        if silence > SILENT:
+            message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
+        elif silence > GONE and not self._loop.inhibited:  # then it is we who are silent
+            self._gone[port.name] = silence
+            return
+        elif before:
+            message = f"{port.name}: nobody answered for {before:.2f} s: check power; everybody is asked anew"
+        else:
+            return
+        self._loop.say.event("error", ReasonCode.HW_DISCONNECTED, message)
+        port.identify()
+
+    def _identify(self, port: BusPort, bus: JointBusMap, now: float) -> None:
+        task = port.identification
+        if task is None:
+            spoke = port.name in self._mute and self._loop.hardware.silence(bus, now) < SPOKE
+            if spoke or now >= self._again.get(port.name, 0.0):
+                port.identify()
+            return
+        if not task.done:
+            return
+        port.devices = task.result or ()
+        slow = port.reader is not None and port.reader.lags
+        unread = () if slow else tuple(self._unread(port, bus))
+        if unread and port.readings < READINGS:
+            return
+        port.identification = None
+        (self._mute.discard if port.devices else self._mute.add)(port.name)
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
+        self._devices |= {(port.name, device.id): device for device in port.devices}
+        findings = (*self._unfit(port, bus), *unread)
+        if findings or slow:
+            if self._again_patiently(port):
+                return
+            findings += tuple(self._slow(bus)) if slow else ()
+        if findings != self.missing.get(port.name, ()):
+            self._tell("error", findings)
+        self.missing[port.name] = findings
+        port.tape.identified(whole=not findings)
+        self.verified.identified(port, bus, self._fits(port, bus, findings))
+        if findings:
+            self._again[port.name] = now + IDENTIFY_AGAIN
+            return
+        port.link = PortState.CONNECTED
+        self._found()
+
+    def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
+        """Who (m,) of this bus has said who it is, and is what the robot file says."""
+        said, wrong = {device.id for device in port.devices}, {finding.joint for finding in findings}
+        rows = zip(bus.ids, bus.joints.tolist(), strict=True)
+        return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
+
+    def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
+        """Everybody of this bus who did not answer, or is not what the robot file says."""
+        mine = set(bus.joints.tolist())
+        for finding in self.judge(self._devices).refusals:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
+                yield finding
+            elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
+                hint = f"; but bytes come that are no answer: {DOUBLE}" if port.strays else ""
+                yield replace(finding, message=finding.message + hint)
+
+    def _again_patiently(self, port: BusPort) -> bool:
+        """Somebody is missing or was not read: everybody is asked again at once, as slow as a servo can be
+        set (return delay 508 us). Whom even that finds no better is not waited for again."""
+        who = frozenset((device.id, bool(device.settings)) for device in port.devices)
+        if port.patient or self._waited.get(port.name) == who:
+            if port.patient:
+                self._waited[port.name] = who
+            return False
+        port.identify(patient=True)
+        return True
+
+    def _slow(self, bus: JointBusMap) -> Iterator[Finding]:
+        """Whose return delay is longer than described, where that makes the reading longer than a tick."""
+        mine = set(bus.joints.tolist())
+        for finding in self.judge(self._devices).warnings:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
+                yield finding
+
+    def _unread(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
+        """Who says who it is, but gives no sound reading: two of one model say the same, and show different
+        positions (fault matrix row 12)."""
+        said = {device.id for device in port.devices}
+        age = self._loop.measured.age[bus.joints]
+        for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
+            if id in said and unheard:
+                message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
+                yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
+
+    def _found(self) -> None:
+        """Everybody of one bus is there; when that was the last bus, the robot is connected."""
+        loop = self._loop
+        if not loop.hardware.connected:
+            return
+        verdict = self.judge(self._devices)
+        self.mismatches = verdict.refusals
+        self._tell("warning", (*verdict.refusals, *verdict.warnings))
+        self._found_all = True
+
+    def _place(self, loop: Loop) -> None:
+        """The simulation starts from the measured pose, once that is known."""
+        if self._found_all and np.isfinite(loop.measured.position).all():
+            self._found_all = False
+            if loop.mode is Mode.MIRROR and loop.untouched:
+                loop.enter(loop.mode)
+
+    def _tell(self, level: str, findings: Sequence[Finding]) -> None:
+        """One event per code, however many joints it is about."""
+        for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
+            group = tuple(same)
+            self._loop.say.event(level, code, group[0].message, group)
+
+    # ----------------------------------------------------------------------------- going
+
+    def _lost(self, bus: str, error: str, now: float) -> None:
+        loop = self._loop
+        finding = Finding(ReasonCode.PORT_LOST, message=f"{bus}: {error}")
+        loop.say.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
+        self.missing.pop(bus, None)
+        self._gone.pop(bus, None)
+        held = loop.armed or loop.energising or loop.procedures.rank is Priority.ARM
+        if held:
+            loop.owed = True
+            loop.latch(finding)
+            loop.change(RobotEvent.FAULT, now)
+        if held and loop.hardware.writers:
+            loop.executor.stop("aborted", (finding,))
+            self._others(now)
+        elif not any(port.reader for port in loop.hardware.ports):
+            loop.procedures.abandon()  # nobody is left to write to
+            loop.armed = loop.energising = False
+            loop.soft_since = None  # what comes back may be stiff and elsewhere: it is lowered as any other
+            if loop.mode is Mode.LIVE:
+                loop.executor.stop("aborted", (finding,))
+                loop.executor.idle()
+            loop.change_if(RobotEvent.PORT_LOST, now)
+
+    def _others(self, now: float) -> None:
+        """Of a robot that is carried they hold until somebody disarms (fault matrix rows 1 and 2); else they
+        are lowered, or damped, and let go, and so are those on their way down, or not quite armed."""
+        loop = self._loop
+        if loop.inhibited:
+            return  # torque stays, and nothing is written
+        if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
+            loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now))
+        elif not some(loop.hardware.held):  # a bus that was lost before is back, but takes no goals of itself
+            loop.executor.idle()
+            loop.armed = False

@@ -1,0 +1,145 @@
+"""The IMU of a robot: when it is asked, what its registers mean. One transaction a tick, after the servos'.
+
+It is data: one that is silent keeps its last numbers with their time, and nothing is stopped by it. What a
+late answer of it does to a reading of the servos is held against it, not against their bus. Registers become
+SI here and nowhere else.
+"""
+
+from math import isfinite
+
+import numpy as np
+
+from twind.config.robot_spec import ImuSpec
+from twind.loop.bus_port import PATIENCE, BusPort
+from twind.robot.arrays import Floats, every
+from twind.robot.attitude import Attitude, G, Quaternion, conjugate, matrix, product, unit
+from twind.robot.state import Imu
+from twind_drivers.bus import BusSample
+from twind_drivers.dynamixel.register_sensor import Sensor, SensorField
+
+UNIT = 0.1  # how far the length of a quaternion may be from 1: beyond, it is no attitude
+SPIN, SHOCK = 200.0, 100.0 * G  # rad/s, m/s²: more than a body can have and stay whole
+CALM = 5.0  # s without a failure after which it is said to be sound again
+SILENT = "it does not answer, or not soundly"
+TARDY = "its answers come late"
+HARMS = "its late answers have spoilt readings of the servos"
+REMEDY = "is left alone but for probes; check its cable, its power, and return_delay_us"
+
+
+class ImuPoller:
+    """One IMU on the bus of that number among the ports. Times in s."""
+
+    def __init__(self, spec: ImuSpec, mount: Quaternion, bus: int) -> None:
+        """`mount`: from the sensor's axes to the base's."""
+        self.bus = bus
+        self.imu: Imu | None = None  # the last that was heard
+        self.asked = self.missed = self.late = self.spoilt = 0
+        self._name, self._faults = f"imu (id {spec.id})", set[str]()
+        self._sensor = Sensor(
+            spec.id, [SensorField(each.address, each.kind, each.count) for each in spec.registers]
+        )
+        turn = matrix(mount)
+        self._gyro, self._force = turn * spec.gyro.lsb, turn * spec.acceleration.lsb
+        self._zeros = [each.zero for each in spec.registers]
+        self._told, self._back = spec.quaternion, conjugate(mount)
+        self._attitude = Attitude()
+        self._waited = 0  # ticks without room
+
+    @property
+    def parked(self) -> bool:
+        """It failed too often, and is probed only."""
+        return self._sensor.parked
+
+    def trouble(self, now: float) -> str:
+        """What is wrong with it, for people; empty: nothing."""
+        if not self._faults or self._sensor.calm(now, CALM):
+            self._faults.clear()
+            return ""
+        worst = next(each for each in (HARMS, TARDY, SILENT) if each in self._faults)
+        return f"{self._name}: {worst}: it {REMEDY}"
+
+    def listen(self, sample: BusSample) -> bool:
+        """The servos' reading and what came in between. True: an answer of this device spoilt it, so it is no
+        fault of the bus; at most one reading for each question that was not answered in time."""
+        now = sample.sent
+        paid = [size for size in sample.late if self._sensor.late(size, now)]
+        self.late += len(sample.late)
+        if self._sensor.parked and paid:
+            self._faults.add(TARDY)
+        if not (sample.discarded or (paid and not every(sample.heard | ~sample.asked))):
+            return False
+        if not (paid or self._sensor.owes(now)):
+            return False
+        self._sensor.spoil(now)
+        self._faults.add(HARMS)
+        self.spoilt += 1
+        return True
+
+    def begin(self, port: BusPort, now: float, end: float) -> bool:
+        """Ask it, where that ends before `end` and keeps nothing more urgent waiting. Raises PortError.
+
+        Where there is never room it is asked all the same after `PATIENCE` ticks, as the slow registers are.
+        """
+        reader, port.beside = port.reader, self.trouble(now)
+        if reader is None or port.resting or port.hurried:
+            return False
+        if now + reader.span(self._sensor.query) > end and self._waited < PATIENCE:
+            self._waited += 1
+            return False
+        self._waited = 0
+        query = self._sensor.ask(now)
+        if query is None:
+            return False
+        self.asked += 1
+        reader.begin(query, now)
+        return True
+
+    def end(self, port: BusPort, now: float) -> None:
+        """Take the answer, which was there at `now`."""
+        if port.reader is None:
+            self._sensor.forget()
+            return
+        reply = port.reader.answer(now)
+        port.counts.busy += reply.waited
+        port.counts.discarded += reply.strays
+        found = self._sensor.take(reply, now)
+        imu = None if found is None else self._reading(found, now)
+        self.missed += imu is None
+        if self._sensor.parked:
+            self._faults.add(SILENT)
+        self.imu = imu or self.imu
+
+    def _reading(self, raw: list[Floats], now: float) -> Imu | None:
+        """In SI; None: these are no numbers that a body can have."""
+        if not all(np.isfinite(each).all() for each in raw) or _blank(raw, self._zeros[1]):
+            return None
+        gyro = self._gyro @ (raw[0] - self._zeros[0])
+        force = self._force @ (raw[1] - self._zeros[1])
+        if not (np.linalg.norm(gyro) <= SPIN and np.linalg.norm(force) <= SHOCK):
+            return None
+        turned = self._attitude.update(gyro, force, now) if self._told is None else self._device(raw[2])
+        if turned is None:
+            return None
+        quaternion = np.array(turned)
+        for values in (gyro, force, quaternion):
+            values.setflags(write=False)
+        return Imu(now, gyro, force, quaternion)
+
+    def _device(self, raw: Floats) -> Quaternion | None:
+        """The attitude that the device tells; None: it is none."""
+        assert self._told is not None
+        w, x, y, z = ((raw - self._zeros[2]) * self._told.lsb).tolist()
+        if self._told.order == "xyzw":
+            w, x, y, z = z, w, x, y
+        size = float(np.sqrt(w * w + x * x + y * y + z * z))
+        if not (isfinite(size) and abs(size - 1.0) <= UNIT):
+            return None
+        return product(unit((w, x, y, z)), self._back)
+
+
+def _blank(raw: list[Floats], zero: float) -> bool:
+    """Registers as a chip has them that sleeps, boots or is gone: an accelerometer feels something and is
+    noisy, also where it falls; nor are six numbers ever the same."""
+    force = raw[1]
+    same = bool((np.concatenate(raw[:2]) == force[0]).all())
+    return same or not force.any() or not (force - zero).any()

@@ -1,0 +1,263 @@
+"""What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
+
+Takes the sample of one bus after the other. A joint that was not heard, or not believed (R13), keeps its
+number, and says how old it is. The whole turns by which counts are off (`safety/multiturn.py`) are kept in
+the zeros of a bus, so that a tick pays nothing for them. Does no I/O.
+"""
+
+from math import inf, nan
+
+import numpy as np
+
+from twind.loop.raw_counts import RawCounts
+from twind.robot.arrays import Bools, Floats, Ints, every, some
+from twind.robot.joints import JointBusMap, JointMap
+from twind.robot.state import Imu, JointState
+from twind.robot.transmission import forth
+from twind.safety.device_rules import ALERT
+from twind.safety.plausibility_filter import PlausibilityFilter
+from twind_drivers.bus import BusSample, SlowRegisterValues
+
+NOWHERE = 1 << 40  # ticks: beyond every goal register
+SILENT = 0.5  # s: of a joint not heard for longer nobody knows what it draws
+
+
+def ticks(bus: JointBusMap, position: Floats) -> Ints:
+    """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
+
+    NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
+    """
+    angles = position[bus.joints]
+    for each in bus.linked:
+        each.angles(angles)
+    exact = np.rint(bus.zero + angles / bus.scale)
+    # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
+    wanted: Ints = np.where(np.abs(exact) < NOWHERE, exact, NOWHERE).astype(np.int64)
+    return wanted
+
+
+def radians(bus: JointBusMap, place: Ints) -> Floats:
+    """Positions (m,) of one bus in rad, from ticks (m,)."""
+    angle = _angles(bus, place)
+    for each in bus.linked:
+        each.position(angle)
+    return angle
+
+
+def _angles(bus: JointBusMap, place: Ints) -> Floats:
+    """What the actuators (m,) stand at: the positions, but of joints of transmissions."""
+    angle: Floats = (place - bus.zero) * bus.scale
+    return angle
+
+
+def velocities(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
+    """Velocities (m,) of one bus in rad/s, from raw ones (m,) read at ticks (m,)."""
+    speed = raw * bus.velocity_scale
+    for each in bus.linked:
+        each.velocity(_angles(bus, place), speed)
+    return speed
+
+
+def efforts(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
+    """Efforts (m,) of one bus in N·m, from raw ones (m,) read at ticks (m,); NaN of one is NaN of all that it
+    turns together with others."""
+    effort = raw * bus.effort_scale
+    for each in bus.linked:
+        each.effort(_angles(bus, place), effort)
+    return effort
+
+
+def resolution(bus: JointBusMap) -> Floats:
+    """How far a count takes the joints (m,) of one bus, rad: one of a transmission, a count of each of its
+    actuators."""
+    found = np.abs(bus.scale)
+    for each in bus.linked:
+        found[each.rows] = forth(each.law) @ found[each.rows]
+    return found
+
+
+def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
+    """Positions (m,) between which a goal may leave (R22), rad. Counts of a transmission's actuators reach
+    further: not every place of theirs is one that its joints may have."""
+    angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
+    least, most = np.minimum(*angles), np.maximum(*angles)
+    for each in bus.linked:
+        least[each.rows], most[each.rows] = each.lower, each.upper
+    return least, most
+
+
+def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
+    """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators."""
+    known = heard.copy()
+    for each in bus.linked:
+        known[each.rows] = every(heard[each.rows])
+    return known
+
+
+def where(bus: JointBusMap) -> slice | Ints:
+    """The joints of a bus as an index; joints side by side as a slice, which takes a third of the time."""
+    first, count = int(bus.joints[0]), len(bus.joints)
+    side_by_side = np.array_equal(bus.joints, np.arange(first, first + count))
+    return slice(first, first + count) if side_by_side else bus.joints
+
+
+def _told(sample: BusSample) -> Floats:
+    """Efforts (m,), raw; NaN of those who did not tell it."""
+    told = sample.heard if sample.effort_told is None else sample.effort_told
+    return np.where(told, sample.effort, nan)
+
+
+class SlowReadings:
+    """The slowly read registers in joint order; arrays (n,)."""
+
+    def __init__(self, count: int) -> None:
+        self.torque = np.full(count, -1, np.int8)
+        self.fault = np.full(count, -1, np.int16)
+        self.watchdog = np.full(count, -1, np.int16)
+        self.voltage = np.full(count, nan)
+        self.temperature = np.full(count, nan)
+        self.status_time = np.full(count, -inf)
+        self.tick = np.full(count, -1, np.int32)  # ms, the servo's own clock modulo 32768; -1 unknown
+        self.health_time = np.full(count, -inf)
+
+    def keep(self, places: slice | Ints, registers: SlowRegisterValues) -> None:
+        """What the reader of one bus knows now."""
+        self.torque[places] = registers.torque
+        self.fault[places] = registers.fault
+        self.watchdog[places] = registers.watchdog
+        self.voltage[places] = registers.voltage
+        self.temperature[places] = registers.temperature
+        self.status_time[places] = registers.status_time
+        self.tick[places] = registers.tick
+        self.health_time[places] = registers.health_time
+
+    def forget(self, places: slice | Ints) -> None:
+        """A lost bus: what its registers said is no longer known."""
+        for array in (self.torque, self.fault, self.watchdog, self.tick):
+            array[places] = -1
+        self.voltage[places] = self.temperature[places] = nan
+        self.health_time[places] = -inf
+
+
+class JointReadings:
+    """The last reading of every joint. Arrays are (n,), in `JointMap` order; buses by their number there."""
+
+    def __init__(self, joints: JointMap, period: float) -> None:
+        count = len(joints)
+        self.slow = SlowReadings(count)
+        self.raw = RawCounts(count)
+        self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (R13)
+        self.leaps = np.zeros(count)  # rad, how far the last of them was off
+        self.alerts = np.zeros(count, np.uint8)  # error byte of the last status, 0x80 = alert
+        self.position = np.full(count, nan)
+        self.velocity = np.full(count, nan)
+        self.effort = np.full(count, nan)
+        self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
+        self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
+        self.placed: Bools = np.ones(count, np.bool_)  # of the others nobody knows where they are
+        self.heard_at = np.full(count, -inf)  # s
+        self._maps, self._period = joints.buses, period
+        self._buses = list(joints.buses)  # the same, their zeros less the shift
+        self._where = [where(bus) for bus in joints.buses]
+        self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
+        self._senses = [PlausibilityFilter(bus.fastest, period) for bus in joints.buses]
+
+    def begin(self) -> None:
+        """Forget what the last exchange said of jumps: each is told once."""
+        if some(self.jumps):
+            self.jumps[:] = 0
+
+    def take(self, number: int, sample: BusSample) -> Bools:
+        """Keep what was read of a bus; whose position (m,) is believed."""
+        heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
+        places = self._where[number]
+        self.raw.take(places, sample)
+        usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
+        if not usual:
+            heard = self._believe(number, sample)
+            heard = heard_whole(bus, heard) if bus.linked else heard
+        position = radians(bus, sample.position)
+        if usual:
+            self.position[places] = position
+            self.velocity[places] = velocities(bus, sample.position, sample.velocity)
+            effort = sample.effort if sample.effort_told is None else _told(sample)
+            self.effort[places] = efforts(bus, sample.position, effort)
+            self.load[places] = np.abs(effort) * self._loads[number]
+            self.heard_at[places] = sample.received
+            return heard
+        rows = bus.joints[heard]
+        self.position[rows] = position[heard]
+        self.velocity[rows] = velocities(bus, sample.position, sample.velocity)[heard]
+        effort = _told(sample)
+        self.effort[rows] = efforts(bus, sample.position, effort)[heard]
+        self.load[rows] = (np.abs(effort) * self._loads[number])[heard]
+        self.heard_at[rows] = sample.received
+        return heard
+
+    def turn(self, number: int, shift: Ints) -> None:
+        """The whole turns (m,) that the counts of a bus lack, in ticks; positions already read go along."""
+        places = self._where[number]
+        moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
+        self._shift(number, shift)
+        anew = radians(self._buses[number], self.raw.ticks[places])
+        for each in self._maps[number].linked:  # theirs do not add up
+            known = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
+            moved[each.rows] = anew[each.rows] if known else nan
+        self.position[places] = moved
+
+    def rejoin(self, joints: JointMap) -> None:
+        """The same joints in other ranges; zeros and who is where stay."""
+        self._maps = joints.buses
+        for number, places in enumerate(self._where):
+            self._shift(number, self.shift[places])
+
+    def alert(self, number: int, sample: BusSample) -> list[int]:
+        """Keep the error bytes; places on the bus of those who begin to say that they have an error (R09)."""
+        places = self._where[number]
+        if not some(sample.error):
+            self.alerts[places] = 0
+            return []
+        alerts = np.where(sample.heard, sample.error, 0)
+        new = (alerts & ALERT) > (self.alerts[places] & ALERT)
+        self.alerts[places] = alerts
+        return np.flatnonzero(new).tolist()
+
+    def keep(self, number: int, registers: SlowRegisterValues) -> None:
+        """What the reader of a bus knows of the slow registers."""
+        self.slow.keep(self._where[number], registers)
+
+    def forget(self, number: int) -> None:
+        """A lost bus: its registers are not known, and its joints may be anywhere when it is back."""
+        self.slow.forget(self._where[number])
+        self.alerts[self._where[number]] = 0
+        self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
+
+    def loads(self, now: float) -> Floats:
+        """Share of the current limit (n,), as of `now` (s); NaN: not known, or of a joint that is silent."""
+        recent = now - self.heard_at <= SILENT
+        return self.load if every(recent) else np.where(recent, self.load, nan)
+
+    def where(self) -> Floats:
+        """Positions (n,), rad; NaN of who was never heard, or is not placed."""
+        return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
+
+    def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
+        """All joints at `time` (s), whose reading took `trip` (s), and the IMU. Arrays are read-only."""
+        position, velocity, effort = self.where(), self.velocity.copy(), self.effort.copy()
+        state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip, imu)
+        for array in (position, velocity, effort, state.age, heard):
+            array.setflags(write=False)
+        return state
+
+    def _shift(self, number: int, shift: Ints) -> None:
+        self.shift[self._where[number]] = shift
+        self._buses[number] = self._maps[number].turned(shift)
+
+    def _believe(self, number: int, sample: BusSample) -> Bools:
+        """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
+        senses, bus, places = self._senses[number], self._buses[number], self._where[number]
+        limp = self.slow.torque[places] == 0
+        believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
+        self.jumps[places] = senses.jumps
+        self.leaps[places] = senses.leaps * np.abs(bus.scale)
+        return believed

@@ -1,0 +1,83 @@
+"""`--virtual`: a `twind-virtual` of the same robot as our child, with a calibration of its own in a folder
+of its own. It never touches a real robot's files, and ends with us: its standard input is our pipe.
+"""
+
+import select
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+from twind.loop.front_process import child_environment
+
+START = 30.0  # s it may take to be ready
+
+
+class VirtualRobotError(Exception):
+    """The virtual robot did not start."""
+
+
+class VirtualRobotProcess:
+    """Context manager: started and ready inside, ended outside. `ports` by bus name."""
+
+    def __init__(self, robot: str, *options: str) -> None:
+        """`options`: of `twind-virtual`, beside its robot and its files."""
+        self._folder = tempfile.TemporaryDirectory(prefix="twind-virtual-")
+        self.calibration = Path(self._folder.name) / "calibration.yaml"
+        self.faults = Path(self._folder.name) / "faults.sock"
+        self.ports: dict[str, str] = {}
+        # -P: no module of the folder that the daemon happened to be started in.
+        command = [sys.executable, "-P", "-m", "twind.virtual", "--robot", robot]
+        command += ["--calibration", str(self.calibration), "--faults", str(self.faults), *options]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env=child_environment(),
+        )
+
+    def __enter__(self) -> "VirtualRobotProcess":
+        try:
+            self._await_ready()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def _await_ready(self) -> None:
+        output = self._process.stdout
+        assert output is not None
+        text = b""
+        while not text.endswith(b"ready\n"):
+            ready, _, _ = select.select([output], [], [], START)
+            more = output.read1(4096) if ready else b""  # type: ignore[attr-defined]
+            if not more:
+                raise VirtualRobotError("the virtual robot did not start; its own words are above")
+            text += more
+        for line in text.decode().splitlines():
+            word, _, rest = line.partition(" ")
+            if word == "bus":
+                name, _, path = rest.partition(" ")
+                self.ports[name] = path
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End it: end-of-file on its input, then patience, then force."""
+        with suppress(OSError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._folder.cleanup()

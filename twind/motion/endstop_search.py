@@ -1,0 +1,271 @@
+"""The course of finding a joint's stop: slowly and weakly against it, back off, again. Pure: no clock.
+
+Counts are those of the calibration, continued over turns; efforts are raw. Goals begin where the servo was
+told to hold and go on from the last one commanded, never from what was measured: that would take away the
+error that carries the load, and the limb dips.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf
+from statistics import median
+
+from twind.robot.finding import Finding, ReasonCode
+
+USUAL_SHARE, USUAL_SPEED, USUAL_TIMES = 0.12, 0.2, 3  # of the current limit; rad/s; where nothing is asked
+MARGIN = 0.2  # rad either side of where the stop should be
+PRESSED = 0.15  # s at the cap and standing that are a stop
+LEAST = 5  # readings in that time
+AT_CAP = 0.85  # of the cap, which a current regulated to it flickers around
+OVER_CAP = 1.5  # of the cap ...
+OVER_CAP_SLACK = 5.0  # raw, and so much more ...
+OVER_CAP_ROW = 3  # ... readings in a row: the cap is not obeyed
+STALE = 0.03  # s: older readings let no goal advance ...
+LOST = 0.1  # s ... and older ones end it; the servo's own watchdog is set to that
+GAP = 0.1  # s between two steps: nobody knows what happened meanwhile
+SPREAD = 5.0  # counts between the captures
+SETTLE = 0.3  # s that a joint is given to follow its last goal
+NO_STOP = 1.0  # s at the end of the way without a stop
+READS = 10  # readings that must agree before anything begins ...
+AGREE = 3  # counts ... so far
+WAIT = 3.0  # s that they are waited for
+SPARE = 5.0  # s beyond the planned time, twice of it
+
+
+class HomingPhase(StrEnum):
+    """What the joint is doing."""
+
+    APPROACHING = "approaching"
+    BACKING = "backing off"
+    FOUND = "found"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class HomingParameters:
+    """What is sought, and how carefully. Counts and raw efforts."""
+
+    way: int  # +1 or -1: towards the stop, in counts
+    expected: float  # count of the stop by what is known so far
+    margin: float  # counts that it may be on either side of that
+    speed: float  # counts/s of the goals
+    cap: float  # raw effort, the most that the servo may use
+    back: float  # counts that it backs off
+    lead: float  # counts that a goal may be ahead of the joint
+    astray: float  # counts that the joint may go against the way
+    still: float  # counts that a standing joint may flicker within `PRESSED`
+    times: int  # captures
+
+
+@dataclass(frozen=True, slots=True)
+class HomingSample:
+    """One reading of the joint."""
+
+    at: float  # s, when it was read
+    count: int
+    effort: float  # raw; NaN: not told
+
+
+class StandstillCheck:
+    """Does the joint hang still, and do its readings agree? Before anything is written."""
+
+    def __init__(self, now: float) -> None:
+        self._until = now + WAIT
+        self._looks: deque[HomingSample] = deque(maxlen=READS)
+
+    def step(self, look: HomingSample, now: float) -> bool | Finding:
+        """True: so many readings agree. A finding: they did not in time."""
+        if not self._looks or look.at > self._looks[-1].at:
+            self._looks.append(look)
+        counts = [each.count for each in self._looks]
+        if len(counts) == READS and now - look.at <= STALE and max(counts) - min(counts) <= AGREE:
+            return True
+        if now < self._until:
+            return False
+        spread = float(max(counts) - min(counts)) if len(counts) == READS else inf
+        message = f"counts between {READS} readings, or too few of them: let it hang still, check its cable"
+        return Finding(ReasonCode.STOP_NOT_FOUND, value=spread, bound=float(AGREE), message=message)
+
+
+class EndstopSearch:
+    """Approach, stop, back off, so many times. `failed` says why it ended; then nothing may be written."""
+
+    def __init__(self, search: HomingParameters, start: float, now: float) -> None:
+        """`start`: the count that the servo was told to hold, read back."""
+        self.search, self.goal = search, start
+        self.phase = HomingPhase.APPROACHING
+        self.captures: list[float] = []
+        self.failed: Finding | None = None
+        self._began = self._now = now
+        self._looks: deque[HomingSample] = deque()  # of the last PRESSED s
+        self._over = 0  # readings in a row over the cap
+        self._farthest = -inf  # along the way, of this approach
+        self._ended: float | None = None  # s, since when the goals of this phase are at their end
+        self._home = abs(self._end - start)
+        self._patience = self._planned() * 2.0 + SPARE
+
+    @property
+    def progress(self) -> float:
+        """0 to 1: the captures, and how far the way to the first is gone."""
+        first = 1.0 - min(1.0, abs(self._end - self.goal) / max(self._home, 1.0))
+        done = len(self.captures) if self.captures else first
+        return min(1.0, done / self.search.times)
+
+    @property
+    def done(self) -> bool:
+        """Nothing more is to be written: found, or failed."""
+        return self.phase in (HomingPhase.FOUND, HomingPhase.FAILED)
+
+    def step(self, look: HomingSample, now: float) -> float:
+        """The goal (counts) of this tick; that of the last one where nothing may advance."""
+        passed, self._now = now - self._now, now
+        if not self.done:
+            self.failed = self._lost(look, now, passed)
+        if not self.done and self.failed is None:
+            self._keep(look)
+            self.failed = self._astray(look) or self._overdue(now)
+        if self.failed is not None:
+            self.phase = HomingPhase.FAILED
+        elif not self.done and now - look.at <= STALE:
+            (self._approach if self.phase is HomingPhase.APPROACHING else self._back)(look, now, passed)
+        return self.goal
+
+    # ------------------------------------------------------------------------------- the two ways
+
+    def _approach(self, look: HomingSample, now: float, passed: float) -> None:
+        search = self.search
+        if self._pressed(now):
+            self._capture(float(median(each.count for each in self._looks)))
+            return
+        ahead = (self.goal - look.count) * search.way
+        left = (self._end - self.goal) * search.way
+        self.goal += search.way * max(0.0, min(search.speed * passed, search.lead - ahead, left))
+        if left > 0.0 and ahead < search.lead:
+            self._ended = None
+        elif self._ended is None:
+            self._ended = now
+        elif now - self._ended > NO_STOP:
+            self._fail(self._held_back(look) if ahead >= search.lead else self._no_stop(look))
+
+    def _back(self, look: HomingSample, now: float, passed: float) -> None:
+        """To the place beside the last capture, at the same speed; there the joint follows, or it is held."""
+        search = self.search
+        place = self.captures[-1] - search.way * search.back
+        left = (self.goal - place) * search.way
+        self.goal -= search.way * min(search.speed * passed, max(0.0, left))
+        if left > 0.0:
+            return
+        self._ended = now if self._ended is None else self._ended
+        if now - self._ended < SETTLE:
+            return
+        if abs(look.count - self.goal) > search.back / 2.0:
+            message = "counts from where it was sent, away from its stop: it does not come back"
+            off = abs(look.count - self.goal)
+            self._fail(
+                Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.back / 2.0, message=message)
+            )
+        else:
+            self._begin(HomingPhase.APPROACHING if len(self.captures) < search.times else HomingPhase.FOUND)
+
+    def _begin(self, phase: HomingPhase) -> None:
+        self.phase, self._ended, self._farthest = phase, None, -inf
+        self._looks.clear()
+
+    def _capture(self, count: float) -> None:
+        search = self.search
+        self.captures.append(count)
+        off, spread = abs(count - search.expected), max(self.captures) - min(self.captures)
+        if off > search.margin:
+            message = (
+                f"counts from where the stop should be, held at {count:.0f}: is something in its way, or its "
+                "load more than the cap lifts? Lay the robot so that the joint carries less"
+            )
+            self._fail(Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.margin, message=message))
+        elif spread > SPREAD:
+            message = "counts between the captures: is it loose, or is the stop soft?"
+            self._fail(Finding(ReasonCode.STOP_NOT_FOUND, value=spread, bound=SPREAD, message=message))
+        else:
+            self._begin(HomingPhase.BACKING)
+
+    def _pressed(self, now: float) -> bool:
+        """At the cap, and standing, for long enough."""
+        looks, search = self._looks, self.search
+        if len(looks) < LEAST or looks[-1].at - looks[0].at < PRESSED - 1e-9:
+            return False
+        counts = [each.count for each in looks]
+        loaded = all(abs(each.effort) >= AT_CAP * search.cap for each in looks)
+        return loaded and max(counts) - min(counts) <= search.still
+
+    # ------------------------------------------------------------------------------- what ends it
+
+    @property
+    def _end(self) -> float:
+        """The farthest count that a goal may have."""
+        return self.search.expected + self.search.way * self.search.margin
+
+    def _planned(self) -> float:
+        """s that it takes at its speed, as far as the way may be."""
+        search = self.search
+        again = search.times * (2.0 * (search.back + search.margin) / search.speed + PRESSED + SETTLE)
+        return self._home / search.speed + again
+
+    def _keep(self, look: HomingSample) -> None:
+        if self._looks and look.at <= self._looks[-1].at:
+            return
+        self._looks.append(look)
+        while len(self._looks) > 1 and self._looks[1].at <= look.at - PRESSED:
+            self._looks.popleft()
+        over = abs(look.effort) > OVER_CAP * self.search.cap + OVER_CAP_SLACK
+        self._over = self._over + 1 if over else 0
+        self._farthest = max(self._farthest, look.count * self.search.way)
+
+    def _lost(self, look: HomingSample, now: float, passed: float) -> Finding | None:
+        if not 0.0 <= passed <= GAP:
+            message = "s since the last step: nobody knows what the joint did meanwhile"
+            return Finding(ReasonCode.TIME_GAP, value=passed, bound=GAP, message=message)
+        if not now - look.at <= LOST:
+            message = "s since its last reading: check cable and power"
+            return Finding(ReasonCode.STATE_STALE, value=now - look.at, bound=LOST, message=message)
+        return None
+
+    def _astray(self, look: HomingSample) -> Finding | None:
+        search = self.search
+        if self._over >= OVER_CAP_ROW:
+            message = "raw effort, over the cap that it was given: it does not obey it"
+            return Finding(ReasonCode.OVERCURRENT, value=abs(look.effort), bound=search.cap, message=message)
+        along = look.count * search.way
+        ahead = along - self.goal * search.way
+        if ahead > search.astray:
+            message = "counts ahead of its goal: it runs away, its load is more than the cap holds"
+            return Finding(ReasonCode.STOP_NOT_FOUND, value=ahead, bound=search.astray, message=message)
+        behind = self._farthest - along
+        if self.phase is HomingPhase.APPROACHING and behind > search.astray:
+            message = "counts against the way to its stop: wrong sign, or more load than the cap lifts?"
+            return Finding(ReasonCode.STOP_NOT_FOUND, value=behind, bound=search.astray, message=message)
+        return None
+
+    def _overdue(self, now: float) -> Finding | None:
+        if now - self._began <= self._patience:
+            return None
+        message = "s have passed and the stop was not found so often: is it held back on its way?"
+        return Finding(
+            ReasonCode.STOP_NOT_FOUND, value=now - self._began, bound=self._patience, message=message
+        )
+
+    def _held_back(self, look: HomingSample) -> Finding:
+        message = (
+            f"raw effort, held back at count {look.count} and not standing at its cap: gains too soft, no "
+            "current told, or too slow for its goals?"
+        )
+        return Finding(
+            ReasonCode.STOP_NOT_FOUND, value=abs(look.effort), bound=AT_CAP * self.search.cap, message=message
+        )
+
+    def _no_stop(self, look: HomingSample) -> Finding:
+        beyond = (look.count - self.search.expected) * self.search.way
+        message = "counts beyond where the stop should be, and no stop: wrong stop_rad, side or coarse zero?"
+        return Finding(ReasonCode.STOP_NOT_FOUND, value=beyond, bound=self.search.margin, message=message)
+
+    def _fail(self, finding: Finding) -> None:
+        self.failed, self.phase = finding, HomingPhase.FAILED

@@ -1,0 +1,93 @@
+"""Where a motion leads in the next moments, many times at once: what the look-ahead of a tick walks along.
+
+Pure. Of a path it is the path; of a setpoint stream one step towards its target and then the way to rest,
+since nobody knows the next setpoint, and the robot must be able to stop without it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.motion.motion_layers import MotionLayer, choose
+from twind.motion.stop_profiles import LimitedFollower
+from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.joint_limits import JointLimits
+from twind.robot.splines import Spline
+from twind.robot.trajectory import Reference
+
+
+def braking(reference: Reference, limits: JointLimits, times: Floats) -> Floats:
+    """Positions (k, n) at `times` (k,) s after every joint has begun to brake with its acceleration limit."""
+    speed = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
+    t = np.minimum(times[:, None], np.abs(speed) / limits.acceleration)
+    way: Floats = reference.position + t * (speed - 0.5 * np.copysign(limits.acceleration, speed) * t)
+    return way
+
+
+def along(curve: Spline, times: Floats) -> Floats:
+    """Positions (k, n) of a curve at `times` (k,) s from its start; its end after it."""
+    if not len(curve.coefficients):
+        return np.repeat(curve.end[None], len(times), axis=0)
+    t = np.clip(times, curve.time[0], curve.time[-1])
+    segment = np.clip(np.searchsorted(curve.time, t, side="right") - 1, 0, len(curve.coefficients) - 1)
+    rows = curve.coefficients[segment]  # (k, degree + 1, n)
+    s = (t - curve.time[segment])[:, None]
+    position = rows[:, -1]
+    for power in range(rows.shape[1] - 2, -1, -1):
+        position = position * s + rows[:, power]
+    return np.where((times >= curve.time[-1])[:, None], curve.end, position)
+
+
+@dataclass(frozen=True, slots=True)
+class LookaheadPlan:
+    """What the executor is about to do, as it stands."""
+
+    reference: Reference  # of this tick
+    floor: object  # what the joints do that no layer decides
+    layers: tuple[MotionLayer, ...]
+    tick: int
+    changing: bool  # with every tick, even if nobody commands anything
+    stream: LimitedFollower | None
+    streamed: Bools  # (n,)
+    pace: float  # of the stream
+
+    @property
+    def way(self) -> tuple[object, ...]:
+        """While it compares equal, the way is the same, and time has gone on along it."""
+        return (self.tick if self.changing else None, self.floor, *self.layers)
+
+    def course(self, limits: JointLimits, times: Floats) -> Floats:
+        """Where the motion leads, (k, n), at `times` (k,) s from now, without goals that wait.
+
+        Of a stream: one step on, and then to rest.
+        """
+        if self.stream is not None:
+            onwards = choose(self.streamed, self.stream.onwards(self.pace), self.reference)
+            return braking(onwards, limits, times)
+        way = braking(self.reference, limits, times)
+        for layer in self.layers:
+            there = along(layer.curve, layer.elapsed(self.tick) + times)
+            way = there if layer.whole else np.where(layer.joints, there, way)
+        return way
+
+    def halting(
+        self,
+        joints: Ints,
+        position: Floats,
+        velocity: Floats | None,
+        limits: JointLimits,
+        period: float,
+        times: Floats,
+    ) -> Floats:
+        """The same if a setpoint (m,) of `joints` were taken: one step towards it, and then to rest."""
+        follower = LimitedFollower(self.reference, limits, period)
+        target, drift = follower.target.copy(), np.zeros(len(follower.target))
+        moved = np.zeros(len(target), np.bool_)
+        moved[joints] = True
+        if self.stream is not None:
+            target = np.where(self.streamed, self.stream.target, target)
+            drift = np.where(self.streamed, self.stream.drift, drift)
+            moved |= self.streamed
+        target[joints], drift[joints] = position, 0.0 if velocity is None else velocity
+        follower.aim(target, drift)
+        return braking(choose(moved, follower.step(self.pace), self.reference), limits, times)

@@ -1,0 +1,172 @@
+"""How a motion ends early: the deceleration ramp, and the follower that never exceeds a limit.
+
+Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (R02).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, frozen
+from twind.robot.joint_limits import JointLimits
+from twind.robot.trajectory import Reference
+
+ROUNDING = 1e-9  # of a step
+RESTING = 1e-12  # rad and rad/s below which a joint counts as arrived: rounding, no motion
+
+
+def still(position: Floats) -> Reference:
+    """At rest on `position` (n,)."""
+    zero = frozen(np.zeros(len(position)))
+    return Reference(frozen(position), zero, zero)
+
+
+def stopping_point(reference: Reference, acceleration: Floats) -> Floats:
+    """Where each joint (n,) comes to rest when it brakes now: p ± v²/(2a). No velocity: where it is."""
+    velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
+    return reference.position + velocity * np.abs(velocity) / (2.0 * acceleration)
+
+
+class StopRamp:
+    """Each joint brakes with its acceleration limit and then holds. From standstill it is a plain hold."""
+
+    def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
+        self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
+        self._acceleration = np.copysign(limits.acceleration, self._velocity)
+        self._lasts = np.abs(self._velocity) / limits.acceleration
+        self._from, self._period, self._steps = reference.position, period, 0
+        self._rest = still(stopping_point(reference, limits.acceleration))
+        self.duration = float(self._lasts.max(initial=0.0))  # s until every joint rests
+
+    @property
+    def resting(self) -> bool:
+        """The ramp is over: `step` gives the same place for ever."""
+        return self._steps * self._period >= self.duration
+
+    def at(self, t: float) -> Reference:
+        """The reference `t` s after the ramp began."""
+        if t >= self.duration:
+            return self._rest
+        s = np.minimum(t, self._lasts)
+        brakes = s < self._lasts
+        return Reference(
+            np.where(
+                brakes,
+                self._from + s * (self._velocity - 0.5 * self._acceleration * s),
+                self._rest.position,
+            ),
+            np.where(brakes, self._velocity - self._acceleration * s, 0.0),
+            np.where(brakes, -self._acceleration, 0.0),
+        )
+
+    def step(self) -> Reference:
+        """One period further."""
+        if not self.resting:
+            self._steps += 1
+        return self.at(self._steps * self._period)
+
+    def ahead(self, t: float) -> Reference:
+        """The reference `t` s from now, without going there."""
+        return self.at(self._steps * self._period + t)
+
+
+class LimitedFollower:
+    """Follows a target that may change at any time, within velocity, acceleration and position limits.
+
+    Each step takes the largest velocity from which the joint can still stop at its target, and before its
+    position limit, in whole periods. A target that is too fast is followed late, never by a jump.
+    """
+
+    def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
+        self._limits, self._period = limits, period
+        self._gain = limits.acceleration * period  # rad/s: what velocity may change in one step
+        self._position, self._velocity = reference.position.copy(), reference.velocity.copy()
+        self._target = stopping_point(reference, limits.acceleration)
+        self._drift = np.zeros(len(self._target))
+        self._last = reference
+
+    @property
+    def resting(self) -> bool:
+        """Arrived at a target that stands still."""
+        away = np.abs(self._target - self._position).max(initial=0.0)
+        speed = np.abs(self._velocity).max(initial=0.0) + np.abs(self._drift).max(initial=0.0)
+        return bool(away <= RESTING and speed <= RESTING)
+
+    def aim(self, target: Floats, drift: Floats) -> None:
+        """A new target (n,) in rad, moving on by itself with `drift` (n,) in rad/s."""
+        self._target, self._drift = target.copy(), drift.copy()
+
+    @property
+    def target(self) -> Floats:
+        """Where it is going, rad, (n,)."""
+        return self._target
+
+    @property
+    def drift(self) -> Floats:
+        """How fast the target itself moves, rad/s, (n,)."""
+        return self._drift
+
+    def step(self, share: float = 1.0) -> Reference:
+        """One period further, at no more than `share` of the velocity limit."""
+        limits, period, before = self._limits, self._period, self._velocity
+        fastest = limits.velocity * share
+        away = self._target - self._position
+        wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
+        up = self._braking(limits.upper - self._position)
+        down = self._braking(self._position - limits.lower)
+        wanted = np.minimum(np.maximum(wanted, -np.minimum(fastest, down)), np.minimum(fastest, up))
+        self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
+        self._position = self._position + self._velocity * period
+        self._target = np.minimum(np.maximum(self._target + self._drift * period, limits.lower), limits.upper)
+        self._last = Reference(self._position, self._velocity, (self._velocity - before) / period)
+        return self._last
+
+    def ahead(self, t: float) -> Reference:
+        """The reference `t` s from now, without going there."""
+        copy = LimitedFollower(self._last, self._limits, self._period)
+        copy.aim(self._target, self._drift)
+        reference = self._last
+        for _ in range(round(t / self._period)):
+            if copy.resting:  # nothing more changes, however far ahead
+                break
+            reference = copy.step()
+        return reference
+
+    def onwards(self, share: float = 1.0) -> Reference:
+        """What the next `step` would give."""
+        copy = LimitedFollower(self._last, self._limits, self._period)
+        copy.aim(self._target, self._drift)
+        return copy.step(share)
+
+    def _braking(self, distance: Floats) -> Floats:
+        """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`.
+
+        n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
+        """
+        covered = np.maximum(distance, 0.0) / self._period  # rad/s: what one step alone would need
+        count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / self._gain) - 0.5 - ROUNDING), 1.0)
+        return covered / count + 0.5 * (count - 1.0) * self._gain
+
+
+class CompliantFollower(LimitedFollower):
+    """Goes where joints are, not where they were told to be, up to the hard limits.
+
+    The others come to rest as from any stop. A joint is aimed at once: the load that pushed it there would
+    push it on. `aim_at` aims anew.
+    """
+
+    def __init__(
+        self, reference: Reference, limits: JointLimits, period: float, *, speed: float = np.inf
+    ) -> None:
+        """`speed` rad/s: no faster, nor than each joint's limit."""
+        self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at where they are
+        least, most = limits.hard_lower, limits.hard_upper
+        slow = replace(limits, lower=least, upper=most, velocity=np.minimum(limits.velocity, speed))
+        super().__init__(reference, slow, period)
+
+    def aim_at(self, joints: Bools, place: Floats) -> None:
+        """`joints` (n,) go to `place` (n,), rad, within the hard limits; where that is NaN they do not."""
+        limits, known = self._limits, joints & np.isfinite(place)
+        there = np.clip(place, limits.lower, limits.upper)
+        self.aim(np.where(known, there, self.target), np.zeros(len(place)))
+        self.joints = self.joints | known

@@ -1,0 +1,93 @@
+"""How a motion is slowed down and not bent: its own time advances by a share of each tick. Pure.
+
+On a curve c at pace p a joint has velocity c' p and acceleration c'' p² + c' dp/dt. So a change of pace costs
+acceleration, and takes as long as the joint with the least left over allows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats
+from twind.robot.joint_limits import JointLimits
+from twind.robot.splines import Spline
+from twind.robot.trajectory import Reference
+
+HALVINGS = 6  # of a change of pace that would ask for too much, before it waits for the next tick
+ROUNDING = 1e-9  # of an acceleration limit
+STANDING = 1e-9  # rad/s: slower costs nothing to slow down
+
+
+@dataclass(slots=True, eq=False)
+class TimeScaling:
+    """How fast the time of one motion goes: 1 as the clock, 0 not at all."""
+
+    now: float = 1.0
+    change: float = 0.0  # by the last tick
+    lag: float = 0.0  # ticks that it has lost
+
+    @property
+    def even(self) -> bool:
+        """As the clock, and so it was the tick before."""
+        return self.now == 1.0 and self.change == 0.0
+
+    def step(self, to: float) -> None:
+        """One tick at pace `to`."""
+        self.change, self.now = to - self.now, to
+        self.lag += 1.0 - to
+
+    def of(self, reference: Reference, period: float) -> Reference:
+        """What a reference on the curve means at this pace."""
+        return Reference(
+            reference.position,
+            reference.velocity * self.now,
+            reference.acceleration * (self.now * self.now) + reference.velocity * (self.change / period),
+        )
+
+
+def next_pace(
+    curve: Spline,
+    joints: Bools,
+    at: float,
+    pace: TimeScaling,
+    wanted: float,
+    limits: JointLimits,
+    period: float,
+) -> float:
+    """The pace of the next tick, nearer to `wanted`, `at` s after the start. `joints` (n,) follow the curve.
+
+    The positions of the last tick, of now and of the next one never ask for more than a joint's acceleration,
+    but where the curve itself does, at the knots of straight lines: there the pace stays.
+    """
+    if wanted == pace.now or at - pace.now * period < 0.0:
+        return pace.now
+    here = curve.sample(at)
+    assert here is not None  # a motion that has begun
+    least, most = _room(here, joints, pace.now, limits)
+    change = min(max(wanted - pace.now, least * period), most * period)
+    before = _place(curve, at - pace.now * period)
+    allowed = limits.acceleration * (period * period) * (1.0 + ROUNDING)
+    for _ in range(HALVINGS):
+        bend = np.abs(_place(curve, at + (pace.now + change) * period) - 2.0 * here.position + before)
+        if bool((bend <= allowed)[joints].all()):
+            return pace.now + change
+        change /= 2.0
+    return pace.now
+
+
+def _room(here: Reference, joints: Bools, pace: float, limits: JointLimits) -> tuple[float, float]:
+    """How fast the pace may fall and rise, 1/s: what the acceleration of the curve leaves."""
+    speed = np.abs(here.velocity)
+    moving = joints & (speed > STANDING)
+    if not moving.any():
+        return -np.inf, np.inf
+    speed, limit = speed[moving], limits.acceleration[moving]
+    along = (here.acceleration * np.sign(here.velocity))[moving] * (pace * pace)
+    least, most = float(((-limit - along) / speed).max()), float(((limit - along) / speed).min())
+    return min(least, 0.0), max(most, 0.0)
+
+
+def _place(curve: Spline, at: float) -> Floats:
+    reference = curve.sample(max(at, 0.0))
+    assert reference is not None
+    return reference.position

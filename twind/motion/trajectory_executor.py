@@ -1,0 +1,409 @@
+"""Follows accepted trajectories and setpoints, and stops: what the loop asks for a goal once per tick.
+
+Semantics of `joint_trajectory_controller`: replacement blends from the running reference without a step,
+joints that a goal does not name keep their old path, a future start waits while the old path goes on.
+Judges nothing: what comes in has passed the gate.
+"""
+
+from collections.abc import Sequence
+from math import inf, isfinite
+
+import numpy as np
+
+from twind.motion.goal_options import GoalOutcome, GoalTolerances, off, without_past
+from twind.motion.lookahead_path import LookaheadPlan
+from twind.motion.motion_layers import MotionGoal, MotionLayer, begun, choose, displaced, laid_over, without
+from twind.motion.stop_profiles import CompliantFollower, LimitedFollower, StopRamp, still
+from twind.motion.time_scaling import next_pace
+from twind.robot.arrays import Bools, Floats, Ints, some
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_limits import JointLimits
+from twind.robot.modes import Motion
+from twind.robot.state import JointState
+from twind.robot.trajectory import Reference, Trajectory
+
+__all__ = ["GoalOutcome", "GoalTolerances", "TrajectoryExecutor"]
+
+
+class TrajectoryExecutor:
+    """Follows accepted trajectories on its own time, which advances by one period per `goal()`.
+
+    A late or missed tick re-times the motion; it never catches up and never jumps (R02). Starts fall on
+    ticks: a start time is rounded to the nearest one.
+    """
+
+    def __init__(self, limits: JointLimits, period: float) -> None:
+        self.limits, self._period = limits, period  # limits: replaced at rest only
+        self._tick = 0
+        self._pace = 1.0
+        self._reference: Reference | None = None
+        self._floor: StopRamp | LimitedFollower | None = None  # what the joints do that no layer decides
+        self._layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
+        self._running: MotionLayer | None = None  # the newest, while its goal has not ended
+        self._pending: list[MotionGoal] = []  # by start
+        self._stream: LimitedFollower | None = None
+        self._streamed: Bools = np.zeros(0, np.bool_)
+        self._valid_for, self._heard_at = 0.0, inf
+        self._ended: list[tuple[GoalOutcome, float]] = []
+        self._fractions: dict[str, float] = {}
+        self._yielding: CompliantFollower | None = None  # while `yield_to` is called
+
+    # ------------------------------------------------------------------------------- what is
+
+    @property
+    def motion(self) -> Motion:
+        """What the joints are doing; a goal that waits for its start counts as active."""
+        if self._reference is None:
+            return Motion.IDLE
+        if self._stream is not None:
+            return Motion.STREAMING
+        return Motion.ACTIVE if self._layers or self._pending else Motion.HOLDING
+
+    @property
+    def reference(self) -> Reference | None:
+        """The last commanded reference; None while idle."""
+        return self._reference
+
+    @property
+    def pace(self) -> float:
+        """Share of their own speed that motions may have, 0..1; no number is 0. A stop is never slowed.
+
+        What is under way comes to it as fast as each joint's acceleration allows.
+        """
+        return self._pace
+
+    @pace.setter
+    def pace(self, share: float) -> None:
+        self._pace = min(share, 1.0) if share > 0.0 else 0.0
+
+    @property
+    def slowed(self) -> bool:
+        """Motions are not, or not yet, as fast as they were accepted."""
+        return self._pace < 1.0 or not all(layer.pace.even for layer in self._layers)
+
+    @property
+    def waiting(self) -> int:
+        """Goals accepted whose start has not come."""
+        return len(self._pending)
+
+    def setpoint_age(self, now: float) -> float | None:
+        """Age of the newest setpoint (s), counted from the first tick that could use it; None: no stream."""
+        if self._stream is None:
+            return None
+        return 0.0 if self._heard_at == inf else now - self._heard_at
+
+    def progress(self) -> tuple[str, float] | None:
+        """The goal that runs, or waits, and how far it has come, 0..1."""
+        if self._running is not None:
+            return self._running.goal.id, self._running.fraction(self._tick)
+        return (self._pending[0].id, 0.0) if self._pending else None
+
+    def fraction(self, id: str) -> float:
+        """How far a goal has come, or had come when it ended (until the next `outcomes`); 0 unknown."""
+        if self._running is not None and self._running.goal.id == id:
+            return self._running.fraction(self._tick)
+        return self._fractions.get(id, 0.0)
+
+    def outcomes(self) -> list[GoalOutcome]:
+        """Goals that ended since the last call."""
+        ended, self._ended = self._ended, []
+        self._fractions = {outcome.id: fraction for outcome, fraction in ended}
+        return [outcome for outcome, _ in ended]
+
+    def ahead(self, start_in: float) -> Reference:
+        """Where the reference will be `start_in` s from now, as accepted: where a goal of then begins.
+
+        From now on motions are taken to be unslowed. Raises ValueError while idle.
+        """
+        if self._reference is None or self._floor is None:
+            raise ValueError("idle: nothing holds, so there is no reference ahead")
+        until = self._start(start_in)
+        if until <= self._tick:
+            return self._reference
+        layers = self._layers
+        for goal in self._pending:
+            if goal.start < until:
+                new = begun(goal, self._predict(layers, goal.start), self.limits, self._period)
+                layers = [*without(layers, new.joints), new]
+        return self._predict(layers, until)
+
+    @property
+    def plan(self) -> LookaheadPlan | None:
+        """What the coming ticks follow from; None while idle."""
+        if self._reference is None or self._floor is None:
+            return None
+        now, layers, stream = self._reference, tuple(self._layers), self._stream
+        changing = self.slowed or stream is not None
+        return LookaheadPlan(
+            now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace
+        )
+
+    # ------------------------------------------------------------------------------- what to do
+
+    def begin(self, position: Floats) -> None:
+        """Hold here (n,) from standstill; goals under way end as aborted. Raises ValueError for NaN."""
+        if not np.isfinite(position).all():
+            joint = int(np.argmin(np.isfinite(position)))
+            raise ValueError(f"cannot hold joint {joint} at {position[joint]}: not a finite position")
+        self._end_all("aborted", ())
+        self._rest(still(position))
+
+    def idle(self) -> None:
+        """Nobody holds any more; goals under way end as aborted."""
+        self._end_all("aborted", ())
+        self._reference, self._floor = None, None
+
+    def submit(
+        self,
+        id: str,
+        path: Trajectory,
+        *,
+        start_in: float = 0.0,
+        tolerances: GoalTolerances | None = None,
+        goal_time: float | None = None,
+    ) -> Finding | None:
+        """Follow `path` from its start on; None, or why that cannot be.
+
+        A start in the past drops the waypoints that are past. Goals that were to begin at or after this one
+        are replaced; one that runs is replaced when this one begins.
+        """
+        if self._reference is None:
+            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
+        if not len(path.time):
+            return Finding(ReasonCode.EMPTY, message="a trajectory without points")
+        if not start_in < inf:
+            return Finding(ReasonCode.TOO_DISTANT, value=start_in, message="a start that never comes")
+        left = without_past(path, start_in)
+        if isinstance(left, Finding):
+            return left
+        start = self._start(start_in)
+        if self._stream is not None and start > self._tick:
+            return Finding(ReasonCode.BUSY, message="setpoints arrive: a later start cannot be foreseen")
+        if self.slowed and start > self._tick:
+            return Finding(ReasonCode.BUSY, message="the motion is slowed: a later start cannot be foreseen")
+        for goal in [goal for goal in self._pending if goal.start >= start]:
+            self._pending.remove(goal)
+            self._end(goal, "replaced")
+        foreseen = self.ahead(start_in).position if start > self._tick else None
+        self._pending.append(MotionGoal(id, left, start, tolerances, goal_time, foreseen))
+        return None
+
+    def setpoint(
+        self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float
+    ) -> Finding | None:
+        """Follow this place (m,) of `joints` until `valid_for` s have passed without another; then hold.
+
+        Goals under way are replaced; joints that the stream does not name keep their path. None, or why not.
+        """
+        if self._reference is None:
+            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
+        drift = np.zeros(len(joints)) if velocity is None else velocity
+        if not np.isfinite([*position, *drift, valid_for]).all():
+            return Finding(ReasonCode.NONFINITE, message="a setpoint must be finite")
+        self._end_goals("replaced", ())
+        new = np.zeros(len(self._reference.position), np.bool_)
+        new[joints] = True
+        old = self._stream
+        if old is None or (new & ~self._streamed).any():
+            self._stream = LimitedFollower(self._reference, self.limits, self._period)
+            if old is not None:
+                self._stream.aim(
+                    np.where(self._streamed, old.target, self._stream.target),
+                    np.where(self._streamed, old.drift, 0.0),
+                )
+            self._streamed = new if old is None else new | self._streamed
+            self._layers = without(self._layers, self._streamed)
+        assert self._stream is not None  # made above when there was none
+        target, drifts = self._stream.target.copy(), self._stream.drift.copy()
+        target[joints], drifts[joints] = position, drift
+        self._stream.aim(target, drifts)
+        self._valid_for, self._heard_at = valid_for, inf
+        return None
+
+    def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
+        """Brake with the gate's acceleration limit, then hold. Goals under way end as `phase`."""
+        moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, LimitedFollower)
+        self._end_all(phase, findings)
+        if moving and self._reference is not None:
+            self._floor = StopRamp(self._reference, self.limits, self._period)
+
+    def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
+        """Brake, and hold `joints` where they are, `place` (n,), the others as commanded (R14, R15).
+
+        Asked again, a joint on its way there goes on to where it was then.
+        """
+        if self._reference is None:
+            return
+        named = np.zeros(len(place), np.bool_)
+        named[list(joints)] = True
+        busy = self._layers or self._pending or self._stream is not None
+        under_way = self._floor if isinstance(self._floor, CompliantFollower) and not busy else None
+        if under_way is not None:
+            under_way.aim_at(named & ~under_way.joints, place)
+            return
+        self._end_all("aborted", findings)
+        self._floor = floor = CompliantFollower(self._reference, self.limits, self._period)
+        floor.aim_at(named, place)
+
+    def yield_to(self, place: Floats, speed: float) -> None:
+        """Follow `place` (n,) of now, no faster than `speed` rad/s: goals that give way (DAMP)."""
+        if self._reference is None:
+            return
+        if self._yielding is None or self._floor is not self._yielding:
+            self._end_all("aborted", ())
+            self._yielding = CompliantFollower(self._reference, self.limits, self._period, speed=speed)
+            self._floor = self._yielding
+        self._yielding.aim_at(np.isfinite(place), place)
+
+    # ------------------------------------------------------------------------------- once per tick
+
+    def goal(self, now: float) -> Reference | None:
+        """The reference of the next tick; None while idle. `now` only ages the setpoints."""
+        if self._reference is None or self._floor is None:
+            return None
+        if self._stream is not None:
+            self._age(now)
+        while self._pending and self._pending[0].start <= self._tick:
+            self._begin(self._pending.pop(0), self._reference)
+        self._keep_pace()
+        self._tick += 1
+        reference = self._next(self._floor)
+        if not isfinite(float(reference.position @ reference.position)):
+            self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
+            self._floor = StopRamp(self._reference, self.limits, self._period)
+            reference = self._floor.step()
+        self._reference = reference
+        self._settle_down(reference)
+        return reference
+
+    def observe(self, state: JointState) -> None:
+        """Judge the goal that runs by where its joints really are: path and goal tolerances."""
+        layer, reference = self._running, self._reference
+        if layer is None or reference is None or layer.goal.tolerances is None:
+            return
+        error = np.abs(reference.position - state.position)
+        t, duration, tolerances = layer.elapsed(self._tick), layer.curve.duration, layer.goal.tolerances
+        if t < duration:
+            out = layer.outside(error, tolerances.path)
+            if some(out):
+                self._give_up(layer, ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
+            return
+        out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
+        if not some(out):
+            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._running = None
+        elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
+            self._give_up(layer, ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+
+    # ------------------------------------------------------------------------------- inside
+
+    def _start(self, start_in: float) -> int:
+        return self._tick + max(0, round(start_in / self._period))
+
+    def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
+        assert self._floor is not None  # `ahead` has asked
+        return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+
+    def _begin(self, goal: MotionGoal, reference: Reference) -> None:
+        """A goal's start has come: it takes its joints over, and the goal that ran is replaced.
+
+        One that was judged from another place, because the motion before it was slowed since, ends here.
+        """
+        strayed = displaced(goal, reference)
+        if strayed is not None:
+            self._end(goal, "aborted", (strayed,))
+            return
+        if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
+            self._stream, self._floor = None, StopRamp(reference, self.limits, self._period)
+        layer = begun(goal, reference, self.limits, self._period)
+        self._layers = [*without(self._layers, layer.joints), layer]
+        if self._running is not None:
+            self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
+        self._running = layer
+
+    def _keep_pace(self) -> None:
+        """The time of each motion goes on by its share of a tick; after the end it goes as the clock."""
+        for layer in self._layers:
+            if self._pace == 1.0 and layer.pace.even:
+                continue
+            at = layer.elapsed(self._tick)
+            if at >= layer.curve.duration:
+                layer.pace.step(1.0)
+            else:
+                args = (layer.pace, self._pace, self.limits, self._period)
+                layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
+
+    def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
+        if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
+            return self._layers[0].at(self._tick)
+        reference = floor.step()
+        if self._layers:
+            reference = laid_over(reference, self._layers, self._tick)
+        if self._stream is not None:
+            reference = choose(self._streamed, self._stream.step(self._pace), reference)
+        return reference
+
+    def _settle_down(self, reference: Reference) -> None:
+        """End what has arrived: the goal without tolerances, then the layers, then the follower."""
+        layer = self._running
+        if layer is not None and layer.over(self._tick) and not layer.goal.judged_at_end:
+            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._running = None
+        if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
+            self._layers = []
+            self._floor = StopRamp(reference, self.limits, self._period)
+        if isinstance(self._floor, LimitedFollower) and self._floor.resting:
+            self._rest(still(reference.position))
+
+    def _rest(self, reference: Reference) -> None:
+        self._reference = reference
+        self._floor = StopRamp(reference, self.limits, self._period)
+
+    def _age(self, now: float) -> None:
+        """Hold when the last setpoint is too old (R04). It is as old as the first tick that could use it."""
+        if self._heard_at == inf:
+            self._heard_at = now
+        age = now - self._heard_at
+        if not age <= self._valid_for:
+            self.stop()
+            stale = Finding(
+                ReasonCode.STREAM_STALE,
+                value=age,
+                bound=self._valid_for,
+                message="no newer setpoint: holding",
+            )
+            self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
+
+    def _give_up(
+        self,
+        layer: MotionLayer,
+        code: ReasonCode,
+        out: Bools,
+        error: Floats,
+        bound: Floats,
+        state: JointState,
+    ) -> None:
+        """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
+        assert self._reference is not None  # `observe` has asked
+        self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
+        follower = LimitedFollower(self._reference, self.limits, self._period)
+        there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
+        follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
+        self._floor = follower
+
+    def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
+        self._end_goals(phase, findings)
+        self._layers, self._stream = [], None
+
+    def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:
+        if self._running is not None:
+            self._end(self._running.goal, phase, findings, self._running.fraction(self._tick))
+            self._running = None
+        for goal in self._pending:
+            self._end(goal, phase, findings)
+        self._pending.clear()
+
+    def _end(
+        self, goal: MotionGoal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0
+    ) -> None:
+        self._ended.append((GoalOutcome(goal.id, phase, tuple(findings)), fraction))

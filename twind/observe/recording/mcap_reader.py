@@ -1,0 +1,289 @@
+"""An .mcap file as columns: our own recordings, and as far as it goes any with JointState messages."""
+
+import json
+import struct
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.observe.recording.joint_rows import JointRows
+from twind.observe.recording.mcap_records import (
+    McapAttachment,
+    McapMessage,
+    McapMetadata,
+    McapScanner,
+    NotMcap,
+)
+from twind.observe.recording.recording_columns import (
+    Floats,
+    ImuColumns,
+    LatencyColumns,
+    RecordedMessage,
+    RobotRecording,
+    SlowColumns,
+    Unreadable,
+    marked,
+)
+from twind.observe.recording.recording_topics import (
+    ABOUT,
+    CALIBRATION,
+    COMMANDS,
+    EVENTS,
+    INERTIAL,
+    JOINTS,
+    LATENCY,
+    MEASURED,
+    MJCF,
+    NOTES,
+    ROBOT,
+    SIMULATED,
+    STATUS,
+    TRAJECTORY,
+    VERDICTS,
+)
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, decode
+from twind.ros.cdr import HEAD
+from twind.ros.imu_message import felt
+
+SECOND = 1e9  # ns
+SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
+# what comes of a file that is not as ours are
+FOREIGN = (struct.error, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
+FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
+
+
+class TopicMessage(NamedTuple):
+    """A message of one topic."""
+
+    time: int  # ns
+    data: bytes
+
+
+def read(path: Path) -> RobotRecording:
+    """The recording in an .mcap file. Raises Unreadable."""
+    file = McapScanner(path)
+    taken = _McapContents(file)
+    try:
+        for each in file.contents():
+            taken.take(each)
+    except (NotMcap, OSError) as error:
+        raise Unreadable(f"{path}: {error}") from None
+    except CdrError as error:
+        raise Unreadable(f"{path}: a JointState that is none: {error}") from None
+    except FOREIGN as error:
+        raise Unreadable(f"{path}: {_broken(error)}") from None
+    if taken.start is None:
+        raise Unreadable(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
+    try:
+        return _recording(path, taken, taken.start)
+    except FOREIGN as error:
+        raise Unreadable(f"{path}: {_broken(error)}") from None
+
+
+def _broken(error: Exception) -> str:
+    kind = type(error).__name__
+    return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
+
+
+class _ImuRows:
+    """Readings of an IMU as numbers: an hour of them fits."""
+
+    def __init__(self) -> None:
+        self.times: list[int] = []  # ns
+        self.numbers = array("d")  # 10 of each
+
+    def add(self, time: int, data: bytes) -> None:
+        """The next message. Raises struct.error."""
+        self.numbers.extend(felt(data))
+        self.times.append(time)
+
+
+class _McapContents:
+    """What is of use in a file: JointStates as numbers, what was said as bytes; the rest is passed over."""
+
+    def __init__(self, file: McapScanner) -> None:
+        self.file = file
+        self.states: dict[str, JointRows] = {}
+        self.said: dict[str, list[TopicMessage]] = {}
+        self.felt = _ImuRows()
+        self.files: dict[str, bytes] = {}
+        self.meta: dict[str, str] = {}
+        self.start: int | None = None  # ns, of the first message
+
+    def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
+        """Raises CdrError, or one of FOREIGN."""
+        if isinstance(each, McapMessage):
+            topic = self.file.channels[each.channel].topic
+            self.start = each.log_time if self.start is None else min(self.start, each.log_time)
+            if topic == INERTIAL:
+                self.felt.add(each.log_time, each.data)
+            elif topic in SAID:
+                self.said.setdefault(topic, []).append(TopicMessage(each.log_time, each.data))
+            elif topic in self.states or self._is_state(each.channel):
+                self.states.setdefault(topic, JointRows()).add(each.log_time, each.data)
+        elif isinstance(each, McapAttachment):
+            self.files[each.name] = each.data
+        elif each.name == ABOUT:
+            self.meta |= each.data
+
+    def _is_state(self, number: int) -> bool:
+        channel = self.file.channels[number]
+        schema = self.file.schemas.get(channel.schema)
+        names = (JOINT_STATE, JOINT_STATE.replace("/msg/", "/"))
+        return schema is not None and schema.name in names and channel.encoding == "cdr"
+
+
+def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
+    chosen = _chosen(list(taken.states))
+    rows = {role: taken.states[topic].settled() for role, topic in chosen.items()}
+    joints = tuple(dict.fromkeys(name for each in rows.values() for name in each.names))
+    times = np.unique(np.concatenate([np.zeros(0, np.int64), *(each.times for each in rows.values())]))
+
+    def column(role: str, place: int) -> Floats:
+        table = np.full((times.size, len(joints)), np.nan)
+        if role in rows:
+            rows[role].lay(table, times, joints, place)
+        return table
+
+    def said(topic: str) -> tuple[RecordedMessage, ...]:
+        return tuple(
+            RecordedMessage((kept.time - start) / SECOND, _json(kept.data))
+            for kept in taken.said.get(topic, ())
+        )
+
+    events, notes = said(EVENTS), said(NOTES)
+    mjcf = taken.files.get(MJCF)
+    return RobotRecording(
+        path=path,
+        start_ns=start,
+        joints=joints,
+        time=(times - start) / SECOND,
+        measured=column("measured", 0),
+        velocity=column("measured", 1),
+        effort=column("measured", 2),
+        goal=column("goal", 0),
+        simulated=column("simulated", 0),
+        imu=_inertial(taken.felt, times),
+        events=events,
+        verdicts=said(VERDICTS),
+        trajectories=_trajectories(taken.said.get(TRAJECTORY, ()), start),
+        statuses=said(STATUS),
+        notes=notes,
+        slow=slow(said(JOINTS), joints),
+        latency=hops([(each.time, each.what.get("hops") or ()) for each in said(LATENCY)]),
+        episodes=marked(sorted((*events, *notes), key=lambda each: each.time)),
+        meta=taken.meta,
+        robot=_attached(taken.files, ROBOT),
+        calibration=_attached(taken.files, CALIBRATION),
+        mjcf=None if mjcf is None else mjcf.decode(),
+        damage=_damage(taken.file),
+    )
+
+
+def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
+    """Of the rows at `times` (ns); None: no IMU told anything."""
+    if not told.times or not times.size:
+        return None
+    at = np.array(told.times, np.int64)
+    rows = np.searchsorted(times, at).clip(0, times.size - 1)
+    known = times[rows] == at
+    numbers = np.full((times.size, 10), np.nan)
+    numbers[rows[known]] = np.array(told.numbers).reshape(-1, 10)[known]
+    return ImuColumns(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
+
+
+def _chosen(states: Sequence[str]) -> dict[str, str]:
+    """Which topic is what; of a file that is not ours the first JointState is what was measured."""
+    roles = {"measured": MEASURED, "goal": COMMANDS, "simulated": SIMULATED}
+    found = {role: topic for role, topic in roles.items() if topic in states}
+    if not found and states:
+        usual = "/joint_states"
+        found["measured"] = usual if usual in states else states[0]
+    return found
+
+
+def _damage(file: McapScanner) -> str:
+    parts = [file.cut] if file.cut else []
+    if not (file.cut or file.indexed):
+        parts.append("it has no index: a full disk may have ended it, and what came then is not in it")
+    if file.damaged:
+        parts.append(f"{file.damaged} chunks do not match their checksums, or are too large: left out")
+    return "; ".join(parts)
+
+
+# ------------------------------------------------------------------------------------------ what was said
+
+
+def _json(data: bytes) -> Mapping[str, Any]:
+    """Of JSON, as it is or in a message of std_msgs/String."""
+    try:
+        found = json.loads(decode(STRING, data)["data"] if data.startswith(HEAD) else data)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None:
+    return _json(files[name]) if name in files else None
+
+
+def _trajectories(kept: Sequence[TopicMessage], start: int) -> tuple[RecordedMessage, ...]:
+    """As `Trajectory` of the interface."""
+    found = []
+    for each in kept:
+        try:
+            message = decode(JOINT_TRAJECTORY, each.data)
+        except CdrError:
+            continue
+        points = [_point(point) for point in message["points"]]
+        head = message["header"]
+        said = {"id": head["frame_id"], "joint_names": message["joint_names"], "points": points}
+        begins = head["stamp"]["sec"] * 1_000_000_000 + head["stamp"]["nanosec"]
+        found.append(
+            RecordedMessage((each.time - start) / SECOND, said | {"start_in": (begins - each.time) / SECOND})
+        )
+    return tuple(found)
+
+
+def _point(point: Mapping[str, Any]) -> dict[str, Any]:
+    after = point["time_from_start"]
+    columns = {key: point[key] for key in ("positions", "velocities", "accelerations") if point[key]}
+    return columns | {"time_from_start": after["sec"] + after["nanosec"] / SECOND}
+
+
+def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns | None:
+    """The slow columns of messages {"joints": [Joint]}; None: there are none."""
+    if not said:
+        return None
+    tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in said]
+
+    def column(make: Callable[[Mapping[str, Any]], Any]) -> Floats:
+        rows = [[make(table.get(name, {})) for name in joints] for table in tables]
+        return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
+
+    return SlowColumns(
+        np.array([each.time for each in said]),
+        column(lambda joint: joint.get("temperature")),
+        column(lambda joint: joint.get("voltage")),
+        column(lambda joint: joint.get("torque")),
+        column(lambda joint: joint.get("age_ms")) / 1e3,
+    )
+
+
+def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
+    """Columns by hop of moments (s) with what was told of each hop then."""
+    found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
+    for time, latencies in said:
+        for each in latencies:
+            found.setdefault(str(each.get("hop")), []).append((time, each))
+    return {name: _hop(rows) for name, rows in found.items()}
+
+
+def _hop(rows: Sequence[tuple[float, Mapping[str, Any]]]) -> LatencyColumns:
+    columns = {key: np.array([row.get(key) for _, row in rows], np.float64) for key in FIGURES}
+    histograms = [row["histogram"] for _, row in rows if row.get("histogram")]
+    return LatencyColumns(np.array([time for time, _ in rows]), columns, histograms[-1] if histograms else ())

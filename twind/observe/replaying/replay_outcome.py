@@ -1,0 +1,171 @@
+"""What came of the commands: answers in the order of asking, faults that stayed, the state at the end. Pure.
+
+Built from the loop's own messages, or from what a client is told; two of them are compared here.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+LATCHED = ("fault", "estop", "inhibited")  # states in which somebody has to acknowledge what was found
+ENDED = ("succeeded", "cancelled", "replaced", "aborted")  # phases after which nothing more is reported
+
+Named = tuple[str, str | None]  # code, joint
+
+
+@dataclass(frozen=True, slots=True)
+class CommandOutcome:
+    """What came of one command."""
+
+    method: str
+    error: str | None = None  # of the interface, without its prefix
+    findings: tuple[Named, ...] = ()  # why: codes in their order, with their joints
+    phase: str | None = None  # of a trajectory, the last that was told
+    answered: bool = True
+
+    def words(self) -> str:
+        """For people."""
+        if not self.answered:
+            return f"{self.method}: not answered"
+        said = self.error or self.phase or "done"
+        found = ", ".join(code if joint is None else f"{code} {joint}" for code, joint in self.findings)
+        return f"{self.method}: {said}" + (f" ({found})" if found else "")
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOutcome:
+    """What is compared."""
+
+    answers: tuple[CommandOutcome, ...]
+    faults: Mapping[Named, float]  # that stayed until they were acknowledged, or to the end -> s since begin
+    state: str  # at the end
+    mode: str
+    armed: bool
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "answers": [
+                {
+                    "method": each.method,
+                    "answered": each.answered,
+                    "error": each.error,
+                    "phase": each.phase,
+                    "findings": [{"code": code, "joint": joint} for code, joint in each.findings],
+                }
+                for each in self.answers
+            ],
+            "faults": [
+                {"code": code, "joint": joint, "time": round(time, 3)}
+                for (code, joint), time in sorted(self.faults.items(), key=lambda each: each[1])
+            ],
+            "state": self.state,
+            "mode": self.mode,
+            "armed": self.armed,
+        }
+
+
+def outcome_of(plain: Mapping[str, Any]) -> ReplayOutcome:
+    """The inverse of `Outcome.plain`. Raises KeyError."""
+    return ReplayOutcome(
+        tuple(
+            CommandOutcome(
+                each["method"],
+                each["error"],
+                tuple((found["code"], found["joint"]) for found in each["findings"]),
+                each["phase"],
+                each["answered"],
+            )
+            for each in plain["answers"]
+        ),
+        {(each["code"], each["joint"]): each["time"] for each in plain["faults"]},
+        plain["state"],
+        plain["mode"],
+        plain["armed"],
+    )
+
+
+def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> CommandOutcome:
+    """Of the parameters of all replies to one call, joints named; `error`: with which the last one came."""
+    if not replies:
+        return CommandOutcome(method, answered=False)
+    last, phases = replies[-1], [each["phase"] for each in replies if each.get("phase")]
+    found = [*(last.get("findings") or ()), *((last.get("verdict") or {}).get("refusals") or ())]
+    named = tuple((str(each["code"]), each["joint"]) for each in found)
+    return CommandOutcome(method, error, named, phases[-1] if phases else None)
+
+
+@dataclass
+class StandingFaults:
+    """The faults that stay: of those that are told while a state is latched, what is there at its end."""
+
+    _since: dict[Named, float] = field(default_factory=dict)  # of all that are told now
+    _last: dict[Named, float] = field(default_factory=dict)  # of those, in a latched state
+    _kept: dict[Named, float] = field(default_factory=dict)
+    _before: bool = False
+
+    def look(self, time: float, state: str, faults: Sequence[Named]) -> None:
+        """What is told at `time` (s)."""
+        self._since = {each: self._since.get(each, time) for each in faults}
+        if state in LATCHED:
+            self._last = dict(self._since)
+        elif self._before:
+            self._keep()
+        self._before = state in LATCHED
+
+    def end(self) -> dict[Named, float]:
+        """All of them, and since when."""
+        if self._before:
+            self._keep()
+        return dict(self._kept)
+
+    def _keep(self) -> None:
+        self._kept = {**self._last, **self._kept}
+        self._last = {}
+
+
+def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: float) -> Iterator[str]:
+    """What came out differently, in words; times may differ by `tolerance` (s)."""
+    if len(recorded.answers) != len(replayed.answers):
+        yield f"recorded {len(recorded.answers)} commands, replayed {len(replayed.answers)}"
+    pairs = zip(recorded.answers, replayed.answers, strict=False)
+    for number, (then, now) in enumerate(pairs, 1):
+        if not _same(then, now):
+            yield f"command {number}: recorded {then.words()}; replayed {now.words()}"
+    for named, time in recorded.faults.items():
+        what = " ".join(filter(None, named))
+        if named not in replayed.faults:
+            yield f"fault {what} after {time:.2f} s did not come"
+        elif abs(late := replayed.faults[named] - time) > tolerance:
+            yield f"fault {what}: recorded after {time:.2f} s, replayed {late:+.2f} s from that"
+    for named, time in replayed.faults.items():
+        if named not in recorded.faults:
+            yield f"fault {' '.join(filter(None, named))} after {time:.2f} s was not recorded"
+    for what in ("state", "mode", "armed"):
+        then, now = getattr(recorded, what), getattr(replayed, what)
+        if then != now:
+            yield f"{what} at the end: recorded {then}, replayed {now}"
+
+
+def uncompared(recorded: ReplayOutcome, replayed: ReplayOutcome) -> Iterator[str]:
+    """What the recording does not tell to its end, and what came of it now, in words."""
+    pairs = zip(recorded.answers, replayed.answers, strict=False)
+    for number, (then, now) in enumerate(pairs, 1):
+        if not then.answered:
+            yield f"command {number}: the recording has no answer; replayed {now.words()}"
+        elif _open(then) and then.phase != now.phase:
+            yield f"command {number}: recorded until {then.phase}; replayed {now.words()}"
+
+
+def _open(then: CommandOutcome) -> bool:
+    """It went on after the recording."""
+    return then.error is None and then.phase is not None and then.phase not in ENDED
+
+
+def _same(then: CommandOutcome, now: CommandOutcome) -> bool:
+    """What the recording does not tell to its end is compared as far as it goes."""
+    if not then.answered:
+        return True
+    if (then.error, then.findings) != (now.error, now.findings) or not now.answered:
+        return False
+    return then.phase not in ENDED or then.phase == now.phase

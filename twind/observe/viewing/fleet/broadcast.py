@@ -1,0 +1,51 @@
+"""One errand of many robots at once: each has its own, so nobody waits for another's answer."""
+
+import threading
+from collections.abc import Callable, Mapping
+from functools import partial
+
+from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell
+
+
+class Broadcast:
+    """`errands`: of those who are known when it is asked, by name."""
+
+    def __init__(self, name: str, errands: Callable[[], Mapping[str, StopAction]]) -> None:
+        self._name, self._errands = name, errands
+
+    def ask(self, tell: Tell) -> None:
+        """What failed is told at once, robot by robot; how many did it, when the last has answered."""
+        errands = self._errands()
+        if not errands:
+            tell(StopOutcome(False, f"{self._name}: nobody was asked", "no robot was found yet"))
+        count = _ReplyCount(self._name, frozenset(errands), tell)
+        for name, errand in errands.items():
+            errand.ask(partial(count.answered, name))
+
+
+class _ReplyCount:
+    """Of one press: who has answered."""
+
+    def __init__(self, name: str, asked: frozenset[str], tell: Tell) -> None:
+        self._name, self._asked, self._tell = name, asked, tell
+        self._lock = threading.Lock()
+        self._open, self._failed = set(asked), set[str]()
+
+    def answered(self, robot: str, outcome: StopOutcome) -> None:
+        """In the thread of that robot's errand."""
+        with self._lock:
+            self._open.discard(robot)
+            if not outcome.done:
+                self._failed.add(robot)
+            last = not self._open
+        if not outcome.done:
+            self._tell(StopOutcome(False, f"{robot}: {outcome.title}", outcome.text))
+        if last:
+            self._tell(self._sum())
+
+    def _sum(self) -> StopOutcome:
+        done = len(self._asked) - len(self._failed)
+        title = f"{self._name}: {done} of {len(self._asked)} robots"
+        if self._failed:
+            return StopOutcome(False, title, f"not {', '.join(sorted(self._failed))}")
+        return StopOutcome(True, title, "all have answered")

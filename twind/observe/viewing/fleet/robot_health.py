@@ -1,0 +1,145 @@
+"""How a robot is, in one word that has a colour, and in a line. Pure."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from twind.observe.viewing import status_html
+from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
+
+
+class HealthLevel(StrEnum):
+    """The most urgent first."""
+
+    STOPPED = "e-stop"
+    FAULT = "fault"
+    LOST = "lost"  # nothing comes from it
+    ODD = "odd"  # what it says cannot be understood
+    OLD = "old"  # it is there, and its joints were not heard of lately
+    WARNED = "warned"
+    MOVING = "moving"
+    WELL = "well"
+
+
+COLOURS = {
+    HealthLevel.STOPPED: status_html.RED,
+    HealthLevel.FAULT: status_html.RED,
+    HealthLevel.LOST: status_html.GREY,
+    HealthLevel.ODD: status_html.GREY,
+    HealthLevel.OLD: status_html.GREY,
+    HealthLevel.WARNED: status_html.AMBER,
+    HealthLevel.MOVING: "#2563eb",
+    HealthLevel.WELL: status_html.GREEN,
+}
+PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is told
+GREY = (HealthLevel.LOST, HealthLevel.ODD, HealthLevel.OLD)  # what is drawn of it says nothing of now
+
+
+@dataclass(frozen=True, slots=True)
+class RobotHealth:
+    """Of one robot."""
+
+    kind: HealthLevel
+    said: str
+
+    @property
+    def colour(self) -> str:
+        """As HTML has it."""
+        return COLOURS[self.kind]
+
+
+def standing(now: ViewerSnapshot) -> RobotHealth:
+    """Of a robot that is known so far."""
+    status = now.status
+    if now.lost is not None:
+        return RobotHealth(HealthLevel.LOST, "lost" if status is not None else "not reached")
+    if status is None or now.age is None:
+        return RobotHealth(HealthLevel.LOST, "nothing was heard yet")
+    if now.age >= status_html.OLD:
+        return RobotHealth(HealthLevel.OLD, f"not heard for {now.age:.0f} s")
+    said = _said(status)
+    if status["state"] == "estop":
+        return RobotHealth(HealthLevel.STOPPED, said)
+    if status["state"] in ("fault", "inhibited") or status["faults"]:
+        return RobotHealth(HealthLevel.FAULT, said)
+    if not _whole(now, status):
+        return RobotHealth(HealthLevel.WARNED, said)
+    return RobotHealth(
+        HealthLevel.MOVING if status["motion"] in ("active", "streaming") else HealthLevel.WELL, said
+    )
+
+
+def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
+    """How it is, and `page`, whatever it says: a robot of another version is not the others' trouble."""
+    try:
+        how = standing(now)
+        return how, page(now, how, problem)
+    except Exception as error:  # noqa: BLE001
+        how = RobotHealth(
+            HealthLevel.ODD, f"what it says cannot be understood: {type(error).__name__}: {error}"
+        )
+        return how, status_html.block([status_html.row("state", how.said, how.colour)])
+
+
+def _said(status: Message) -> str:
+    """In sim the robot is always disconnected, which is no news."""
+    mode, state = str(status["mode"]), str(status["state"])
+    states = [] if (mode, state) == ("sim", "disconnected") else [state]
+    return ", ".join([mode, *states, str(status["motion"])])
+
+
+def _whole(now: ViewerSnapshot, status: Message) -> bool:
+    """Every joint is heard, with a new number, and tells no fault."""
+    told = now.joints
+    assert told is not None
+    if status["mode"] != "sim" and not all(bus["connected"] for bus in status["buses"]):
+        return False
+    return bool(told.heard.all()) and not now.stale.any() and not any(told.faults)
+
+
+def summary(standings: Iterable[RobotHealth]) -> str:
+    """How many there are of each kind, as HTML."""
+    found = Counter(each.kind for each in standings)
+    told = [
+        f'<span style="color:{COLOURS[kind]};font-weight:600">{found[kind]} {kind}</span>'
+        for kind in HealthLevel
+        if found[kind]
+    ]
+    return status_html.block(
+        [", ".join(told) or status_html.row("robots", "none was found yet", status_html.AMBER)]
+    )
+
+
+def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
+    """One robot in words, as HTML. `problem`: why it is not drawn."""
+    rows = [status_html.row("state", how.said, how.colour)]
+    if now.lost is not None:
+        rows.append(status_html.row("now", now.lost, status_html.RED))
+    if problem:
+        rows.append(status_html.row("picture", problem, status_html.RED))
+    if now.status is not None and how.kind in GREY:
+        rows.append(status_html.row("said last", _said(now.status), status_html.GREY))
+    rows += _status(now.status) if now.status is not None else []
+    if now.joints is not None and now.told is not None and how.kind not in GREY:
+        names = [str(joint["name"]) for joint in now.told["robot"]["joints"]]
+        if len(names) == len(now.joints.heard):
+            rows.append(status_html.row("joints", f"{int(now.joints.heard.sum())} of {len(names)} heard"))
+            rows += status_html.joints(now, names)
+        rows += status_html.events(now)[:1]
+    return status_html.block(rows)
+
+
+def _status(status: Message) -> list[str]:
+    """What is worth a line where many robots stand: faults, who commands, a loop that is late."""
+    lease, loop = status["lease"], status["loop"]
+    rows = [
+        status_html.row("fault", f"{each['code']}: {each['message']}", status_html.RED)
+        for each in status["faults"]
+    ]
+    if lease is not None:
+        rows.append(status_html.row("lease", str(lease["holder"])))
+    if not loop["on_time"] >= PUNCTUAL:
+        late = f"{loop['rate_hz']:g} Hz, {loop['on_time']:.1%} of the ticks on time"
+        rows.append(status_html.row("loop", late, status_html.AMBER))
+    return rows

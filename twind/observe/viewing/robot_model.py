@@ -1,0 +1,165 @@
+"""A robot as it is drawn: its model from what `GetRobot` says, poses of joints in, places of bodies and
+distances out.
+
+Knows no browser. A pose is kinematics alone: a joint angle per joint, so joints of transmissions come as
+they are; joints that nobody drives, and a base that stands free, stay where the model has them, for nothing
+measures them.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind.config.robot_spec import GateSettings
+from twind.robot.arrays import Floats, Ints
+from twind.twin.binding import BindingError
+from twind.twin.collision_model import CollisionModel
+
+REACH = 0.1  # m: distances beyond are not shown
+STAND_IN = 0.03  # m, radius of what is drawn for a mesh that cannot be read
+
+
+class NoRobotModel(Exception):
+    """What was said of the robot gives no model."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearanceRules:
+    """Of the robot file, for the distances."""
+
+    path: Path
+    base: str
+    gate: GateSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerBinding:
+    """The model, and where its joints are in it."""
+
+    robot: ClearanceRules
+    model: Any  # mujoco.MjModel
+    qpos: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class NearestBodies:
+    """The two bodies that are nearest to each other. Points (3,) m in the world."""
+
+    names: str
+    distance: float  # m, negative inside each other
+    block: float  # m, nearer is refused
+    warn: float  # m, nearer is told
+    ends: tuple[Floats, Floats]
+
+    @property
+    def level(self) -> str:
+        """`refused`, `warned` or `clear`."""
+        return (
+            "refused" if self.distance <= self.block else "warned" if self.distance <= self.warn else "clear"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BodyPoses:
+    """Where bodies are: position (nbody, 3) m, quaternion (nbody, 4) w x y z."""
+
+    position: Floats
+    rotation: Floats
+
+    def differ(self, other: "BodyPoses", metres: float, radians: float) -> Any:
+        """(nbody,) bool: further apart than that."""
+        away = np.linalg.norm(self.position - other.position, axis=1) > metres
+        turn = np.abs(np.einsum("bi,bi->b", self.rotation, other.rotation))
+        return away | (turn < np.cos(0.5 * radians))
+
+
+class RobotModel:
+    """One robot. Arrays are (n,) in joint order, rad."""
+
+    def __init__(self, told: Mapping[str, Any]) -> None:
+        """`told`: the answer of `GetRobot`. Raises NoLikeness."""
+        import mujoco
+
+        robot = told["robot"]
+        self.told, self.name = told, str(robot["name"])
+        self.support, self.base = str(robot["support"]), str(robot["base"])
+        self.joints = tuple(str(joint["name"]) for joint in robot["joints"])
+        self.model, self.meshes_missing = _compiled(told["mjcf"], os.path.dirname(robot["mjcf_path"]))
+        try:
+            numbers = [self.model.joint(joint["model_joint"]).id for joint in robot["joints"]]
+            gate = msgspec.convert(robot["gate"], GateSettings)
+        except (KeyError, msgspec.ValidationError) as error:
+            raise NoRobotModel(f"{self.name}: {error}") from None
+        self.qpos = self.model.jnt_qposadr[numbers].astype(np.int64)
+        self.bodies_of = self.model.jnt_bodyid[numbers].astype(np.int64)  # that each joint moves
+        self.rest = np.array([float(robot["poses"]["rest"][name]) for name in self.joints])
+        rules = ClearanceRules(Path(robot["path"]), self.base, gate)
+        try:
+            self._distances: CollisionModel | None = CollisionModel(
+                ViewerBinding(rules, self.model, self.qpos), REACH
+            )
+        except BindingError:  # the daemon has said why; there is no distance to show
+            self._distances = None
+        self._data = mujoco.MjData(self.model)
+        self._kinematics = mujoco.mj_kinematics
+
+    def same_as(self, told: Mapping[str, Any]) -> bool:
+        """Nothing would be drawn otherwise."""
+        return bool(self.told["mjcf"] == told["mjcf"] and self.told["robot"] == told["robot"])
+
+    def places(self, position: Floats) -> BodyPoses:
+        """Of all bodies in a pose; what is not known (NaN) is as at rest."""
+        self._data.qpos[self.qpos] = np.where(np.isfinite(position), position, self.rest)
+        self._kinematics(self.model, self._data)
+        return BodyPoses(self._data.xpos.copy(), self._data.xquat.copy())
+
+    def nearest(self, position: Floats) -> tuple[NearestBodies | None, Floats]:
+        """The nearest two of the bodies that are judged (None: all further than `REACH`), and points (k, 3)
+        where bodies touch."""
+        import mujoco
+
+        bodies = self._distances
+        if bodies is None or not bodies.pairs or not np.isfinite(position).all():
+            return None, np.zeros((0, 3))
+        found = bodies.distances(position[None], bodies.boxes, bodies.reach)[0]
+        contact = bodies.data.contact
+        touching = np.array(contact.pos[contact.dist <= 0.0], np.float64).reshape(-1, 3)
+        place = int(np.argmin(found - bodies.block))
+        pair = bodies.pairs[place]
+        if found[place] >= bodies.reach:
+            return None, touching
+        line = np.zeros(6)
+        mujoco.mj_geomDistance(bodies.model, bodies.data, *pair.geoms, bodies.reach, line)
+        ends = line[:3].copy(), line[3:].copy()
+        return NearestBodies(
+            pair.name, float(found[place]), pair.block, pair.block + bodies.band, ends
+        ), touching
+
+
+def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
+    """The model, and whether meshes had to be left out: their files are the daemon's, and may not be ours."""
+    import mujoco
+
+    try:
+        spec = mujoco.MjSpec.from_string(mjcf)
+        spec.modelfiledir = folder
+        return spec.compile(), False
+    except ValueError:
+        pass
+    try:
+        spec = mujoco.MjSpec.from_string(mjcf)
+        for geom in spec.geoms:
+            if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
+                geom.type, geom.meshname, geom.hfieldname = mujoco.mjtGeom.mjGEOM_SPHERE, "", ""
+                geom.size = [STAND_IN, 0.0, 0.0]
+        for files in (spec.meshes, spec.hfields, spec.textures):
+            for each in list(files):
+                spec.delete(each)
+        return spec.compile(), True
+    except ValueError as error:
+        raise NoRobotModel(f"the model cannot be compiled: {' '.join(str(error).split())}") from None

@@ -1,0 +1,136 @@
+"""The page of one robot: buttons, words, plots. Nothing here waits: what a button asks for is done
+elsewhere."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from twind.observe.viewing import operator_lease
+from twind.observe.viewing.live_plots import LivePlots
+from twind.observe.viewing.operator_lease import OperatorThread, Work
+from twind.observe.viewing.robot_scene import AUTO, GHOSTS
+from twind.observe.viewing.stop_buttons import Press, stop_window, teller
+from twind.observe.viewing.stop_threads import StopOutcome, StopThreads
+from twind.observe.viewing.viewer_state import Message, ViewerState
+
+
+class RobotPage:
+    """The parts that do not change with the robot, and the words and plots that do."""
+
+    def __init__(self, server: Any, known: ViewerState, stops: StopThreads | None) -> None:
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        if stops is not None:
+            stop_window(gui, stops.estop, stops.stop)
+        self._words = gui.add_html("")
+        self._said = ""
+        self._ghost = gui.add_dropdown("translucent", options=GHOSTS, initial_value=AUTO)
+        gui.main_panel.dock_right()
+        panel = gui.add_panel()
+        with panel.add_tab("last 10 s"):
+            self.plots = LivePlots(gui, known)
+        panel.dock_left()
+        panel.set_width(300)
+
+    @property
+    def ghost(self) -> str:
+        """Which translucent figures are wanted."""
+        return str(self._ghost.value)
+
+    def say(self, words: str) -> None:
+        """HTML, sent where it differs."""
+        if words != self._said:
+            self._said = self._words.content = words
+
+
+class OperatorControls:
+    """What moves the robot; dead until this tab took the lease, by a button and a question."""
+
+    def __init__(self, server: Any, place: str | None) -> None:
+        self._server, self._robot = server, {}  # type: tuple[Any, Message]
+        gui = server.gui
+        with gui.add_folder("operate"):
+            self._take = gui.add_button("Take the lease ...", color="blue")
+            self._give = gui.add_button("Give the lease back", disabled=True)
+            self._arm = gui.add_button("Arm", disabled=True)
+            self._disarm = gui.add_button("Disarm", disabled=True)
+            self._motion = gui.add_dropdown("motion", options=("none",), initial_value="none")
+            self._play = gui.add_button("Play", disabled=True)
+            self._rest = gui.add_button("Rest pose", disabled=True)
+        self._operator = OperatorThread(place, self._changed)
+        self._take.on_click(self._ask_first)
+        self._give.on_click(self._press(lambda tab, tell: self._operator.give(tab, tell)))
+        self._arm.on_click(self._press_for(lambda: operator_lease.arm))
+        self._disarm.on_click(self._press_for(lambda: operator_lease.disarm))
+        self._play.on_click(self._press_for(self._chosen))
+        self._rest.on_click(self._press_for(lambda: operator_lease.to_rest(self._robot)))
+        server.on_client_disconnect(self._left)
+
+    def of(self, robot: Message) -> None:
+        """The motions of another robot."""
+        self._robot = robot
+        names = operator_lease.motions(robot) or ("none",)
+        if tuple(self._motion.options) != names:
+            self._motion.options = names
+            self._motion.value = names[0]
+
+    def _chosen(self) -> Work | None:
+        name = str(self._motion.value)
+        return operator_lease.play(self._robot, name) if name in operator_lease.motions(self._robot) else None
+
+    async def _ask_first(self, event: Any) -> None:
+        """A question in this tab alone: nobody takes a lease by one slip."""
+        gui = event.client.gui
+        modal = gui.add_modal("Take the lease?")
+        with modal:
+            gui.add_html(
+                '<p style="padding:0 1em">This tab then moves the robot. Others cannot until it gives the '
+                "lease back or is closed. Is nobody within its reach?</p>"
+            )
+            yes, no = gui.add_button("Take it", color="blue"), gui.add_button("Leave it")
+
+        async def take(_: Any) -> None:
+            modal.close()
+            self._operator.take(event.client.client_id, teller(event.client))
+
+        async def leave(_: Any) -> None:
+            modal.close()
+
+        yes.on_click(take)
+        no.on_click(leave)
+
+    def _press(self, do: Callable[[int, Callable[[StopOutcome], None]], None]) -> Press:
+        async def press(event: Any) -> None:
+            if event.client is not None:
+                do(event.client.client_id, teller(event.client))
+
+        return press
+
+    def _press_for(self, what: Callable[[], Work | None]) -> Press:
+        def do(tab: int, tell: Callable[[StopOutcome], None]) -> None:
+            work = what()
+            if work is not None:
+                self._operator.call(tab, work, tell)
+
+        return self._press(do)
+
+    async def _left(self, client: Any) -> None:
+        self._operator.left(client.client_id)
+
+    def _changed(self, tab: int | None) -> None:
+        """In the operator's thread."""
+        held = tab is not None
+        client = self._server.get_clients().get(tab)
+        if tab is not None and client is None:
+            self._operator.left(tab)
+        elif tab is not None:
+            threading.Thread(target=self._look_after, args=(tab, client), daemon=True).start()
+        self._take.disabled = held
+        for button in (self._give, self._arm, self._disarm, self._play, self._rest):
+            button.disabled = not held
+
+    def _look_after(self, tab: int, client: Any) -> None:
+        """The page answers what it keeps under a name: nothing, but it answers."""
+        operator_lease.look_after(
+            self._operator, tab, lambda: client.local_storage.get_item("twind", timeout=operator_lease.ANSWER)
+        )

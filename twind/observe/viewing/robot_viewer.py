@@ -1,0 +1,134 @@
+"""Shows messages until it is told to end: one thread takes them, this one draws. Nobody waits for either."""
+
+import contextlib
+import threading
+import traceback
+import webbrowser
+from collections.abc import Iterable
+from pathlib import Path
+
+from twind.observe.viewing import status_html
+from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_page import OperatorControls, RobotPage
+from twind.observe.viewing.robot_scene import RobotScene, camera
+from twind.observe.viewing.viewer_access import ViewerSite
+from twind.observe.viewing.viewer_state import DaemonLost, Message, News, ViewerSnapshot, ViewerState
+
+PERIOD = 1.0 / 30.0  # s between pictures
+PLOTS, WORDS = 3, 6  # pictures between two drawings of plots (10 Hz) and of words (5 Hz)
+
+
+class RobotViewer:
+    """One robot behind one site."""
+
+    def __init__(
+        self, site: ViewerSite, known: ViewerState, page: RobotPage, controls: OperatorControls | None = None
+    ) -> None:
+        self._server, self._known, self._page, self._controls = site.server, known, page, controls
+        self._scene: RobotScene | None = None
+        self._told: Message | None = None
+        self._problem = ""
+        self._broken = ""  # why nothing more of this robot is drawn
+        self._turn = 0
+
+    def draw(self) -> None:
+        """One picture, if anybody looks."""
+        if not self._server.get_clients():
+            return
+        now = self._known.now()
+        if now.told is not None and now.told is not self._told:
+            self._describe(now.told)
+        with self._server.atomic():
+            if self._scene is not None:
+                self._scene.draw(now, self._page.ghost)
+            self._turn += 1
+            if self._turn % PLOTS == 0 and not self._broken:
+                self._page.plots.draw()
+            if self._turn % WORDS == 1:
+                self._page.say(self._words(now))
+        self._server.flush()
+
+    def failed(self, error: Exception) -> None:
+        """Of this robot nothing more is drawn; words are said, and the buttons stay."""
+        if not self._broken:
+            traceback.print_exception(error)
+        self._broken = f"the picture cannot be drawn: {type(error).__name__}: {error}"
+        scene, self._scene = self._scene, None
+        with contextlib.suppress(Exception):
+            if scene is not None:
+                scene.remove()
+        with contextlib.suppress(Exception):
+            self._page.say(status_html.row("picture", self._broken, status_html.RED))
+
+    def _describe(self, told: Message) -> None:
+        """Another robot, or the same one again."""
+        self._told = told
+        if self._scene is not None and self._scene.likeness.same_as(told):
+            return
+        if self._scene is not None:
+            self._scene.remove()
+        self._scene, self._problem, self._broken = None, "", ""
+        try:
+            likeness = RobotModel(told)
+        except NoRobotModel as error:
+            self._problem = str(error)
+            return
+        self._scene = RobotScene(self._server.scene, likeness, "/robots/0")
+        self._page.plots.of(likeness.joints)
+        if self._controls is not None:
+            self._controls.of(told["robot"])
+        self._look(likeness)
+
+    def _look(self, likeness: RobotModel) -> None:
+        """From where all of it is seen."""
+        where, what = camera(likeness)
+        camera_of_all = self._server.initial_camera
+        camera_of_all.position, camera_of_all.look_at = tuple(where), tuple(what)
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = tuple(where), tuple(what)
+
+    def _words(self, now: ViewerSnapshot) -> str:
+        scene = self._scene
+        if scene is None:
+            what = "picture" if self._broken else "model"
+            problem = self._broken or self._problem
+            problem = status_html.row(what, problem, status_html.RED) if problem else ""
+            return problem + status_html.page(now, None, None, 0)
+        return status_html.page(now, scene.likeness, scene.near, scene.contacts)
+
+
+def run(viewer: RobotViewer, known: ViewerState, news: Iterable[News], ended: threading.Event) -> None:
+    """Until `ended`. When the messages end the last picture stays."""
+    taker = threading.Thread(target=take, args=(known, news), name="news", daemon=True)
+    taker.start()
+    while not ended.wait(PERIOD):
+        try:
+            viewer.draw()
+        except Exception as error:  # noqa: BLE001  the stop buttons end with this process
+            viewer.failed(error)
+
+
+def take(known: ViewerState, news: Iterable[News]) -> None:
+    """All the news. What cannot be understood is said: a picture that stands still must not look live."""
+    why, traced = "the messages have ended", False
+    try:
+        for each in news:
+            try:
+                known.take(each)
+            except Exception as error:  # noqa: BLE001  the next message may be one
+                known.take(DaemonLost(f"a message cannot be understood: {type(error).__name__}: {error}"))
+                if not traced:
+                    traceback.print_exc()
+                traced = True
+    except Exception as error:  # noqa: BLE001
+        traceback.print_exc()
+        why = f"the messages have ended: {type(error).__name__}: {error}"
+    known.take(DaemonLost(why))
+
+
+def in_browser(url: str, folder: str) -> None:
+    """Open it in the user's browser. By a file that is ours alone: a command line is everybody's to read."""
+    page = Path(folder) / "twind-view.html"
+    page.touch(0o600)
+    page.write_text(f'<meta http-equiv="refresh" content="0;url={url}"><a href="{url}">the viewer</a>')
+    webbrowser.open(page.as_uri())

@@ -1,0 +1,155 @@
+"""What the viewer says in words, as HTML. Whatever comes from outside is escaped: a client chooses its own
+name.
+
+Pure: no browser, no clock.
+"""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from twind.observe.viewing.robot_model import NearestBodies, RobotModel
+from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
+
+RED, AMBER, GREEN, GREY = "#c81e1e", "#b86e00", "#1a7f37", "#6b7280"
+OLD = 1.0  # s without news of joints after which the picture is called old
+NAMED = 6  # joints that are named before the rest are counted
+BASES = {
+    "fixed": "fixed where the model has it",
+    "gantry": "hung up, drawn where the model has it",
+    "free": "free; nothing measures it, so it is drawn where the model has it",
+}
+
+
+def page(now: ViewerSnapshot, likeness: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
+    """All of it, the most urgent first."""
+    rows = [*connection(now), *heard(now), *_state(now)]
+    if likeness is not None:
+        rows += [*joints(now, likeness.joints), *_distance(near, contacts), *_base(likeness)]
+    return block([*rows, *_refusals(now), *events(now)])
+
+
+def block(rows: Sequence[str]) -> str:
+    """Lines below each other."""
+    return f'<div style="font-size:0.8em;line-height:1.45;padding:0 0.7em 0.5em">{"".join(rows)}</div>'
+
+
+def row(name: str, text: str, colour: str = "") -> str:
+    """One line; name and text are escaped here."""
+    style = f' style="color:{colour};font-weight:600"' if colour else ""
+    return f'<div><span style="color:{GREY}">{escape(name)}</span> <span{style}>{escape(text)}</span></div>'
+
+
+def connection(now: ViewerSnapshot) -> list[str]:
+    """Why nothing comes."""
+    if now.lost is not None:
+        return [row("now", now.lost, RED)]
+    return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
+
+
+def heard(now: ViewerSnapshot) -> list[str]:
+    """How old the picture is, while it is drawn: one that stands still looks like a robot that does."""
+    if now.age is None:
+        return []
+    if now.age < OLD:
+        return [row("heard", f"less than {OLD:g} s ago")]
+    return [row("heard", f"{now.age:.0f} s ago: the picture is old", RED)]
+
+
+def _state(now: ViewerSnapshot) -> list[str]:
+    status = now.status
+    if status is None:
+        return []
+    flags = "".join(f", {name}" for name in ("armed", "inherited") if status[name])
+    colour = RED if status["state"] in ("fault", "estop", "inhibited") else ""
+    lease, loop = status["lease"], status["loop"]
+    holder = "nobody" if lease is None else f"{lease['holder']}, {lease['expires_in']:.1f} s"
+    rows = [
+        row("robot", f"{status['robot']}, mode {status['mode']}"),
+        row("state", f"{status['state']}{flags}; motion {status['motion']}", colour),
+        row("lease", holder),
+    ]
+    rows += [row("fault", f"{each['code']}: {each['message']}", RED) for each in status["faults"]]
+    rows.append(row("loop", f"{loop['rate_hz']:g} Hz, {loop['on_time']:.1%} of the ticks on time"))
+    for bus in status["buses"]:
+        if not bus["connected"]:
+            rows.append(row(f"bus {bus['name']}", f"not connected ({bus['port'] or 'no port'})", AMBER))
+        else:
+            rows.append(row(f"bus {bus['name']}", f"{_ms(bus['latency_ms'])}, {bus['errors']} errors"))
+    return rows
+
+
+def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
+    """Of those with these names who is marked, by why."""
+    told = now.joints
+    if told is None:
+        return []
+    rows = []
+    for what, which, colour in (
+        ("not heard", ~told.heard, RED),
+        ("old", now.stale, AMBER),
+        ("faults", np.array([bool(each) for each in told.faults]), "#be00be"),
+    ):
+        these = [name for name, marked in zip(names, which, strict=True) if marked]
+        if these:
+            rows.append(row(what, _some(these), colour))
+    return rows
+
+
+def _some(names: Sequence[str]) -> str:
+    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + rest
+
+
+def _distance(near: NearestBodies | None, contacts: int) -> list[str]:
+    touch = [row("contacts", f"{contacts} points")] if contacts else []
+    if near is None:
+        return [row("nearest", "no two bodies that are judged are nearer than 100 mm"), *touch]
+    colour = {"clear": GREEN, "warned": AMBER, "refused": RED}[near.level]
+    said = f"{near.names}: {near.distance * 1e3:.1f} mm"
+    bounds = f" (warned below {near.warn * 1e3:g}, refused below {near.block * 1e3:g})"
+    return [row("nearest", said + bounds, colour), *touch]
+
+
+def _base(likeness: RobotModel) -> list[str]:
+    rows = [row("base", f"{likeness.base}, {BASES.get(likeness.support, likeness.support)}")]
+    if likeness.meshes_missing:
+        rows.append(row("model", "mesh files cannot be read here: balls stand for them", AMBER))
+    return rows
+
+
+def _refusals(now: ViewerSnapshot) -> list[str]:
+    return [
+        row("refused", _ago(now, verdict["time"]) + "; ".join(_found(verdict["verdict"]["refusals"])), AMBER)
+        for verdict in now.refusals
+    ]
+
+
+def _found(findings: Sequence[Message]) -> list[str]:
+    said = [f"{each['code']}: {each['message']}" for each in findings[:2]]
+    return [*said, *([f"{len(findings) - 2} more"] if len(findings) > 2 else [])]
+
+
+def events(now: ViewerSnapshot) -> list[str]:
+    """The newest first."""
+    colours = {"error": RED, "warning": AMBER}
+    return [
+        row(
+            each["event"]["code"],
+            _ago(now, each["time"]) + str(each["event"]["message"]),
+            colours[each["event"]["level"]],
+        )
+        for each in now.events
+    ]
+
+
+def _ago(now: ViewerSnapshot, time: float) -> str:
+    if now.joints is None:
+        return ""
+    return f"{max(0.0, now.joints.time - time):.0f} s ago: "
+
+
+def _ms(value: Any) -> str:
+    return "–" if value is None else f"{value:.2f} ms"

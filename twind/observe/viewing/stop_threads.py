@@ -1,0 +1,111 @@
+"""E-stop and stop: each has a thread and connections of its own, and waits for nothing else in the viewer.
+
+A press is taken in the web server's loop, which draws nothing. Connections are made anew for each call, as
+the daemon may have restarted, and it keeps places for whoever wants to stop.
+"""
+
+import queue
+import threading
+import traceback
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Protocol
+
+from twind.client import ClientError
+from twind.observe.viewing.robot_connections import RobotConnections, Way
+
+BOUND = 5.0  # s until a call counts as not answered
+HARDWARE = "if the robot still moves, use its own switch"
+
+Tell = Callable[["StopOutcome"], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StopOutcome:
+    """What the daemon answered to one press."""
+
+    done: bool
+    title: str
+    text: str
+
+
+class StopAction(Protocol):
+    """What a button is for."""
+
+    def ask(self, tell: Tell) -> None:
+        """Returns at once; `tell` has the outcome later, in another thread; of several, each."""
+
+
+class StopThread(threading.Thread):
+    """Does one thing again and again, whenever asked; never two at once."""
+
+    def __init__(self, name: str, do: Callable[[], StopOutcome]) -> None:
+        super().__init__(name=name, daemon=True)
+        self._do = do
+        self._asked: queue.SimpleQueue[Tell] = queue.SimpleQueue()
+        self._first = threading.Lock()
+
+    def ask(self, tell: Tell) -> None:
+        """Returns at once; `tell` has the outcome later, in this thread, which the first who asks begins."""
+        self._asked.put(tell)
+        with self._first:
+            if self.ident is None:
+                self.start()
+
+    def run(self) -> None:
+        """Who asked while it was being done has the outcome of the next time, once for all of them."""
+        while True:
+            tellers = [self._asked.get()]
+            while not self._asked.empty():
+                tellers.append(self._asked.get())
+            outcome = self._outcome()
+            for tell in tellers:
+                try:
+                    tell(outcome)
+                except Exception:  # noqa: BLE001  a tab that cannot be told takes the button from nobody
+                    traceback.print_exc()
+
+    def _outcome(self) -> StopOutcome:
+        """Whatever happens: a thread that ended would leave a button that does nothing."""
+        try:
+            return self._do()
+        except Exception as error:  # noqa: BLE001
+            traceback.print_exc()
+            why = f"{type(error).__name__}: {error}"
+            return StopOutcome(False, f"{self.name} NOT confirmed", f"{why}; {HARDWARE}")
+
+
+class StopThreads:
+    """The two errands of one robot. `by`: what the daemon is told of who asked."""
+
+    def __init__(self, ways: RobotConnections, bound: float = BOUND, by: str = "twindctl view") -> None:
+        self._ways, self._bound, self._by = ways, bound, by
+        self.estop = StopThread("e-stop", self._estop)
+        self.stop = StopThread("stop", self._stop)
+
+    def _estop(self) -> StopOutcome:
+        """By whichever way lets us in and answers: all take it."""
+        failures: list[str] = []
+        for way in self._ways.reading:
+            try:
+                return self._estop_by(way)
+            except Exception as error:  # noqa: BLE001  whatever is wrong with one, the other is tried
+                said = str(error) if isinstance(error, ClientError) else f"{type(error).__name__}: {error}"
+                failures.append(said)
+        return StopOutcome(False, "e-stop NOT confirmed", f"{'; '.join(failures)}; {HARDWARE}")
+
+    def _estop_by(self, way: Way) -> StopOutcome:
+        with closing(way(self._bound)) as client:
+            answer = client.call("EStop", level="settle", reason=self._by)
+        off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
+        return StopOutcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
+
+    def _stop(self) -> StopOutcome:
+        """Cancel: for operators."""
+        try:
+            with closing(self._ways.commanding(self._bound)) as client:
+                answer = client.call("Cancel")
+        except ClientError as error:
+            return StopOutcome(False, "NOT stopped", f"{error}; the e-stop needs no operator")
+        return StopOutcome(True, "stopping", f"the motion comes to a hold; state {answer['state']}")

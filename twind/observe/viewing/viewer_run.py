@@ -1,0 +1,113 @@
+"""The viewer from the first line it prints to its end: of a daemon, or of messages from elsewhere."""
+
+import json
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
+
+from twind.client import Client
+from twind.ctl.stop_signals import told_to_stop
+from twind.ctl.verb import DONE, Rejected
+from twind.observe.viewing.daemon_messages import messages
+from twind.observe.viewing.robot_connections import local, observer
+from twind.observe.viewing.robot_page import OperatorControls, RobotPage
+from twind.observe.viewing.robot_viewer import RobotViewer, in_browser, run
+from twind.observe.viewing.stop_threads import BOUND, StopThreads
+from twind.observe.viewing.viewer_access import ViewerServerError, ViewerSite, opened
+from twind.observe.viewing.viewer_state import Message, News, RobotAnnounced, ViewerState
+
+Drawing = Callable[[threading.Event], None]  # draws until it is set
+
+
+def show(
+    robot: Message,
+    messages: Iterable[Message],
+    *,
+    title: str,
+    port: int | None = None,
+    open_page: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Messages as `Monitor` gives them, of the robot that `GetRobot` would describe; until Ctrl-C.
+
+    They are shown as they come: whoever gives them keeps the time. They are asked for in a thread of their
+    own. Raises Rejected where no server can be started.
+    """
+
+    def news() -> Iterator[News]:
+        yield RobotAnnounced(robot)
+        yield from messages
+
+    def begun(site: ViewerSite) -> Drawing:
+        known = ViewerState()
+        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
+        return lambda ended: run(viewer, known, news(), ended)
+
+    return served(begun, title=title, port=port, open_page=open_page, as_json=as_json)
+
+
+def watch(
+    place: str | None,
+    *,
+    port: int | None = None,
+    open_page: bool = False,
+    operate: bool = False,
+    wait: bool = False,
+    as_json: bool = False,
+) -> int:
+    """The daemon whose sockets are in the folder `place`, and whoever comes after it; until Ctrl-C or
+    SIGTERM.
+
+    Raises ClientError where none is there now and `wait` is not asked for, Rejected where no server can be
+    started.
+    """
+    ways = local(place)
+    if not wait:
+        with closing(observer(ways, BOUND)) as client:
+            client.call("GetStatus")
+    if operate and not wait:
+        with closing(Client(place)) as operator:
+            operator.connect()  # whoever may not is told now, not at the first press
+
+    def begun(site: ViewerSite) -> Drawing:
+        known = ViewerState()
+        page = RobotPage(site.server, known, StopThreads(ways))
+        viewer = RobotViewer(site, known, page, OperatorControls(site.server, place) if operate else None)
+        return lambda ended: run(viewer, known, messages(ways, ended), ended)
+
+    return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)
+
+
+def served(
+    begun: Callable[[ViewerSite], Drawing], *, title: str, port: int | None, open_page: bool, as_json: bool
+) -> int:
+    """A page, its address printed, drawn until Ctrl-C or SIGTERM. Raises Rejected where no server can be
+    started."""
+    with (
+        told_to_stop() as ended,
+        tempfile.TemporaryDirectory(prefix="twind-view-") as folder,
+        _site(port, title) as site,
+    ):
+        draw = begun(site)
+        _say(site, as_json=as_json)
+        if open_page:
+            in_browser(site.url, folder)
+        draw(ended)
+    return DONE
+
+
+@contextmanager
+def _site(port: int | None, title: str) -> Iterator[ViewerSite]:
+    try:
+        with opened(port, title) as site:
+            yield site
+    except ViewerServerError as error:
+        raise Rejected(str(error)) from None
+
+
+def _say(site: ViewerSite, *, as_json: bool) -> None:
+    print(json.dumps({"url": site.url}) if as_json else f"view      {site.url}", flush=True)
+    if not as_json and sys.stdout.isatty():
+        print("          for you alone: whoever has this address can stop the robot; Ctrl-C ends the viewer")

@@ -1,0 +1,23 @@
+"""What each joint may do: the tightest of robot file, calibration, device and model."""
+
+from dataclasses import dataclass
+
+from twind.robot.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Bounds per joint, (n,) each. `lower..upper` is what the gate accepts, inclusive."""
+
+    lower: Floats  # rad
+    upper: Floats  # rad
+    hard_lower: Floats  # rad, 0.05 beyond `lower`, never past the measured travel (design 6.4)
+    hard_upper: Floats  # rad
+    velocity: Floats  # rad/s, > 0
+    acceleration: Floats  # rad/s², > 0
+    effort: Floats  # N·m, > 0, NaN unknown
+
+    def nearest(self, joint: int, position: float) -> float:
+        """The position limit (rad) that `position` is nearest to, for a finding's bound."""
+        lower, upper = float(self.lower[joint]), float(self.upper[joint])
+        return upper if abs(position - upper) <= abs(position - lower) else lower

@@ -1,0 +1,78 @@
+"""How each CAN bus is with its wire: rule R24. Pure.
+
+A serial bus has no controller that could tell, so it is judged by its answers alone (`bus_rules`).
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+
+from twind.robot.finding import Finding, ReasonCode
+from twind.safety.guard_types import BusTraffic, GuardInput, GuardThresholds, Reaction, RuleResult, hold, ours
+
+PASSIVE, OFF = 1, 2  # of `Traffic.line`: many errors; left the wire, or unacknowledged
+ROUNDING = 1e-9  # s
+
+
+class LineRules:
+    """Remembers of each bus how many exchanges in a row nobody answered."""
+
+    def __init__(
+        self, names: Sequence[str], can: Collection[str], free: bool, bounds: GuardThresholds
+    ) -> None:
+        """`can`: which of `names` are CAN buses. `free`: nothing carries the robot but itself."""
+        self._names, self._bounds, self._free = tuple(names), bounds, free
+        self._judged = tuple(place for place, name in enumerate(names) if name in can)
+        self._unanswered = [0] * len(self._names)
+
+    def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
+        """What is wrong with the lines. `facts.traffic` is in the order of their names."""
+        for bus in self._judged:
+            traffic = facts.traffic[bus]
+            if traffic.line >= OFF:
+                yield self._gone(
+                    facts, bus, float(OFF), float(OFF), "off the wire, or nobody acknowledges what it sends"
+                )
+            elif traffic.line == PASSIVE:
+                yield self._passive(bus)
+            silent = self._silent(facts, bus, traffic)
+            if silent is not None and traffic.line < OFF:
+                yield self._gone(facts, bus, silent, self._bounds.line_silent, "s that nobody there answers")
+
+    def _silent(self, facts: GuardInput, bus: int, traffic: BusTraffic) -> float | None:
+        """Seconds that nobody has answered, where that is a fault: each lost answer counts one period.
+
+        What had no room in the port was not answered either. A bus that is not asked, or holds nobody up,
+        begins anew.
+        """
+        missed = traffic.full > 0 or (traffic.asked and not traffic.answered)
+        self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and _ours(facts, traffic) else 0
+        silent = count * facts.period
+        enough = count >= self._bounds.errors_least and silent >= self._bounds.line_silent - ROUNDING
+        return silent if enough else None
+
+    def _passive(self, bus: int) -> RuleResult:
+        message = (
+            f"CAN bus {self._names[bus]} has so many errors that its controller is error passive: check "
+            "termination (60 ohm between the wires), bit rate and wiring"
+        )
+        return RuleResult(
+            Finding(ReasonCode.CAN_BUS_STATE, value=float(PASSIVE), bound=float(PASSIVE), message=message),
+            bus=bus,
+        )
+
+    def _gone(self, facts: GuardInput, bus: int, value: float, bound: float, what: str) -> RuleResult:
+        """Nobody hears us there: what waits must not leave later, and nobody follows our goals."""
+        message = (
+            f"CAN bus {self._names[bus]}: {what}: check the actuators' power, termination, bit rate and "
+            "wiring; it is emptied and everybody on it asked anew; then disarm, reset, arm"
+        )
+        finding = Finding(ReasonCode.CAN_BUS_STATE, value=value, bound=bound, message=message)
+        if not _ours(facts, facts.traffic[bus]):
+            return RuleResult(finding, bars=True, bus=bus)
+        reaction = Reaction.SETTLE if self._free else hold(facts)
+        return RuleResult(finding, reaction, latches=True, bars=True, bus=bus, gone=True)
+
+
+def _ours(facts: GuardInput, traffic: BusTraffic) -> bool:
+    """Our torque holds somebody there, or is about to. One that was given up before is lost already: to give
+    it up again would stop the others on their way down."""
+    return ours(facts) and not traffic.left_out

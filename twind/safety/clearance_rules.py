@@ -1,0 +1,46 @@
+"""What lies just ahead on the commanded way: rule R20. Pure; the way itself is looked at by the model.
+
+Between `warn` and `block` a motion slows down in proportion; at `block` it is held.
+"""
+
+from collections.abc import Iterator
+
+from twind.robot.finding import Finding, ReasonCode
+from twind.safety.guard_types import (
+    MOVING,
+    REACTING,
+    ClearanceAhead,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+)
+
+
+def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
+    """R20: only of what moves, and never of a hold, a stop or the way to the rest pose.
+
+    What comes no nearer than it is already is not in the outlook: a motion may lead out of a bad place.
+    """
+    outlook = facts.outlook
+    if outlook is None or outlook.clearance > outlook.warn:
+        return
+    if facts.motion not in MOVING or facts.state in REACTING:
+        return
+    if not outlook.clearance > outlook.block:  # NaN too
+        yield RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD)
+        return
+    room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
+    yield RuleResult(_near(outlook, outlook.warn, "slower"), pace=max(bounds.least_pace, room))
+
+
+def _near(outlook: ClearanceAhead, bound: float, what: str) -> Finding:
+    first, second = outlook.pair
+    message = f"m between {first} and {second} in {outlook.ahead:.2f} s on this way: {what}"
+    return Finding(
+        ReasonCode.LOOKAHEAD_COLLISION,
+        time=outlook.ahead,
+        value=outlook.clearance,
+        bound=bound,
+        message=message,
+    )

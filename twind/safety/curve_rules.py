@@ -1,0 +1,404 @@
+"""The rules on a curve, on every point of it: position, velocity, acceleration, jerk, braking (S17, S19–S21).
+
+Every rule is written once, for motion towards the upper limit, and applied a second time to the mirror
+image. A quick look at the hull of each segment clears nearly all of them; what it cannot clear is decided
+in `bounds`. Each joint is reported at its worst place.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joint_limits import JointLimits
+from twind.robot.splines import Knots
+from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, square, summit
+
+
+@dataclass(frozen=True, slots=True)
+class GateThresholds:
+    """The gate's numbers that do not depend on the joint (design 6.4). Settings may only tighten them."""
+
+    latency_warn: float = 0.05  # s
+    latency_block: float = 0.1  # s
+    stale: float = 0.1  # s
+    health: float = 1.0  # s, oldest reading of temperature and supply that counts (S27)
+    start_jump: float = 0.05  # rad, at t = 0
+    jerk_warn: float = 5000.0  # rad/s³
+    max_points: int = 2000
+    max_duration: float = 60.0  # s
+    min_dt: float = 0.001  # s
+    brake_floor: float = 0.05  # rad/s, always allowed towards the limit
+    brake_margin: float = 0.2  # rad/s, kept back from the fastest speed that can still stop
+    end_velocity: float = 0.05  # rad/s, still counts as rest
+
+
+@dataclass(frozen=True, slots=True)
+class WorstPoint:
+    """The worst place of one joint by one rule. `score` orders spots of the same rule and joint."""
+
+    finding: Finding
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class CurveSubject:
+    """A curve to judge: only the commanded joints, `joints` (m,) says which they are."""
+
+    knots: Knots
+    joints: Ints
+    limits: JointLimits
+    before: Floats  # rad/s, (m,), velocity of the reference
+    offset: int  # knot index - point index: 1 where the curve begins at the reference
+
+
+FEW = 8  # segments of a joint that are looked at first
+
+Rows = tuple[Floats, ...]  # Bernstein coefficients of a stretch of segments, (s, m) each
+
+
+@dataclass(frozen=True, slots=True)
+class BernsteinCurve:
+    """A stretch of segments in Bernstein form. Lines have no acceleration and no jerk."""
+
+    position: Rows
+    velocity: Rows
+    acceleration: Rows
+    jerk: Rows
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedPolynomials:
+    """Polynomials towards the upper limit, (degree + 1, q), with their bounds (q,)."""
+
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    jerk: Floats
+    upper: Floats
+    hard: Floats
+    fastest: Floats
+    strongest: Floats
+
+
+def pick(
+    curve: BernsteinCurve, sign: float, segment: Ints, joint: Ints, limits: JointLimits
+) -> BoundedPolynomials:
+    """Some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
+
+    def of(rows: Rows) -> Floats:
+        chosen = [sign * row[segment, joint] for row in rows]
+        return np.stack(chosen) if chosen else np.empty((0, len(segment)))
+
+    up = sign > 0.0
+    return BoundedPolynomials(
+        of(curve.position),
+        of(curve.velocity),
+        of(curve.acceleration),
+        of(curve.jerk),
+        (limits.upper if up else -limits.lower)[joint],
+        (limits.hard_upper if up else -limits.hard_lower)[joint],
+        limits.velocity[joint],
+        limits.acceleration[joint],
+    )
+
+
+def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
+    """Segments i..j-1 of cubics or quintics. What is given at the knots stands untouched: ends are exact."""
+    T = np.diff(knots.time[i : j + 1])[:, None]
+    p0, p1, v0, v1 = knots.position[i:j], knots.position[i + 1 : j + 1], v[i:j], v[i + 1 : j + 1]
+    h = p1 - p0
+    if knots.acceleration is None:
+        middle = 3.0 * (h / T) - v0 - v1
+        position = (p0, p0 + v0 * T / 3.0, p1 - v1 * T / 3.0, p1)
+        velocity: Rows = (v0, middle, v1)
+        acceleration: Rows = (2.0 * (middle - v0) / T, 2.0 * (v1 - middle) / T)
+        return BernsteinCurve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
+    a0, a1 = knots.acceleration[i:j], knots.acceleration[i + 1 : j + 1]
+    early, late = v0 + a0 * T / 4.0, v1 - a1 * T / 4.0
+    middle = 5.0 * (h / T) - (v0 + early + late + v1)
+    second, third = p0 + (2.0 * v0 + a0 * T / 4.0) * T / 5.0, p1 - (2.0 * v1 - a1 * T / 4.0) * T / 5.0
+    velocity = (v0, early, middle, late, v1)
+    acceleration = (a0, 4.0 * (middle - early) / T, 4.0 * (late - middle) / T, a1)
+    jerk = tuple(3.0 * (b - a) / T for a, b in pairwise(acceleration))
+    return BernsteinCurve(
+        (p0, p0 + v0 * T / 5.0, second, third, p1 - v1 * T / 5.0, p1), velocity, acceleration, jerk
+    )
+
+
+def judge(
+    subject: CurveSubject, i: int, j: int, limits: JointLimits, thresholds: GateThresholds
+) -> list[WorstPoint]:
+    """Everything that segments i..j-1 do wrong, worst place per rule, direction and joint. Never raises."""
+    knots = subject.knots
+    spots: list[WorstPoint] = []
+    with np.errstate(all="ignore"):  # NaN and overflow are answers here: they refuse
+        if knots.velocity is None:
+            T, slope = _slopes(subject, i, j)
+            spots += _corners(subject, i, T, slope, thresholds)
+            curve = BernsteinCurve(
+                (knots.position[i:j], knots.position[i + 1 : j + 1]), (slope[1:-1],), (), ()
+            )
+        else:
+            curve = smooth(knots, knots.velocity, i, j)
+        for code, sign, hull, doubtful in _suspects(curve, limits, thresholds):
+            for chosen in (_foremost(doubtful, hull), doubtful):
+                # A path that is wrong everywhere shall not cost more than one that is wrong once.
+                segment, joint = np.nonzero(chosen)
+                if len(segment):
+                    pieces = pick(curve, sign, segment, joint, limits)
+                    worst = _worst(subject, code, sign, pieces, i + segment, joint, thresholds)
+                    doubtful[:, [joint for joint, _ in worst]] = False
+                    spots += [spot for _, spot in worst]
+                doubtful &= ~chosen
+    return spots
+
+
+def _foremost(doubtful: Bools, hull: Floats) -> Bools:
+    """Of each joint the few doubtful segments that reach furthest: the worst is nearly always there."""
+    if np.count_nonzero(doubtful) <= FEW * hull.shape[1] or len(hull) <= FEW:
+        return doubtful.copy()
+    reach = np.where(doubtful, hull, -np.inf)
+    chosen: Bools = doubtful & ~(reach < np.partition(reach, -FEW, axis=0)[-FEW])
+    return chosen
+
+
+def _span(rows: Rows) -> tuple[Floats, Floats]:
+    """The hull of each segment: (s, m) lowest, highest."""
+    return reduce(np.minimum, rows), reduce(np.maximum, rows)
+
+
+def _suspects(
+    curve: BernsteinCurve, limits: JointLimits, th: GateThresholds
+) -> Iterator[tuple[ReasonCode, float, Floats, Bools]]:
+    """Rules and directions not clear at once: how far each hull reaches, and which ones are doubtful."""
+    low, high = _span(curve.position)
+    back, forth = _span(curve.velocity)
+    hulls = [
+        (ReasonCode.POS_LIMIT, 1.0, high, limits.upper),
+        (ReasonCode.POS_LIMIT, -1.0, -low, -limits.lower),
+        (ReasonCode.VEL_LIMIT, 1.0, forth, limits.velocity),
+        (ReasonCode.VEL_LIMIT, -1.0, -back, limits.velocity),
+    ]
+    jerk = np.full_like(limits.upper, th.jerk_warn)
+    for code, rows, bound in (
+        (ReasonCode.ACC_LIMIT, curve.acceleration, limits.acceleration),
+        (ReasonCode.JERK_LIMIT, curve.jerk, jerk),
+    ):
+        if rows:
+            least, most = _span(rows)
+            hulls += [(code, 1.0, most, bound), (code, -1.0, -least, bound)]
+    for code, sign, hull, bound in hulls:
+        clear = hull <= bound
+        if not clear.all():
+            yield code, sign, hull, ~clear
+    twice = 2.0 * limits.acceleration
+    for sign, speed, place, hard in (
+        (1.0, forth, high, limits.hard_upper),
+        (-1.0, -back, -low, -limits.hard_lower),
+    ):
+        stop = (speed + th.brake_margin) ** 2 / twice + place
+        clear = (stop <= hard) | (speed <= th.brake_floor)
+        if not clear.all():
+            yield ReasonCode.BRAKE_DISTANCE, sign, stop, ~clear
+
+
+def _alternatives(
+    code: ReasonCode, curve: BoundedPolynomials, th: GateThresholds
+) -> list[tuple[Floats, Floats]]:
+    """The rule as polynomials and bounds, one of which must hold at every point."""
+    if code is ReasonCode.POS_LIMIT:
+        return [(curve.position, curve.upper)]
+    if code is ReasonCode.VEL_LIMIT:
+        return [(curve.velocity, curve.fastest)]
+    if code is ReasonCode.ACC_LIMIT:
+        return [(curve.acceleration, curve.strongest)]
+    if code is ReasonCode.JERK_LIMIT:
+        return [(curve.jerk, np.full(curve.jerk.shape[1], th.jerk_warn))]
+    # v <= sqrt(2 a (hard - p)) - margin, written without the root: p + (v + margin)² / 2a <= hard.
+    room = square(curve.velocity + th.brake_margin) / (2.0 * curve.strongest)
+    degree = max(len(room), len(curve.position)) - 1
+    reach = elevate(room, degree) + elevate(curve.position, degree)
+    return [(curve.velocity, np.full_like(curve.hard, th.brake_floor)), (reach, curve.hard)]
+
+
+def _reading(
+    code: ReasonCode, curve: BoundedPolynomials, columns: Ints, u: Floats, th: GateThresholds
+) -> tuple[Floats, Floats]:
+    """The rule's value and bound at the points `u` (q, r) of some columns (q,)."""
+
+    def at(rows: Floats) -> Floats:
+        return evaluate(rows[:, columns, None], u)
+
+    def of(bound: Floats) -> Floats:
+        return bound[columns, None] + 0.0 * u
+
+    if code is ReasonCode.POS_LIMIT:
+        return at(curve.position), of(curve.upper)
+    if code is ReasonCode.VEL_LIMIT:
+        return at(curve.velocity), of(curve.fastest)
+    if code is ReasonCode.ACC_LIMIT:
+        return at(curve.acceleration), of(curve.strongest)
+    if code is ReasonCode.JERK_LIMIT:
+        return at(curve.jerk), np.full_like(u, th.jerk_warn)
+    left = np.maximum(of(curve.hard) - at(curve.position), 0.0)
+    stoppable = np.sqrt(2.0 * of(curve.strongest) * left) - th.brake_margin
+    return at(curve.velocity), np.maximum(stoppable, th.brake_floor)
+
+
+def _worst(
+    subject: CurveSubject,
+    code: ReasonCode,
+    sign: float,
+    curve: BoundedPolynomials,
+    segment: Ints,
+    joint: Ints,
+    th: GateThresholds,
+) -> list[tuple[int, WorstPoint]]:
+    """Decide the doubtful columns; of those that fail each joint (its column) and its worst place."""
+    found = exceeds(_alternatives(code, curve, th))
+    failing = np.flatnonzero(~np.isnan(found))
+    if not len(failing):
+        return []
+
+    def score(columns: Ints, u: Floats) -> Floats:
+        value, bound = _reading(code, curve, failing[columns], u, th)
+        return value - bound if code is ReasonCode.POS_LIMIT else value / bound
+
+    column, u = summit(score, found[failing], joint[failing])
+    value, bound = _reading(code, curve, failing[column], u[:, None], th)
+    height = score(column, u[:, None])
+    time = subject.knots.time
+    spots = []
+    for row, c in enumerate(failing[column]):
+        s = int(segment[c])
+        t = float(time[s] + u[row] * (time[s + 1] - time[s]))
+        face = (
+            sign if code is ReasonCode.POS_LIMIT else 1.0
+        )  # a speed is reported by its size, a place by its side
+        numbers = face * float(value[row, 0]), face * float(bound[row, 0])
+        knot = s + int(u[row] == 1.0)
+        spot = _spot(subject, code, int(joint[c]), knot, t, numbers, height[row, 0])
+        spots.append((int(joint[c]), spot))
+    return spots
+
+
+def _spot(
+    subject: CurveSubject,
+    code: ReasonCode,
+    joint: int,
+    knot: int,
+    t: float,
+    numbers: tuple[float, float],
+    score: float,
+) -> WorstPoint:
+    """A finding at a knot or after it, in the words of the path: joints of the robot, points of the path."""
+    point = max(knot - subject.offset, 0)
+    finding = Finding(code, int(subject.joints[joint]), point, t, value=numbers[0], bound=numbers[1])
+    return WorstPoint(finding, float(np.inf if np.isnan(score) else score))
+
+
+def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
+    """Durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
+
+    Before the first line stands the velocity of the reference, after the last one rest, each lasting 0 s.
+    """
+    time, position = subject.knots.time, subject.knots.position
+    T, slope = np.zeros((j - i + 2, 1)), np.zeros((j - i + 2, position.shape[1]))
+    lo, hi = max(i - 1, 0), min(j + 1, len(time) - 1)
+    inner = slice(lo - i + 1, hi - i + 1)
+    np.subtract(time[lo + 1 : hi + 1, None], time[lo:hi, None], out=T[inner])
+    np.subtract(position[lo + 1 : hi + 1], position[lo:hi], out=slope[inner])
+    slope[inner] /= T[inner]
+    if lo == i:
+        slope[0] = subject.before
+    return T, slope
+
+
+def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateThresholds) -> list[WorstPoint]:
+    """Lines have no acceleration but at their corners: there it is the change of segment velocity over half
+    the sum of the two durations (design 6.4), from the reference's velocity and, at the end, to rest."""
+    change = slope[1:] - slope[:-1]
+    change /= 0.5 * (T[1:] + T[:-1])
+    jerk = change[1:] - change[:-1]
+    jerk /= T[1:-1]
+    spots = _steepest(subject, ReasonCode.ACC_LIMIT, i, change, subject.limits.acceleration)
+    return spots + _steepest(
+        subject, ReasonCode.JERK_LIMIT, i, jerk, np.full(len(subject.joints), th.jerk_warn)
+    )
+
+
+def _steepest(
+    subject: CurveSubject, code: ReasonCode, i: int, change: Floats, bound: Floats
+) -> list[WorstPoint]:
+    """The worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
+    within = np.abs(change) <= bound
+    if within.all():
+        return []
+    spots = []
+    for joint in np.flatnonzero(~within.all(axis=0)):
+        size = np.abs(change[:, joint])
+        row = int(np.where(np.isnan(size), np.inf, size).argmax())
+        numbers = float(size[row]), float(bound[joint])
+        t = float(subject.knots.time[i + row])
+        spots.append(_spot(subject, code, int(joint), i + row, t, numbers, numbers[0] / bound[joint]))
+    return spots
+
+
+def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]:
+    """A path that begins at t = 0 takes over the reference's velocity at once: is that step in bounds (S20)?
+
+    The change counts over half of the first segment, as at the corner of two lines; where there is no segment
+    it must be within what counts as rest. Lines are judged at their corners already.
+    """
+    knots, limits = subject.knots, subject.limits
+    if subject.offset or (knots.velocity is None and len(knots.time) > 1):
+        return []
+    entry = np.zeros_like(subject.before) if knots.velocity is None else knots.velocity[0]
+    with np.errstate(all="ignore"):
+        step = np.abs(entry - subject.before)
+        if len(knots.time) > 1:
+            change = step / (0.5 * (knots.time[1] - knots.time[0]))
+        else:
+            change = np.where(step <= thresholds.end_velocity, 0.0, np.inf)
+        return _steepest(subject, ReasonCode.ACC_LIMIT, 0, change[None, :], limits.acceleration)
+
+
+def relaxed(subject: CurveSubject) -> JointLimits | None:
+    """For the segment that begins at a reference outside the limits: it may only come in, never go further
+    out. None where the reference is inside, or the curve does not begin there."""
+    position = subject.knots.position[0]
+    if not subject.offset or bool(
+        np.all((position >= subject.limits.lower) & (position <= subject.limits.upper))
+    ):
+        return None
+    return replace(
+        subject.limits,
+        lower=np.minimum(subject.limits.lower, position),
+        upper=np.maximum(subject.limits.upper, position),
+    )
+
+
+def resting(subject: CurveSubject) -> CurveSubject:
+    """The last point, held for a second."""
+    time, position = subject.knots.time[-1:], np.repeat(subject.knots.position[-1:], 2, axis=0)
+    still = Knots(np.append(time, time + 1.0), position, None, None)
+    last = len(subject.knots.time) - 1 - subject.offset
+    return replace(subject, knots=still, before=np.zeros_like(subject.before), offset=-last)
+
+
+def some(limits: JointLimits, joints: Ints) -> JointLimits:
+    """The limits of `joints` (indices) alone."""
+    return JointLimits(
+        limits.lower[joints],
+        limits.upper[joints],
+        limits.hard_lower[joints],
+        limits.hard_upper[joints],
+        limits.velocity[joints],
+        limits.acceleration[joints],
+        limits.effort[joints],
+    )

@@ -1,0 +1,135 @@
+"""On which turn does an actuator stand? Pure.
+
+A count says where in a turn an actuator is; of how often it has turned, power-off leaves nothing (field
+devices with one absolute turn). Of a count and those whole turns beside it exactly one lies in the band that
+the travel is the middle of, and that one must lie in the travel: else nobody arms.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Ints
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.turn_range import TurnRange
+
+_BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
+_REBOOT = "switch its power off and on"
+
+
+def chosen(raw: Ints, turns: TurnRange) -> Ints:
+    """The whole turns (n,), in ticks, that bring counts as read into their bands; 0 of who has none."""
+    whole = np.where(turns.known, turns.whole, 1)
+    shift: Ints = np.where(turns.known, -((raw - turns.band) // whole) * whole, 0)
+    return shift
+
+
+def inside(count: Ints, turns: TurnRange) -> Bools:
+    """Whose calibrated count (n,) lies in its travel, or as near as it may hang; all who have none."""
+    within = (count >= turns.first - turns.slack) & (count <= turns.last + turns.slack)
+    return within | ~turns.known
+
+
+def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequence[Finding]:
+    """Who cannot be told, or not be commanded, on the turn (n,) chosen. `energised` (n,): with torque on."""
+    count = raw + shift
+    wide = turns.last - turns.first >= turns.whole
+    another = (count - turns.whole >= turns.first - turns.slack) | (
+        count + turns.whole <= turns.last + turns.slack
+    )
+    low, high = turns.lower - shift, turns.upper - shift
+    beyond = np.where(turns.falls, shift != 0, (low < turns.least) | (high > turns.most))
+    found = []
+    for joint in np.flatnonzero(turns.known & (wide | another | ~inside(count, turns) | beyond)).tolist():
+        row = _TurnRow(joint, int(raw[joint]), int(shift[joint]), turns)
+        if wide[joint]:
+            found.append(row.wide())
+        elif not inside(count, turns)[joint]:
+            found.append(row.lost())
+        elif another[joint]:
+            found.append(row.another())
+        else:
+            found.append(row.beyond(on=bool(energised[joint])))
+    return found
+
+
+def strayed(raw: Ints, shift: Ints, turns: TurnRange, told: Bools) -> Sequence[Finding]:
+    """Who of `told` (n,) has left its travel since its turn was chosen."""
+    outside = np.flatnonzero(told & ~inside(raw + shift, turns)).tolist()
+    return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
+
+
+def expected(raw: Ints, turns: TurnRange) -> Ints:
+    """What readings (n,) become at torque-on: who knows one turn alone reads that one then."""
+    whole = np.where(turns.falls, turns.whole, 1)
+    anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
+    return anew
+
+
+class _TurnRow:
+    """One joint, in words. Values and bounds are ticks."""
+
+    def __init__(self, joint: int, raw: int, shift: int, turns: TurnRange) -> None:
+        self.joint, self.raw, self.shift, self.count = joint, raw, shift, raw + shift
+        self.whole = int(turns.whole[joint])
+        self.low, self.high = (
+            int(turns.first[joint] - turns.slack[joint]),
+            int(turns.last[joint] + turns.slack[joint]),
+        )
+        self.least, self.most = int(turns.least[joint]), int(turns.most[joint])
+        self.falls, self.goals = bool(turns.falls[joint]), (int(turns.lower[joint]), int(turns.upper[joint]))
+
+    def lost(self) -> Finding:
+        bound = self.low if self.count < self.low else self.high
+        text = (
+            f"reads {self.raw}: neither that nor a turn beside it is in its travel "
+            f"{self.low}..{self.high}: zero lost? find out why, {_BY_HAND}"
+        )
+        return self._finding(self.count, bound, text)
+
+    def strayed(self) -> Finding:
+        bound = self.low if self.count < self.low else self.high
+        text = (
+            f"stands at {self.count}: out of its travel {self.low}..{self.high}, in which it was identified; "
+            f"{_BY_HAND}"
+        )
+        return self._finding(self.count, bound, text)
+
+    def wide(self) -> Finding:
+        span = self.high - self.low
+        text = (
+            f"its travel of {span} ticks is a turn of its actuator ({self.whole}) or more: nobody can tell "
+            "which turn it is on; it can only be driven with a smaller ratio, or narrower stops"
+        )
+        return self._finding(span, self.whole, text)
+
+    def another(self) -> Finding:
+        other = self.count - self.whole if self.count - self.whole >= self.low else self.count + self.whole
+        text = (
+            f"{self.count} and {other}, a turn away, both fit its travel {self.low}..{self.high}: nobody can "
+            "tell which turn it is on; move it to its middle by hand with torque off"
+        )
+        return self._finding(self.count, other, text)
+
+    def beyond(self, *, on: bool) -> Finding:
+        turns = self.shift // self.whole
+        first, last = (goal - self.shift for goal in self.goals)
+        if self.falls:
+            limp = "let go of it (`twindctl disarm`), then " if on else ""
+            text = (
+                f"reads {self.raw}, {turns:+d} turns from where it was calibrated: turned by hand with its "
+                "power on? Position mode knows one turn alone: "
+                f"{limp}{_REBOOT} (it wakes up on its one turn), or turn it back by hand"
+            )
+            return self._finding(self.raw, self.count, text)
+        text = (
+            f"reads {self.raw}, {turns:+d} turns from where it was calibrated; its goals there, "
+            f"{first}..{last}, are outside {self.least}..{self.most}, what it takes: {_REBOOT}"
+        )
+        out_low = first < self.least
+        return self._finding(first if out_low else last, self.least if out_low else self.most, text)
+
+    def _finding(self, value: int, bound: int, text: str) -> Finding:
+        return Finding(
+            ReasonCode.CALIB_MISMATCH, self.joint, value=float(value), bound=float(bound), message=text
+        )

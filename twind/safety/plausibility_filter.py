@@ -1,0 +1,68 @@
+"""Which readings of a bus can be (R13): no motor turns further than its speed allows between two of them.
+
+Pure. Knows ticks only. A position that cannot be is a servo that lost a turn, a slipped horn, a stray answer.
+"""
+
+from math import inf
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints, every
+
+REACH = 1.5  # of the fastest that the motor turns
+TICKS = 3.0  # that a reading may flicker
+AGREEING = 3  # readings in a row that agree with each other: that is where it is now
+NOMINAL = 0.8  # of a period: what two readings lie apart at least, as a rule
+
+
+class PlausibilityFilter:
+    """Judges the positions (m,) of one bus, one exchange after the other."""
+
+    def __init__(self, fastest: Floats, period: float) -> None:
+        """`fastest` (m,): ticks/s that each motor turns at most; `period` (s) between two exchanges."""
+        self._reach = REACH * fastest
+        self._least = NOMINAL * period
+        near = self._reach * self._least + TICKS
+        self._near = np.floor(near).astype(np.int64)  # ticks, within the shortest usual time
+        count = len(fastest)
+        self.jumps: Ints = np.zeros(count, np.int64)  # in a row, up to the last reading; 0: it fits
+        self.leaps: Ints = np.zeros(count, np.int64)  # ticks, how far the last reading was off
+        self._row = np.zeros(count, np.int64)
+        self._agreeing = np.zeros(count, np.int64)
+        self._place: Ints = np.zeros(count, np.int64)  # the last that was believed, ...
+        self._at = np.full(count, -inf)  # s, ... and when it was asked for; -inf never
+        self._other: Ints = np.zeros(count, np.int64)  # the last that was not, ...
+        self._other_at = np.full(count, -inf)
+        self._whole = -inf  # s, when the last exchange was asked for; -inf: not all of it fitted
+
+    def usual(self, position: Ints, sent: float, received: float) -> bool:
+        """The healthy case: all were heard, now and before, and none went further than it can."""
+        if not inf > received - self._whole >= self._least:
+            return False
+        if not every(np.abs(position - self._place) <= self._near):
+            return False
+        self._place, self._whole = position, sent
+        return True
+
+    def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
+        """Who (m,) was heard with a position that can be; `jumps` and `leaps` say who was not.
+
+        The time between two readings is at most from the question for one to the end of the other. `limp`
+        (m,): torque is read back off, so a hand may be faster than the motor: believed, and told.
+        """
+        if self._whole > -inf:
+            self._at[:] = self._whole
+        leap = np.abs(position - self._place)
+        fits = heard & (leap <= self._reach * (received - self._at) + TICKS)
+        wild = heard & ~fits
+        near = np.abs(position - self._other) <= self._reach * (received - self._other_at) + TICKS
+        self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing)
+        self._row = np.where(wild, self._row + 1, self._row)
+        self.jumps, self.leaps = np.where(wild, self._row, 0), np.where(wild, leap, 0)
+        self._other = np.where(wild, position, self._other)
+        self._other_at = np.where(wild, sent, self._other_at)
+        believed: Bools = fits | (wild & (limp | (self._agreeing >= AGREEING)))
+        self._place, self._at = np.where(believed, position, self._place), np.where(believed, sent, self._at)
+        self._row[believed] = self._agreeing[believed] = 0
+        self._whole = sent if every(fits) else -inf
+        return believed

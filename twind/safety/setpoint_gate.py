@@ -1,0 +1,93 @@
+"""The gate of streamed setpoints: one place per joint, judged at once (S12–S17, S19). Pure.
+
+A stream needs no path: the executor follows it within velocity, acceleration and position limits.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.robot.arrays import Floats, Ints
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_limits import JointLimits
+
+LONGEST = 0.1  # s a setpoint may stay valid (R04): what is slower than that is a trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointResult:
+    """What the executor may follow, and the verdict. Arrays are (m,), in the caller's order."""
+
+    verdict: Verdict
+    joints: Ints
+    position: Floats  # rad
+    velocity: Floats | None  # rad/s
+
+
+def judge(
+    joints: Ints,
+    position: Floats,
+    velocity: Floats | None,
+    limits: JointLimits,
+    *,
+    valid_for: float,
+    allow_clamp: bool,
+) -> SetpointResult:
+    """Refuse what is malformed or outside the limits; with `allow_clamp` bring it in and report it."""
+    refusals = _form(joints, position, velocity, len(limits.lower), valid_for)
+    if refusals:
+        return SetpointResult(Verdict(tuple(refusals)), joints, position, velocity)
+    low, high, fastest = limits.lower[joints], limits.upper[joints], limits.velocity[joints]
+    inside, slow = np.clip(position, low, high), velocity
+    found = [
+        Finding(
+            ReasonCode.POS_LIMIT,
+            int(joints[at]),
+            value=float(position[at]),
+            bound=float(inside[at]),
+            message="setpoint outside the limits",
+        )
+        for at in np.flatnonzero(inside != position)
+    ]
+    if velocity is not None:
+        slow = np.clip(velocity, -fastest, fastest)
+        found += [
+            Finding(
+                ReasonCode.VEL_LIMIT,
+                int(joints[at]),
+                value=float(velocity[at]),
+                bound=float(slow[at]),
+                message="setpoint velocity above the limit",
+            )
+            for at in np.flatnonzero(slow != velocity)
+        ]
+    if found and not allow_clamp:
+        return SetpointResult(Verdict(tuple(found)), joints, position, velocity)
+    return SetpointResult(Verdict(changes=tuple(found)), joints, inside, slow)
+
+
+def _form(
+    joints: Ints, position: Floats, velocity: Floats | None, count: int, valid_for: float
+) -> list[Finding]:
+    findings = []
+    if not len(joints):
+        findings.append(Finding(ReasonCode.NO_JOINTS, message="a setpoint of no joint"))
+    if len(np.unique(joints)) != len(joints):
+        findings.append(Finding(ReasonCode.DUP_JOINT, message="a joint is named twice"))
+    if not ((joints >= 0) & (joints < count)).all():
+        findings.append(Finding(ReasonCode.UNKNOWN_JOINT, bound=float(count - 1), message="no such joint"))
+    rows = [position] if velocity is None else [position, velocity]
+    if any(row.shape != joints.shape for row in rows):
+        findings.append(
+            Finding(ReasonCode.BAD_SHAPE, bound=float(len(joints)), message="one number per joint is needed")
+        )
+    elif not all(np.isfinite(row).all() for row in rows):
+        findings.append(Finding(ReasonCode.NONFINITE, message="a setpoint must be finite"))
+    if not valid_for > 0.0:
+        findings.append(
+            Finding(ReasonCode.CMD_EXPIRED, value=valid_for, bound=0.0, message="already expired")
+        )
+    elif not valid_for <= LONGEST:
+        reason = "valid too long (s): a dead client must not keep a robot moving"
+        findings.append(Finding(ReasonCode.TOO_DISTANT, value=valid_for, bound=LONGEST, message=reason))
+    return findings

@@ -1,0 +1,159 @@
+"""The states of robot and bus, and what may follow what (docs/safety.md). A table: no clock, no device.
+
+FAULT and ESTOP latch. A latch outlives a lost port, so `Latch` carries it beside the state.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+
+
+class RobotEvent(StrEnum):
+    """What can happen to the robot."""
+
+    PORT_OPENED = "port opened"
+    IDENTIFIED = "identified"
+    CALIBRATE = "calibrate"
+    CALIBRATED = "calibrated"
+    ARM = "arm"
+    ARMED = "armed"
+    ARM_FAILED = "arm failed"
+    SETTLE = "settle"  # disarm, the end of a program, SIGTERM
+    SETTLED = "settled"  # torque read back off
+    FAULT = "fault"
+    ESTOP = "e-stop"
+    RESET = "reset"  # every latched code acknowledged, its cause gone, torque off
+    PORT_LOST = "port lost"
+    INHIBIT = "inhibit"
+
+
+class EventNotAllowed(Exception):
+    """An event that the state does not allow; names the states that do."""
+
+    def __init__(self, state: RobotState, event: RobotEvent, allowed: tuple[RobotState, ...]) -> None:
+        names = ", ".join(allowed)
+        super().__init__(f"{event.value} is not possible while {state.value}; allowed while {names}")
+        self.state, self.event, self.allowed = state, event, allowed
+
+
+LATCHED = (RobotState.FAULT, RobotState.ESTOP)
+
+_S = RobotState
+_STAYS = {_S.FAULT: _S.FAULT, _S.ESTOP: _S.ESTOP}  # a latched state lets what was begun come to its end
+_ANY = tuple(RobotState)
+
+TABLE: Mapping[RobotEvent, Mapping[RobotState, RobotState]] = MappingProxyType(
+    {
+        RobotEvent.PORT_OPENED: {_S.DISCONNECTED: _S.IDENTIFYING} | _STAYS,
+        RobotEvent.IDENTIFIED: {_S.IDENTIFYING: _S.CONNECTED} | _STAYS,
+        # What keeps a bus from being identified can be a register, so it can be set without.
+        RobotEvent.CALIBRATE: {_S.CONNECTED: _S.CALIBRATING, _S.IDENTIFYING: _S.CALIBRATING},
+        RobotEvent.CALIBRATED: {_S.CALIBRATING: _S.CONNECTED} | _STAYS,
+        RobotEvent.ARM: {_S.CONNECTED: _S.ARMING},
+        RobotEvent.ARMED: {_S.ARMING: _S.ARMED},
+        # A failure is told after the fault or the lost port that caused it.
+        RobotEvent.ARM_FAILED: {
+            _S.ARMING: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.SETTLING: _S.SETTLING,
+            _S.INHIBITED: _S.INHIBITED,
+        }
+        | _STAYS,
+        # Torque off is never refused where anything can be written at all.
+        RobotEvent.SETTLE: {
+            _S.IDENTIFYING: _S.SETTLING,  # torque found on at start
+            _S.CONNECTED: _S.SETTLING,
+            _S.CALIBRATING: _S.SETTLING,
+            _S.ARMING: _S.SETTLING,
+            _S.ARMED: _S.SETTLING,
+            _S.SETTLING: _S.SETTLING,
+        }
+        | _STAYS,
+        RobotEvent.SETTLED: {
+            _S.SETTLING: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.INHIBITED: _S.INHIBITED,
+        }
+        | _STAYS,
+        RobotEvent.FAULT: dict.fromkeys(_ANY, _S.FAULT) | {_S.ESTOP: _S.ESTOP, _S.INHIBITED: _S.INHIBITED},
+        RobotEvent.ESTOP: dict.fromkeys(_ANY, _S.ESTOP) | {_S.INHIBITED: _S.INHIBITED},
+        # After an inhibit the bus must be identified anew: as if the port had been lost.
+        RobotEvent.RESET: {
+            _S.FAULT: _S.CONNECTED,
+            _S.ESTOP: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.INHIBITED: _S.DISCONNECTED,
+        },
+        RobotEvent.PORT_LOST: dict.fromkeys(_ANY, _S.DISCONNECTED),
+        RobotEvent.INHIBIT: dict.fromkeys(_ANY, _S.INHIBITED),
+    }
+)
+
+
+def step(state: RobotState, event: RobotEvent) -> RobotState:
+    """The state after `event`. Raises WrongState, which lists the states that allow it."""
+    follows = TABLE[event]
+    if state not in follows:
+        raise EventNotAllowed(state, event, tuple(follows))
+    return follows[state]
+
+
+@dataclass(frozen=True, slots=True)
+class StateLatch:
+    """The state with its memory: what is latched survives a lost port, and only a reset clears it."""
+
+    state: RobotState = RobotState.DISCONNECTED
+    latched: bool = False
+    identified: bool = False  # the bus is open and everybody on it is known
+
+    def after(self, event: RobotEvent) -> "StateLatch":
+        """After `event`. Raises WrongState."""
+        state = step(self.state, event)
+        if event is RobotEvent.CALIBRATE and self.latched:  # from before the port was lost
+            raise EventNotAllowed(RobotState.FAULT, event, tuple(TABLE[event]))
+        latched = (
+            self.latched or event in (RobotEvent.FAULT, RobotEvent.ESTOP)
+        ) and event is not RobotEvent.RESET
+        identified = self.identified
+        if event is RobotEvent.IDENTIFIED:
+            identified = True
+        elif event in (RobotEvent.PORT_LOST, RobotEvent.INHIBIT):
+            identified = False
+        if state in (RobotState.CONNECTED, RobotState.SETTLING) and latched:
+            state = RobotState.FAULT  # back on a port that was lost with a latch set
+        ended = event in (RobotEvent.RESET, RobotEvent.SETTLED, RobotEvent.CALIBRATED)
+        if ended and state is RobotState.CONNECTED and not identified:
+            state = RobotState.DISCONNECTED
+        return StateLatch(state, latched, identified)
+
+
+def mode_change(before: Mode, after: Mode, state: RobotState, motion: Motion) -> Finding | None:
+    """Why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
+    if before is after:
+        return None
+    if state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):
+        message = (
+            f"the mode changes only while disconnected or connected, not {state.value}: {_remedy(state)}"
+        )
+        return Finding(ReasonCode.MODE_DENIES, message=message)
+    if before is Mode.LIVE and motion is not Motion.IDLE:
+        return Finding(ReasonCode.MODE_DENIES, message=f"the robot is {motion.value}: disarm first")
+    return None
+
+
+def _remedy(state: RobotState) -> str:
+    if state in (*LATCHED, RobotState.INHIBITED):
+        return "disarm and reset first"
+    if state is RobotState.CALIBRATING:
+        return "end the calibration first"
+    return "disarm first" if state in (RobotState.ARMING, RobotState.ARMED) else "wait until it is done"

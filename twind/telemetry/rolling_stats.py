@@ -1,0 +1,155 @@
+"""How long something took, time after time: the last 100 values, and the whole run as histograms.
+
+Adding a value costs about a microsecond; statistics are worked out when somebody asks. Times are seconds.
+An unknown (NaN, inf) or negative duration is never averaged away: it counts as a violation and as too late.
+"""
+
+from array import array
+from bisect import bisect_left
+from collections import deque
+from math import ceil, exp, inf, log, nan, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from twind.robot.arrays import Ints
+
+SIZE = 100  # values of a window
+KEPT = 1024  # values of a `Recent`: half a second at up to 1000 Hz and beyond
+RECENT = 0.5  # s
+SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
+_FIRST = log(SMALLEST)
+BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
+
+
+class RollingStats:
+    """The last 100 values, and the run as a histogram. What is not known yet is NaN."""
+
+    def __init__(self, threshold: float = inf) -> None:
+        self.threshold = threshold  # of the values to come
+        self.now = nan  # the last value; NaN unknown
+        self.at = -inf  # s, when it was added
+        self.count = 0  # values added in the run, unknown ones included
+        self.worst = nan  # of the run
+        self.sum = 0.0  # of the run's known values
+        self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
+        self._least = nan
+        self._figures: _RollingFigures | None = None
+        # Written one number at a time, which `array` does several times as fast; read through numpy.
+        self._ring = array("d", [nan] * SIZE)  # NaN unknown
+        self._values = np.frombuffer(self._ring)
+        self._late = bytearray(SIZE)  # 1: above the threshold, or unknown
+        self._bins = array("q", [0] * BINS)
+        self._counts = np.frombuffer(self._bins, np.int64)
+
+    def add(self, value: float, now: float = nan, bound: float | None = None) -> None:
+        """One more value, at `now` (needed for `at`). `bound`: in place of the threshold."""
+        place, self.count, self.at = self.count % SIZE, self.count + 1, now
+        if not 0.0 <= value < inf:
+            self.now = self._ring[place] = nan
+            self._late[place] = 1
+            self.buckets[-1] += 1
+            return
+        self._late[place] = not value <= (self.threshold if bound is None else bound)
+        self.sum += value
+        self.buckets[bisect_left(BOUNDS, value)] += 1
+        self.now = self._ring[place] = value
+        if not value <= self.worst:
+            self.worst = value
+        if not value >= self._least:
+            self._least = value
+        bin = int((log(value) - _FIRST) / STEP) if value > SMALLEST else 0
+        self._bins[bin if bin < BINS else -1] += 1
+
+    @property
+    def violations(self) -> int:
+        """Values of the window that were above the threshold, or unknown."""
+        return self._late.count(1)
+
+    @property
+    def mean(self) -> float:
+        """Of the window's known values."""
+        return self._worked_out().mean
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the window's known values."""
+        return self._worked_out().std
+
+    @property
+    def min(self) -> float:
+        """Of the window's known values."""
+        return self._worked_out().min
+
+    @property
+    def max(self) -> float:
+        """Of the window's known values."""
+        return self._worked_out().max
+
+    @property
+    def p50(self) -> float:
+        """Median of the run's known values, within 2 %."""
+        return self._worked_out().p50
+
+    @property
+    def p99(self) -> float:
+        """99 % of the run's known values are below, within 2 %."""
+        return self._worked_out().p99
+
+    def _worked_out(self) -> "_RollingFigures":
+        """All figures as of the last value: worked out once, however many are asked for."""
+        if self._figures is None or self._figures.values != self.count:
+            self._figures = self._work_out()
+        return self._figures
+
+    def _work_out(self) -> "_RollingFigures":
+        seen = self._counts.cumsum()
+        p50, p99 = self._quantile(seen, 0.5), self._quantile(seen, 0.99)
+        known = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
+        if not len(known):
+            return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
+        mean = float(known.sum()) / len(known)
+        off = known - mean
+        std = sqrt(float(off @ off) / len(known))
+        return _RollingFigures(self.count, mean, std, float(known.min()), float(known.max()), p50, p99)
+
+    def _quantile(self, seen: Ints, share: float) -> float:
+        """`seen`: values of the run up to each bin."""
+        if not seen[-1]:
+            return nan
+        # At least one value: the share 0 is the first bin that has any.
+        bin = int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
+        middle = SMALLEST * exp((bin + 0.5) * STEP)
+        return max(self._least, min(self.worst, middle))
+
+
+class RecentValues:
+    """The values of the last half second, for who asks how large most of them were."""
+
+    def __init__(self) -> None:
+        self._values: deque[tuple[float, float]] = deque(maxlen=KEPT)  # (s, value), inf unknown
+
+    def add(self, value: float, now: float) -> None:
+        """One more value, at `now`."""
+        self._values.append((now, value if 0.0 <= value < inf else inf))
+
+    def p95(self, now: float) -> float:
+        """95 % of the values of the last half second are at most this; unknown ones count as inf.
+
+        NaN when there were none.
+        """
+        values = sorted(value for time, value in self._values if 0.0 <= now - time <= RECENT)
+        return values[ceil(0.95 * len(values)) - 1] if values else nan
+
+
+class _RollingFigures(NamedTuple):
+    """Of a window that has had so many values."""
+
+    values: int
+    mean: float
+    std: float
+    min: float
+    max: float
+    p50: float
+    p99: float

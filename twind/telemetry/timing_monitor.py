@@ -1,0 +1,105 @@
+"""How late things are: the way of a reading and of a command, hop by hop; and whether anybody still answers.
+
+Times are seconds.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import inf, isfinite, isnan, nan
+from typing import Protocol
+
+from twind.robot.arrays import some
+from twind.robot.state import JointState
+from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
+from twind.telemetry.rolling_stats import RecentValues, RollingStats
+
+READING = ("request", "reply", "state", "twin")  # its way: sent, first byte, last byte, state, twin
+COMMAND = ("received", "gated", "written", "moved", "command")  # its way, and the whole but the moving
+LATENCY = 0.05  # s, warned of above (design 6.4)
+SILENT = 2.0  # s without an answer: disconnected
+
+
+class ExchangeTiming(Protocol):
+    """What the hardware tells of the timing of its last exchange."""
+
+    @property
+    def hops(self) -> tuple[float, float]:
+        """Request to first byte, first to last byte, s; NaN: nobody answered."""
+
+    @property
+    def trips(self) -> Sequence[float]:
+        """Request to last byte of each bus, s; NaN: nobody on it answered."""
+
+
+class TimingMonitor:
+    """Timing of all buses, of the way of a reading and of the way of a command."""
+
+    def __init__(self, buses: int, threshold: float = LATENCY) -> None:
+        self.total = RollingStats(threshold)  # state age + bus round trip, at the start of each tick
+        self.buses = tuple(RollingStats(threshold) for _ in range(buses))
+        self.hops: Mapping[str, RollingStats] = {
+            name: RollingStats(threshold) for name in (*READING, *COMMAND)
+        }
+        self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
+        self._time, self._trip = -inf, nan  # s, of the last exchange in which anybody answered
+        self._recent = RecentValues()  # of `total`
+        self._alarms = {name: LatencyAlarm(name) for name in ("total", *self.hops)}
+        self._alerts: list[LatencyAlert] = []
+
+    def warn_above(self, threshold: float) -> None:
+        """From now on this is too late, s; but not for a motor to move, which takes its time."""
+        hops = [window for name, window in self.hops.items() if name != "moved"]
+        for window in (self.total, *self.buses, *hops):
+            window.threshold = threshold
+
+    def update(self, measured: JointState, exchange: ExchangeTiming, now: float, *, live: bool) -> None:
+        """After each exchange; `now` is the tick's start, `live`: a bus is open."""
+        if not live:
+            self._time, self._trip = -inf, nan
+            for name in ("total", *READING):
+                self._tell(self._alarms[name].drop())
+            return
+        if isfinite(self._time):
+            latency = self.latency(now)
+            self.total.add(latency, now)
+            self._recent.add(latency, now)
+            late = inf if isnan(latency) else latency
+            self._tell(self._alarms["total"].judge(late, self.total.threshold, now))
+        for window, trip in zip(self.buses, exchange.trips, strict=True):
+            window.add(trip, now)
+        for name, duration in zip(READING, exchange.hops, strict=False):
+            self.hop(name, duration, now)
+        if some(measured.heard):
+            self._time, self._trip = measured.time, measured.round_trip
+
+    def hop(self, name: str, duration: float, now: float, bound: float | None = None) -> None:
+        """One hop took `duration` s, and more than `bound` is too long (None: the threshold).
+
+        With bound inf it is a figure alone: where nothing is too long, nothing has recovered either.
+        Raises KeyError for a name that is no hop.
+        """
+        window = self.hops[name]
+        bound = window.threshold if bound is None else bound
+        window.add(duration, now, bound)
+        if bound < inf:
+            self._tell(self._alarms[name].judge(duration, bound, now))
+
+    def alerts(self) -> list[LatencyAlert]:
+        """What is to be told since the last call."""
+        alerts, self._alerts = self._alerts, []
+        return alerts
+
+    def latency(self, now: float) -> float:
+        """Age of the newest state + its round trip, s; NaN before the first one."""
+        return now - self._time + self._trip
+
+    def latency_p95(self, now: float) -> float:
+        """95 % of the latencies of the last 0.5 s are at most this; NaN unknown."""
+        return self._recent.p95(now)
+
+    def connected(self, now: float) -> bool:
+        """Somebody answered within the last 2 s."""
+        return now - self._time <= SILENT
+
+    def _tell(self, alert: LatencyAlert | None) -> None:
+        if alert is not None:
+            self._alerts.append(alert)

@@ -1,0 +1,152 @@
+"""What holds the base of a body that stands freely while its legs are limp: a crane, or somebody's hands.
+
+Runs in `twind-virtual` (and in tests). A weld to the world, switched on and off; the rest is left to the
+legs. Pushes are here too: both are done to a base.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints
+from twind.twin.base_pose import stand
+
+WELD = "crane"  # the equality's name, in the model
+PATIENCE = 1.0  # s of torque in all legs before it lets go
+BY_TORQUE, BY_ORDER, NEVER = "torque", "order", "never"
+HOLDS = (BY_TORQUE, BY_ORDER, NEVER)
+STRONGEST, SHORTEST, LONGEST = 100.0, 0.002, 2.0  # N·s, s, s: a push beyond them is a typing error
+
+
+def hang(spec: mujoco.MjSpec, base: str, step: float) -> None:
+    """Put the weld into a model with a free base; it is as stiff as `step` (s) of the physics allows."""
+    weld = spec.add_equality(name=WELD, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
+    weld.name1, weld.name2 = "world", base
+    weld.active = False
+    weld.solref, weld.solimp[:2] = [2.0 * step, 1.0], [0.9999, 0.9999]
+
+
+@dataclass(frozen=True, slots=True)
+class BaseHold:
+    """How a free body is to be held."""
+
+    base: str  # the body with the free joint
+    legs: tuple[int, ...]  # rows of the motors that carry it
+    hold: str = BY_TORQUE  # of `HOLDS`: what makes the crane let go and take hold
+
+
+class BaseSupport:
+    """Of one body, which it sets on the floor."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, how: BaseHold) -> None:
+        """The model has been through `hang`. Raises ValueError: no such way to hold it."""
+        if how.hold not in HOLDS:
+            raise ValueError(f"hold: {how.hold!r} is none of {', '.join(HOLDS)}")
+        self._model, self._data, self._name = model, data, how.base
+        self._base, self._weld = int(model.body(how.base).id), int(model.equality(WELD).id)
+        joint = model.joint(int(model.body(how.base).jntadr[0]))
+        self._qpos, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
+        self._legs: Ints = np.array(how.legs, np.int64)
+        self._auto = how.hold == BY_TORQUE
+        self._since = np.inf  # s, from when on all legs had torque while it holds
+        self._carried = False  # the legs carry it: they have had torque since it was let go
+        self._pushes = 0  # steps of the physics that a push goes on for
+        stand(model, data, how.base)
+        self._upright = self.place
+        if how.hold != NEVER:
+            self._grasp()
+
+    @property
+    def held(self) -> bool:
+        """Does it hold the base now?"""
+        return bool(self._data.eq_active[self._weld])
+
+    @property
+    def place(self) -> Floats:
+        """Of the base: x, y, z (m) in the world, quaternion w x y z. A copy."""
+        return np.array(self._data.qpos[self._qpos : self._qpos + 7])
+
+    def told(self) -> dict[str, object]:
+        """What is true of the base, past all buses: held, place (m), w x y z, speeds (m/s, rad/s, world)."""
+        velocity = self._data.qvel[self._dof : self._dof + 6]
+        turning = self._data.xmat[self._base].reshape(3, 3) @ velocity[3:]
+        place = self.place.tolist()
+        return {
+            "held": self.held,
+            "position": place[:3],
+            "quaternion": place[3:],
+            "velocity": velocity[:3].tolist(),
+            "rotation": turning.tolist(),
+        }
+
+    def lift(self) -> None:
+        """Put the body upright where it began, higher where its limbs are in the way, and hold it there."""
+        place = self._data.qpos[self._qpos : self._qpos + 7]
+        place[:] = self._upright
+        stand(self._model, self._data, self._name)
+        place[2] = max(place[2], self._upright[2])
+        self._grasp()
+
+    def let_go(self) -> None:
+        """From now on the base is free."""
+        self._data.eq_active[self._weld] = 0
+        self._since, self._carried = np.inf, False
+
+    def watch(self, on: Bools, now: float) -> None:
+        """Let go of a body whose legs have had torque, catch a limp one; `on`: of the motors, at `now`."""
+        if not self._auto:
+            return
+        legs = on[self._legs]
+        whole = bool(legs.all())
+        if not self.held:
+            if self._carried and not legs.any():
+                self._grasp()
+            self._carried |= whole
+        elif not whole:
+            self._since = np.inf
+        elif now - self._since >= PATIENCE:
+            self.let_go()
+        else:
+            self._since = min(self._since, now)
+
+    def hold(self, on: bool = True) -> None:
+        """Lift the body upright to where it began and hold it there, or (False) let it go."""
+        self.lift() if on else self.let_go()
+
+    def push(self, forward: float = 0.0, left: float = 0.0, up: float = 0.0, seconds: float = 0.1) -> None:
+        """Push the base at its origin: N·s forward, left, up as it stands now, over `seconds`.
+
+        Raises ValueError beyond 100 N·s and 0.002..2 s.
+        """
+        impulse = np.array([forward, left, up])
+        strength = float(np.linalg.norm(impulse))
+        if not (strength <= STRONGEST and SHORTEST <= seconds <= LONGEST):
+            bounds = f"0..{STRONGEST:g} N·s over {SHORTEST:g}..{LONGEST:g} s"
+            raise ValueError(f"push: {strength:g} N·s over {seconds:g} s is outside {bounds}")
+        self._pushes = round(seconds / self._model.opt.timestep)
+        turned = self._data.xmat[self._base].reshape(3, 3)
+        force = turned @ impulse / (self._pushes * self._model.opt.timestep)
+        self._data.xfrc_applied[self._base, :3] = force
+
+    @property
+    def pushing(self) -> bool:
+        """Must `stepped` be called after every step of the physics?"""
+        return self._pushes > 0
+
+    def stepped(self) -> None:
+        """One step of the physics has been taken: a push comes to its end."""
+        self._pushes -= 1
+        if self._pushes == 0:
+            self._data.xfrc_applied[self._base, :3] = 0.0
+
+    def _grasp(self) -> None:
+        """Hold the base where it is, at rest."""
+        data = self._data
+        mujoco.mj_kinematics(self._model, data)
+        data.qvel[self._dof : self._dof + 6] = 0.0
+        row = self._model.eq_data[self._weld]
+        row[:3], row[3:6] = 0.0, data.xpos[self._base]
+        row[6:10], row[10] = data.xquat[self._base], 1.0
+        data.eq_active[self._weld] = 1
+        self._since, self._carried = np.inf, False

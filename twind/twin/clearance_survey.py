@@ -1,0 +1,101 @@
+"""How close a robot comes to itself in its own poses and motions: to be reviewed before `allow` is set.
+
+Proposes and changes nothing: a pair that is near because the robot is described wrongly would be allowed for
+good.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from twind.robot.finding import ReasonCode
+from twind.robot.trajectory import Reference, Trajectory
+from twind.twin.binding import Binding
+from twind.twin.collision_model import CollisionModel, candidates
+from twind.twin.curve_sweep import CurveSweep, SweepResult
+from twind.twin.trajectory_precheck import along_the_way
+
+
+@dataclass(frozen=True, slots=True)
+class NearBodies:
+    """Two bodies that come near each other."""
+
+    bodies: tuple[str, str]
+    clearance: float  # m, the least
+    where: str  # pose wave, motion squat at 1.2 s
+    block: float  # m
+    own: bool  # both belong to the robot
+
+
+@dataclass(frozen=True, slots=True)
+class ClearanceSurvey:
+    """What was found. `near` is nearer than warned of, the nearest first, each pair of bodies once."""
+
+    judged: int  # pairs of geoms
+    possible: int  # pairs that the model lets collide
+    near: tuple[NearBodies, ...]
+
+    @property
+    def error(self) -> str | None:
+        """Why there is no look-ahead for this robot; None: there is."""
+        if self.judged:
+            return None
+        why = (
+            "contype and conaffinity" if not self.possible else "support, collision.allow and collision.pairs"
+        )
+        return f"collision: no two bodies are judged, so nothing may move: see {why}"
+
+    @property
+    def proposed(self) -> tuple[tuple[str, str], ...]:
+        """What `allow` would have to list for all of it to pass without a word."""
+        return tuple(near.bodies for near in self.near if near.own)
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        said = [f"clearance: {self.judged} pairs of geoms are judged, of {self.possible} that can collide"]
+        for near in self.near:
+            word = "too close" if near.clearance <= near.block else "near"
+            pair = " and ".join(near.bodies)
+            said.append(f"{word}: {pair}: {near.clearance * 1e3:.1f} mm in {near.where}")
+        if self.proposed:
+            pairs = ", ".join(f"[{one}, {other}]" for one, other in self.proposed)
+            said.append(f"if they may touch: collision: {{allow: [{pairs}]}}")
+        return said
+
+
+def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurvey:
+    """Every pose of the robot file, and `motions` by name, from the rest pose. Raises BindingError."""
+    bodies = CollisionModel(binding)
+    found: dict[tuple[str, str], NearBodies] = {}
+    for name, pose in binding.robot.poses.items():
+        rest = [pose[joint] for joint in binding.joint_map.names]
+        _keep(found, bodies, CurveSweep(bodies).standing(rest), f"pose {name}", moving=False)
+    for name, path in motions.items():
+        reference = Reference(binding.rest, 0.0 * binding.rest, 0.0 * binding.rest)
+        curve = along_the_way(path, reference, binding.limits, 1.0 / binding.robot.rate_hz)
+        steps = CurveSweep(bodies).running(curve)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as stop:
+                _keep(found, bodies, stop.value, f"motion {name}", moving=True)
+                break
+    near = sorted(found.values(), key=lambda each: each.clearance)
+    return ClearanceSurvey(len(bodies.pairs), len(candidates(binding.model)), tuple(near))
+
+
+def _keep(
+    found: dict[tuple[str, str], NearBodies],
+    bodies: CollisionModel,
+    swept: SweepResult,
+    where: str,
+    *,
+    moving: bool,
+) -> None:
+    """The nearest of each pair of bodies."""
+    for close in (*swept.refused, *swept.warned):
+        pair = bodies.pairs[close.pair]
+        place = f"{where} at {close.at:.2f} s" if moving else where
+        own = pair.code is ReasonCode.SELF_COLLISION
+        known = found.get(pair.bodies)
+        if known is None or close.clearance < known.clearance:
+            found[pair.bodies] = NearBodies(pair.bodies, close.clearance, place, pair.block, own)

@@ -1,0 +1,261 @@
+"""How far apart the robot's bodies are in a pose: kinematics and collision on a model copy of its own.
+
+Which pairs are judged is settled once, from the model's own filters and the robot file. Distances are those
+of surfaces, negative inside each other, exact up to `Bodies.reach` and never overstated: contacts are exact
+with multi-point contacts off (but for two boxes, which are measured one by one). Knows no path and no time.
+"""
+
+import copy
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from twind.config.collision_config import Clearance
+from twind.config.robot_spec import GateSettings
+from twind.robot.arrays import Floats, Ints
+from twind.robot.finding import ReasonCode
+from twind.twin.binding import BindingError
+from twind.twin.lever_bounds import levers
+from twind.twin.mirror import index
+
+REACH = 0.03  # m: how far a pair is looked at; what is further counts as this far
+WORLD = 0  # the body of all that does not move
+_UNMEASURED = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
+
+
+class CollisionSettings(Protocol):
+    """What a robot file says of it."""
+
+    @property
+    def path(self) -> Path:
+        """For messages."""
+
+    @property
+    def base(self) -> str:
+        """The body that carries all others."""
+
+    @property
+    def gate(self) -> GateSettings:
+        """With which bodies are judged, and how near they may come."""
+
+
+class JointBinding(Protocol):
+    """What is asked of a binding; who only draws has no whole one."""
+
+    @property
+    def robot(self) -> CollisionSettings:
+        """Its file."""
+
+    @property
+    def model(self) -> Any:
+        """mujoco.MjModel."""
+
+    @property
+    def qpos(self) -> Ints:
+        """Address of each joint in qpos (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeomPair:
+    """Two geoms whose distance is judged."""
+
+    geoms: tuple[int, int]  # by number; the smaller first
+    bodies: tuple[str, str]  # names, for people
+    code: ReasonCode  # what it is called when they come too close
+    block: float  # m
+
+    @property
+    def name(self) -> str:
+        """As a message says it."""
+        return " and ".join(self.bodies)
+
+
+class CollisionModel:
+    """The robot's bodies. Poses are (n,) rad in joint order; distances (p,) m in the order of `pairs`."""
+
+    def __init__(self, binding: JointBinding, reach: float = REACH) -> None:
+        """`reach`: m. Raises BindingError: a name that the model lacks, a pair that cannot be judged."""
+        clearance = binding.robot.gate.collision
+        self.model = model = copy.copy(binding.model)
+        self.pairs = judged(model, binding.robot)
+        self.band = clearance.band
+        self.block = np.array([pair.block for pair in self.pairs])
+        self.reach = max(reach, float(self.block.max(initial=0.0)) + 2.0 * self.band)
+        self.levers = levers(model, binding.qpos, [pair.geoms for pair in self.pairs])
+        self._prepare(None if clearance.judge_world else strangers(model, binding.robot.base))
+        self.data = mujoco.MjData(model)
+        self._place, self._qpos = index(binding.qpos), self.data.qpos
+        boxes = [place for place, pair in enumerate(self.pairs) if _boxes(model, pair.geoms)]
+        self.boxes = np.array(boxes, np.int64)  # pairs that `distances` does not know: ask `between`
+        self._contact = np.full((model.ngeom, model.ngeom), -1)
+        for place, pair in enumerate(self.pairs):
+            if place not in boxes:
+                a, b = pair.geoms
+                self._contact[a, b] = self._contact[b, a] = place
+
+    def _prepare(self, ignored: frozenset[int] | None) -> None:
+        """Margins, so that near pairs are contacts; what is never judged is never looked at."""
+        model, reach = self.model, self.reach
+        model.geom_margin[:], model.geom_gap[:] = 0.5 * reach, 0.0  # of a pair they are summed
+        model.pair_margin[:], model.pair_gap[:] = reach, 0.0
+        for geom in ignored or ():
+            model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # else margins count for single-geom bodies only
+
+    def place(self, position: Floats) -> None:
+        """Take up a pose."""
+        self._qpos[self._place] = position
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def distances(self, positions: Floats, boxes: Ints | None = None, most: float = REACH) -> Floats:
+        """Distances (k, p) in the poses (k, n), at most `reach`.
+
+        Of two boxes only the pairs `boxes` are measured, at most `most`; the others are left at `reach`.
+        """
+        measured = [] if boxes is None else boxes.tolist()
+        model, data, place, qpos = self.model, self.data, self._place, self._qpos
+        found = np.full((len(positions), len(self.pairs)), self.reach)
+        rows, geoms, gaps = [], [], []
+        for row, position in enumerate(positions):
+            qpos[place] = position
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon:
+                contact = data.contact
+                rows.append(row)
+                geoms.append(contact.geom.copy())  # views: the next pose writes over them
+                gaps.append(contact.dist.copy())
+            for pair in measured:
+                found[row, pair] = self.between(pair, most)
+        if rows:
+            row_of = np.repeat(rows, [len(each) for each in gaps])
+            pair, gap = np.concatenate(geoms), np.concatenate(gaps)
+            column = self._contact[pair[:, 0], pair[:, 1]]
+            known = column >= 0
+            np.minimum.at(found, (row_of[known], column[known]), gap[known])
+        return found
+
+    def between(self, place: int, most: float) -> float:
+        """Distance (m) of one pair in the pose taken up last, at most `most`."""
+        a, b = self.pairs[place].geoms
+        return float(mujoco.mj_geomDistance(self.model, self.data, a, b, most, None))
+
+
+# ------------------------------------------------------------------------------------------ which pairs
+
+
+def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, ...]:
+    """The pairs that are judged. Raises BindingError where the robot file names what is not there."""
+    clearance, where = robot.gate.collision, f"{robot.path}: collision"
+    world = strangers(model, robot.base)
+    pairs = [pair for pair in candidates(model) if clearance.judge_world or not world & set(pair)]
+    allowed = _named(model, clearance.allow, f"{where}.allow")
+    pairs = [pair for pair in pairs if not any(named(pair) for named in allowed)]
+    if clearance.pairs is not None:
+        only = _named(model, clearance.pairs, f"{where}.pairs")
+        for names, named in zip(clearance.pairs, only, strict=True):
+            if not any(named(pair) for pair in pairs):
+                said = f"the model never lets [{', '.join(names)}] collide, or `allow` does"
+                raise BindingError(f"{where}.pairs: {said}")
+        pairs = [pair for pair in pairs if any(named(pair) for named in only)]
+    return tuple(_pair(model, pair, world, clearance, where) for pair in pairs)
+
+
+def strangers(model: mujoco.MjModel, base: str) -> frozenset[int]:
+    """Geoms that do not belong to the robot: floor, walls, things."""
+    own = model.body_rootid[model.body(base).id]
+    return frozenset(np.flatnonzero(model.body_rootid[model.geom_bodyid] != own).tolist())
+
+
+def candidates(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Pairs of geoms that the model lets collide: the smaller number first."""
+    listed = {tuple(sorted(pair)) for pair in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    return [
+        (a, b)
+        for a in range(model.ngeom)
+        for b in range(a + 1, model.ngeom)
+        if (a, b) in listed or _collides(model, a, b)
+    ]
+
+
+def _collides(model: mujoco.MjModel, a: int, b: int) -> bool:
+    """MuJoCo's own filters: masks, excluded bodies, a body and its parent (computation chapter)."""
+    if not (
+        model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
+    ):
+        return False
+    one, other = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
+    low, high = min(one, other), max(one, other)
+    if (low << 16) + high in model.exclude_signature:
+        return False
+    first, second = int(model.body_weldid[one]), int(model.body_weldid[other])
+    if first == second:
+        return False
+    above = [int(model.body_weldid[model.body_parentid[weld]]) for weld in (first, second)]
+    related = first == above[1] or second == above[0]
+    ignored = bool(model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+    return ignored or WORLD in (first, second) or not related
+
+
+def _boxes(model: mujoco.MjModel, pair: tuple[int, int]) -> bool:
+    """Contacts of two boxes do not say how far apart they are (up to 14 mm off, 12 % missed; measured)."""
+    return all(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX for geom in pair)
+
+
+def _pair(
+    model: mujoco.MjModel, pair: tuple[int, int], world: frozenset[int], clearance: Clearance, where: str
+) -> GeomPair:
+    names = tuple(body_name(model, geom) for geom in pair)
+    if any(int(model.geom_type[geom]) in _UNMEASURED for geom in pair):
+        raise BindingError(f"{where}: [{', '.join(names)}]: a height field or SDF cannot be judged; allow it")
+    if not world & set(pair):
+        return GeomPair(pair, (names[0], names[1]), ReasonCode.SELF_COLLISION, clearance.block)
+    ground = any(g in world and model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE for g in pair)
+    return GeomPair(
+        pair, (names[0], names[1]), ReasonCode.FLOOR if ground else ReasonCode.KEEP_OUT, clearance.world
+    )
+
+
+def body_name(model: mujoco.MjModel, geom: int) -> str:
+    """Name of a geom's body; of what belongs to the world, of the geom itself."""
+    body = int(model.geom_bodyid[geom])
+    if body == WORLD:
+        return model.geom(geom).name or f"geom {geom} of the world"
+    return model.body(body).name or f"body {body}"
+
+
+@dataclass(frozen=True, slots=True)
+class _GeomPairNames:
+    """One pair of names as geoms: what either name stands for."""
+
+    one: frozenset[int]
+    other: frozenset[int]
+
+    def __call__(self, pair: tuple[int, int]) -> bool:
+        a, b = pair
+        return (a in self.one and b in self.other) or (b in self.one and a in self.other)
+
+
+def _named(model: mujoco.MjModel, pairs: Iterable[Sequence[str]], where: str) -> list[_GeomPairNames]:
+    return [_GeomPairNames(_geoms(model, one, where), _geoms(model, other, where)) for one, other in pairs]
+
+
+def _geoms(model: mujoco.MjModel, name: str, where: str) -> frozenset[int]:
+    """The geom of that name, and those of the body of that name. Raises BindingError with the nearest."""
+    geoms = {g for g in range(model.ngeom) if model.geom(g).name == name}
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    if body >= 0:
+        geoms |= {int(g) for g in np.flatnonzero(model.geom_bodyid == body)}
+    elif not geoms:
+        known = [model.body(b).name for b in range(model.nbody)]
+        known += [model.geom(g).name for g in range(model.ngeom)]
+        near = difflib.get_close_matches(name, list(filter(None, known)), 1)
+        hint = f"; nearest: {near[0]}" if near else ""
+        raise BindingError(f"{where}: the model has no body and no geom {name!r}{hint}")
+    return frozenset(geoms)

@@ -1,0 +1,89 @@
+"""An inertial sensor in the model: its mounting, and what it would tell. Values are in the axes of the base.
+
+Physics tells them at a site of the base body, by sensors of our own: those of the model may be anything.
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twind.config.robot_spec import ImuSpec, RobotFile
+from twind.config.yaml_tree import place
+from twind.robot.arrays import Floats
+from twind.robot.attitude import UPRIGHT, G, Quaternion, conjugate, matrix, product, tilted, unit
+from twind.robot.state import Imu
+from twind.twin.joint_range import BindingError
+
+GYRO, ACCELERATION, QUATERNION = "twind gyro", "twind acceleration", "twind quaternion"
+
+
+def mount(model: Any, imu: ImuSpec) -> Quaternion:
+    """From the sensor's axes to the base's: as the file says, else as its site stands."""
+    if imu.rotation is not None:
+        w, x, y, z = imu.rotation
+        return (w, x, y, z)
+    return _of_site(model, imu.site)
+
+
+def mount_of(robot: RobotFile, imu: ImuSpec) -> Quaternion:
+    """The same, of a robot's model."""
+    return mount(mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), imu)
+
+
+def _of_site(model: Any, name: str) -> Quaternion:
+    """From the axes of the site to those of its body."""
+    w, x, y, z = model.site_quat[model.site(name).id].tolist()
+    return unit((w, x, y, z))
+
+
+def require_site(spec: mujoco.MjSpec, robot: RobotFile, site: str) -> None:
+    """Raises BindingError: the base has no such site."""
+    sites = [each.name for each in spec.body(robot.base).sites if each.name]
+    if site not in sites:
+        at = place(robot.path, robot.text_sha256, ("sensors", "imu", "site"))
+        where = f"{at}: body {robot.base!r} of {robot.mjcf_path}"
+        raise BindingError(f"{where} has no site {site!r}; it has {', '.join(sites) or 'none'}")
+
+
+def feel(spec: mujoco.MjSpec, site: str) -> None:
+    """Put the sensors into a model, at one of its sites."""
+    for name, kind in (
+        (GYRO, mujoco.mjtSensor.mjSENS_GYRO),
+        (ACCELERATION, mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+        (QUATERNION, mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+
+
+class ImuModel:
+    """What the sensors of one compiled model tell; it has been through `feel`."""
+
+    def __init__(self, model: Any, data: Any, site: str) -> None:
+        self._stands = _of_site(model, site)
+        self._turn = matrix(self._stands)
+        at = [model.sensor(name).adr[0] for name in (GYRO, ACCELERATION, QUATERNION)]
+        self._gyro, self._force = data.sensordata[at[0] : at[0] + 3], data.sensordata[at[1] : at[1] + 3]
+        self._quaternion = data.sensordata[at[2] : at[2] + 4]
+        self._gravity = model.opt.gravity
+
+    def at(self, time: float) -> Imu:
+        """A reading of now, which is `time` (s); before the first step of the physics all is 0."""
+        w, x, y, z = self._quaternion.tolist()
+        turned = np.array(product(self._laid(), product(unit((w, x, y, z)), conjugate(self._stands))))
+        return Imu(time, _kept(self._turn @ self._gyro), _kept(self._turn @ self._force), _kept(turned))
+
+    def _laid(self) -> Quaternion:
+        """To a world with up upwards: of a robot that lies the model has its gravity turned."""
+        x, y, z = (self._gravity / -max(float(np.linalg.norm(self._gravity)), 1e-9)).tolist()
+        return UPRIGHT if z > 1.0 - 1e-12 or x == y == z == 0.0 else tilted(UPRIGHT, (x, y, z))
+
+
+def still(time: float) -> Imu:
+    """What a base tells that stands upright and does not move."""
+    return Imu(time, np.zeros(3), np.array([0.0, 0.0, G]), np.array(UPRIGHT))
+
+
+def _kept(values: Floats) -> Floats:
+    values.setflags(write=False)
+    return values

@@ -1,0 +1,314 @@
+"""MuJoCo as the muscles of virtual servos: one body for all buses, torque in servo units, 500 steps a second.
+
+Runs in `twind-virtual` (and in tests); knows neither packets nor registers, only encoder ticks, gains as in
+the registers and raw currents. Keeps `twind_drivers.virtual.servo_physics.ServoPhysics` without importing it:
+rooms here may not.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from twind.config.robot_spec import RobotFile
+from twind.robot.arrays import Bools, Floats
+from twind.robot.state import Imu
+from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
+from twind.twin.base_support import BY_TORQUE, BaseHold, BaseSupport, hang
+from twind.twin.imu_model import ImuModel, feel, require_site
+from twind.twin.pinning import pin
+from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, ServoMotor
+from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
+
+__all__ = ["BusPhysics", "MujocoPhysics", "PhysicsDiverged", "ServoMotor", "body_of"]
+SETTLE, STILL = 20.0, 1e-3  # s without torque before time begins, at most; rad/s that is rest
+
+
+class PhysicsDiverged(RuntimeError):
+    """The physics produced a number that is none; MuJoCo has reset its state, so nothing may go on."""
+
+
+class MujocoPhysics:
+    """All motors of one body. Arrays are (n,), in the order of `motors`; see `part` for those of one bus."""
+
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        motors: Sequence[ServoMotor],
+        *,
+        pinned: bool,
+        stands: BaseHold | None = None,
+        site: str | None = None,
+        groups: Sequence[MotorGroup] = (),
+        start: Mapping[str, float] | None = None,
+        now: float = 0.0,
+    ) -> None:
+        """`start`: angles (rad) by model joint, torque off; it comes to rest before time begins at `now`.
+
+        `pinned` removes the free joint; `stands`: how one that is left is held; `site`: where an inertial
+        sensor feels; `groups`: motors that drive joints together. Raises KeyError for a motor whose joint the
+        model lacks.
+        """
+        self._warnings: list[str] = []
+        mujoco.set_mju_user_warning(self._warnings.append)  # else MuJoCo writes MUJOCO_LOG.TXT
+        self.model = model = _compile(spec, motors, groups, pinned=pinned, stands=stands, site=site)
+        self.data = data = mujoco.MjData(model)
+        for name, angle in (start or {}).items():
+            data.qpos[model.joint(name).qposadr[0]] = angle
+        self._loops = MotorControlLoops(model, motors, groups)
+        self.crane = None if stands is None else BaseSupport(model, data, stands)
+        self._felt = None if site is None else ImuModel(model, data, site)
+        self._everyone = np.arange(len(motors))
+        self.stall = self._loops.stall
+        self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
+        self._settle()
+        self._time = now
+
+    def imu(self) -> Imu:
+        """What the base feels now. Raises ValueError: nothing feels there."""
+        if self._felt is None:
+            raise ValueError("this body has no inertial sensor")
+        return self._felt.at(self._time)
+
+    def _settle(self) -> None:
+        self._time = -SETTLE
+        for second in range(1, int(SETTLE) + 1):
+            self.advance(second - SETTLE)
+            if np.abs(self.data.qvel).max(initial=0.0) < STILL:
+                return
+
+    def part(self, places: Sequence[int]) -> "BusPhysics":
+        """The motors of one bus, by their places in `motors`."""
+        return BusPhysics(self, self._loops, np.asarray(places, np.intp))
+
+    def impedance(self, places: Sequence[int]) -> "CanBusPhysics":
+        """The CAN actuators of one bus, by their places in `motors`."""
+        return CanBusPhysics(self, self._loops, np.asarray(places, np.intp))
+
+    def drive(self, drive: MotorDrive) -> None:
+        """Torque, mode, gains and caps; see `twind_drivers.virtual.servo_physics`."""
+        self._loops.drive(self._everyone, drive)
+
+    def aim(self, goal: Floats) -> None:
+        """Goals in the units of the modes: encoder ticks, raw velocity, current or PWM."""
+        self.data.ctrl[:] = self._loops.aim(self._everyone, goal)
+
+    def block(self, held: Bools) -> None:
+        """Joints that something holds fast."""
+        self._loops.block(self._everyone, held)
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """Where hands take limp joints, encoder ticks, ticks/s; NaN: nobody."""
+        self._loops.grip(self._everyone, place, speed)
+
+    def lay(self, base: str) -> None:
+        """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
+        if base not in BASES:
+            raise KeyError(f"lay: no base {base!r}; there are {', '.join(BASES)}")
+        self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
+
+    def advance(self, now: float) -> None:
+        """Step the body until `now` (s), to 2 ms. Raises Diverged."""
+        steps = int((now - self._time) / STEP + 1e-6)
+        if steps < 1:
+            return
+        self._time += steps * STEP
+        data, crane = self.data, self.crane
+        if crane is not None:
+            crane.watch(self._loops.on, self._time)
+        if self._loops.busy or (crane is not None and crane.pushing):
+            for _ in range(steps):
+                self._loops.step(data)
+                mujoco.mj_step(self.model, data)
+                if crane is not None:
+                    crane.stepped()
+        else:
+            data.qfrc_applied[self._loops.v] = 0.0
+            mujoco.mj_step(self.model, data, steps)
+        if np.count_nonzero(data.warning.number):
+            raise PhysicsDiverged(
+                f"virtual body at {self._time:.3f} s: {self._warnings[:1] or 'a MuJoCo warning'}"
+            )
+        self._read()
+
+    def _read(self) -> None:
+        readings = self._loops.read(self.data)
+        self.position[:], self.velocity[:], self.current[:], self.pwm[:] = readings
+
+
+class BusPhysics:
+    """The motors of one bus. Keeps the protocol of `MujocoMuscles` for m of its n motors."""
+
+    def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
+        self._whole, self._loops, self._at = whole, loops, at
+        self.stall = whole.stall[at]
+        self.position, self.velocity = whole.position[at], whole.velocity[at]
+        self.current, self.pwm = whole.current[at], whole.pwm[at]
+
+    def drive(self, drive: MotorDrive) -> None:
+        """As `MujocoMuscles.drive`."""
+        self._loops.drive(self._at, drive)
+
+    def aim(self, goal: Floats) -> None:
+        """As `MujocoMuscles.aim`."""
+        self._whole.data.ctrl[self._at] = self._loops.aim(self._at, goal)
+
+    def block(self, held: Bools) -> None:
+        """As `MujocoMuscles.block`."""
+        self._loops.block(self._at, held)
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """As `MujocoMuscles.grip`."""
+        self._loops.grip(self._at, place, speed)
+
+    def lay(self, base: str) -> None:
+        """As `MujocoMuscles.lay`: of the whole body."""
+        self._whole.lay(base)
+
+    def advance(self, now: float) -> None:
+        """The whole body advances; the other buses see it when they do."""
+        self._whole.advance(now)
+        for name in ("position", "velocity", "current", "pwm"):
+            getattr(self, name)[:] = getattr(self._whole, name)[self._at]
+
+
+class CanBusPhysics:
+    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`.
+    Arrays (m,), SI."""
+
+    def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
+        self._whole, self._loops, self._at = whole, loops, at
+        self.position, self.velocity, self.torque = loops.told(whole.data, at)
+        self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
+
+    def drive(
+        self,
+        on: Bools,
+        position: Floats,
+        velocity: Floats,
+        kp: Floats,
+        kd: Floats,
+        torque: Floats,
+        limit: Floats,
+    ) -> None:
+        """The last command of each (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m."""
+        gains = np.stack([on, kp, kd, limit])
+        if not np.array_equal(gains, self._gains):
+            self._gains = gains
+            self._loops.impede(self._at, on, kp, kd, limit)
+        self._whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
+
+    def block(self, held: Bools) -> None:
+        """Joints that something holds fast."""
+        self._loops.block(self._at, held)
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """Where hands take limp shafts (rad, rad/s; NaN: nobody); `drive` must follow."""
+        self._loops.grip_shaft(self._at, place, speed)
+        self._gains[:] = np.nan
+
+    def lay(self, base: str) -> None:
+        """As `MujocoMuscles.lay`: of the whole body."""
+        self._whole.lay(base)
+
+    def advance(self, now: float) -> None:
+        """The whole body advances; the other buses see it when they do. Raises Diverged."""
+        self._whole.advance(now)
+        self.position[:], self.velocity[:], self.torque[:] = self._loops.told(self._whole.data, self._at)
+
+
+def body_of(
+    robot: RobotFile,
+    zeros: Mapping[str, int],
+    *,
+    friction: Mapping[str, float] | None = None,
+    stops: Mapping[str, tuple[float, float]] | None = None,
+    base: str = UPRIGHT,
+    hold: str = BY_TORQUE,
+    now: float = 0.0,
+) -> MujocoPhysics:
+    """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
+
+    `friction` (N·m), `stops` (rad): of joints where they are not the model's.
+    `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
+    `hold`: of `crane.HOLDS`, where its support is free and it is upright.
+    """
+    rub, ends = friction or {}, stops or {}
+    motors = [
+        ServoMotor.of(
+            joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name)
+        )
+        for joint in robot.joints
+    ]
+    start = {joint.model_joint: robot.poses["rest"][joint.name] for joint in robot.joints}
+    spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
+    lay_down(spec, base, start)
+    pinned = robot.support != "free" or base != UPRIGHT
+    rows = [row for row, name in enumerate(robot.names) if name in robot.legs or not robot.legs]
+    stands = None if pinned else BaseHold(robot.base, tuple(rows), hold)
+    site = None
+    if robot.imu is not None:
+        site = robot.imu.site
+        require_site(spec, robot, site)
+    return MujocoPhysics(
+        spec, motors, pinned=pinned, stands=stands, site=site, groups=_groups(robot), start=start, now=now
+    )
+
+
+def _groups(robot: RobotFile) -> list[MotorGroup]:
+    places = {name: place for place, name in enumerate(robot.names)}
+    groups = []
+    for each in robot.transmissions:
+        rows = tuple(places[name] for name in each.joints)
+        groups.append(MotorGroup(each.law, rows, tuple(robot.joints[row].model_joint for row in rows)))
+    return groups
+
+
+def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
+    """Of the joints that the model bounds, rad, by joint."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    found = {joint.name: model.joint(joint.model_joint).id for joint in robot.joints}
+    return {
+        name: (float(model.jnt_range[at, 0]), float(model.jnt_range[at, 1]))
+        for name, at in found.items()
+        if model.jnt_limited[at]
+    }
+
+
+def _compile(
+    spec: mujoco.MjSpec,
+    motors: Sequence[ServoMotor],
+    groups: Sequence[MotorGroup],
+    *,
+    pinned: bool,
+    stands: BaseHold | None,
+    site: str | None,
+) -> mujoco.MjModel:
+    """The model with our motors instead of its own; sensors and key poses would refer to what is gone."""
+    for element in [*spec.actuators, *spec.sensors, *spec.keys]:
+        spec.delete(element)
+    if pinned:
+        for body in list(spec.bodies):
+            pin(spec, body)
+    if stands is not None:
+        hang(spec, stands.base, STEP)
+    if site is not None:
+        feel(spec, site)
+    names = {joint.name for joint in spec.joints}
+    together = {row for group in groups for row in group.rows}
+    for row, motor in enumerate(motors):
+        if motor.joint not in names:
+            raise KeyError(f"the model has no joint {motor.joint!r}; it has {', '.join(sorted(names))}")
+        target = f"{PREFIX}{motor.joint}" if row in together else motor.joint
+        actuator = spec.add_actuator(name=motor.joint, target=target)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON if row in together else mujoco.mjtTrn.mjTRN_JOINT
+        actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.forcelimited, actuator.forcerange = True, [-1.0, 1.0]
+        actuator.ctrllimited = False  # whatever the model's own servos inherit: N·m or rad/s are no angle
+    strung(spec, groups)
+    spec.option.timestep = STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    return spec.compile()

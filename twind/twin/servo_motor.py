@@ -1,0 +1,343 @@
+"""The motors of virtual servos as MuJoCo actuators: what firmware makes of modes, gains, caps and goals.
+
+Runs in `twind-virtual` (and in tests). The motor is an XM430-W350 at 12 V (e-manual): position gain P makes
+P / 128 PWM counts per tick of error, 885 counts are the whole supply voltage, which stalls it at 4.1 N·m and
+lets it run free at 4.82 rad/s. P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85 N·m·s/rad. I and D act
+once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per raw velocity of error
+and I / 65536 more each millisecond (the manual's conversion coefficient is unknown: assumed 1). Current is
+what output and back-EMF leave: where it is sought (mode 0) or capped (mode 5), the output follows the speed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.config.robot_spec import JointSpec
+from twind.robot.arrays import Bools, Floats
+from twind.twin.tendon_coupling import Coupling, MotorGroup
+
+STEP = 0.002  # s
+STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
+CYCLE = 0.001  # s, of the servo's own loop
+FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 has
+TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
+CURRENT, VELOCITY, CURRENT_POSITION, PWM = 0, 1, 5, 16  # operating modes; 3 and 4 seek a position too
+BLOCKED = 1e4  # N·m, the friction of a joint that something holds fast
+HAND = 30.0  # N·m, what somebody's hand can do at a limp joint: it lifts every limb, and slips at a hard stop
+GRIP, STEADY = 5000.0, 250.0  # N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
+Places = NDArray[np.intp]
+
+
+class MotorDrive(Protocol):
+    """What the firmware tells its motors, as `twind_drivers.virtual.servo_physics.DriveState` says; arrays
+    (m,)."""
+
+    # ruff: noqa: D102
+    @property
+    def on(self) -> Bools: ...
+    @property
+    def mode(self) -> NDArray[Any]: ...
+    @property
+    def p(self) -> Floats: ...
+    @property
+    def i(self) -> Floats: ...
+    @property
+    def d(self) -> Floats: ...
+    @property
+    def velocity_p(self) -> Floats: ...
+    @property
+    def velocity_i(self) -> Floats: ...
+    @property
+    def pwm_cap(self) -> Floats: ...
+    @property
+    def current_cap(self) -> Floats: ...
+    @property
+    def supply(self) -> Floats: ...
+    @property
+    def full(self) -> Floats | float: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ServoMotor:
+    """One servo at one hinge of the model."""
+
+    joint: str  # of the model
+    zero: float  # encoder ticks at joint angle 0
+    ticks: float  # per rad of the joint, signed
+    ratio: float = 1.0  # shaft turns per joint turn
+    speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
+    torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
+    stall: float = STALL  # N·m of the shaft at full voltage
+    friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least a gear has
+    stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
+
+    @classmethod
+    def of(
+        cls,
+        joint: JointSpec,
+        zero: int,
+        *,
+        friction: float = math.nan,
+        stops: tuple[float, float] | None = None,
+    ) -> "ServoMotor":
+        """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
+        kind = joint.type
+        unit, limit = kind.effort_lsb_nm, kind.effort_limit_nm
+        return cls(
+            joint=joint.model_joint,
+            zero=zero,
+            ticks=joint.sign * joint.ratio * kind.ticks_per_turn / (2.0 * math.pi),
+            ratio=joint.ratio,
+            speed_lsb=kind.velocity_lsb_rad_s,
+            torque_lsb=unit if math.isfinite(unit) else TORQUE_CONSTANT * 0.00269,
+            stall=limit if math.isfinite(limit) else STALL,
+            friction=friction,
+            stops=stops,
+        )
+
+
+class MotorControlLoops:
+    """The control loops of n motors. Torque and speed are those of what they drive; arrays (n,), as `motors`.
+
+    That is a joint, or of motors that drive joints together (`groups`) a shaft of their own.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, motors: Sequence[ServoMotor], groups: Sequence[MotorGroup] = ()
+    ) -> None:
+        """`model` has one actuator per motor, in their order, and is changed from here on."""
+        joints = [model.joint(motor.joint) for motor in motors]
+        self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
+        self.v: Places = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
+        self._zero, self._ticks, self._ratio, self._speed_lsb, self._torque_lsb, self._stall = (
+            np.array([getattr(motor, name) for motor in motors], np.float64)
+            for name in ("zero", "ticks", "ratio", "speed_lsb", "torque_lsb", "stall")
+        )
+        self.stall = self._stall / self._torque_lsb  # raw current
+        self._way = np.copysign(1.0, self._ticks)
+        self._angle = self._ratio / np.abs(self._ticks)  # rad of the shaft per tick
+        self._model = model
+        self._couplings = [Coupling(model, group) for group in groups]
+        self._tendon = np.full(len(motors), -1, np.intp)
+        for each in self._couplings:
+            self._tendon[each.rows] = each.tendons
+        direct = self._tendon < 0  # the joint's own damping and friction are the gear's
+        self._damping = np.where(direct, np.maximum(model.dof_damping[self.v], DAMPING), DAMPING)
+        own = np.array([motor.friction for motor in motors])
+        usual = np.where(direct, np.maximum(model.dof_frictionloss[self.v], FRICTION), FRICTION)
+        self._friction = np.where(np.isnan(own), usual, own)
+        self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
+        model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3] = 0.0, 0.0
+        model.actuator_forcerange[:] = 0.0
+        everyone = np.arange(len(motors))
+        self._damp(everyone, self._damping)
+        self._rub(everyone, self._friction)
+        model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
+        model.dof_solref[self.v, 0] = 2.0 * STEP
+        model.tendon_solimp_fri[:, :2], model.tendon_solref_fri[:, 0] = 0.9999, 2.0 * STEP
+        fence(model, joints, motors)
+        count = len(motors)
+        self._hand, self._lead, self._reach = (np.full(count, np.nan) for _ in range(3))  # rad, rad, rad/s
+        self._on = np.zeros(count, np.bool_)
+        self._gripped: Places = np.zeros(0, np.intp)
+        self._loose = np.ones(count)  # 0: what the actuator does is the hand's, not the motor's
+        self.integral = np.zeros(count)  # N·m
+        self._mode = np.full(count, 3)
+        self._ki, self._emf, self._full = np.zeros(count), np.zeros(count), np.ones(count)
+        self._output, self._floor, self._ceiling = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._most = np.zeros(count)
+        self._live: Places = np.zeros(0, np.intp)
+        self._simple = True  # does everyone seek a position?
+        self._each = np.zeros(count, np.bool_)
+
+    @property
+    def busy(self) -> bool:
+        """Must `step` be called before every step of the physics?"""
+        return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings)
+
+    @property
+    def on(self) -> Bools:
+        """Which motors have torque."""
+        return self._on
+
+    def drive(self, at: Places, drive: MotorDrive) -> None:
+        """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
+        model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])
+        mode, on = np.asarray(drive.mode), drive.on
+        seeks, spins = (mode >= 3) & (mode <= CURRENT_POSITION), mode == VELOCITY
+        full = self._stall[at] / drive.full * ratio * drive.supply  # N·m per count
+        raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
+        kp = np.where(on & seeks, drive.p / 128.0 * ticks, 0.0) * full
+        kd = np.select(
+            [on & seeks, on & spins], [drive.d / 16.0 * ticks * CYCLE, drive.velocity_p / 128.0 * raw]
+        )
+        kd = kd * full
+        counts = np.where(on & (mode == PWM), full * self._way[at], 0.0)
+        output = np.where(on, drive.pwm_cap * full, 0.0)
+        current = np.where(on, drive.current_cap * self._torque_lsb[at] * ratio, 0.0)
+        model.actuator_gainprm[at, 0] = kp + np.where(spins, kd, 0.0) + counts
+        model.actuator_biasprm[at, 1] = -kp
+        model.actuator_biasprm[at, 2] = -kd
+        bound = np.minimum(output, current)
+        model.actuator_forcerange[at] = np.stack([-bound, bound], axis=-1)
+        self._emf[at] = np.where(on, self._back_emf[at], 0.0)
+        self._damp(at, self._damping[at] + self._emf[at])
+        ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
+        self._ki[at] = ki / 65536.0 * full / CYCLE
+        self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
+        self._mode[at], self._full[at] = mode, np.maximum(full, 1e-12)
+        self._output[at], self._most[at] = output, current
+        self._floor[at], self._ceiling[at] = -current, current
+        most = np.where(mode == CURRENT_POSITION, 2.0 * output, output)  # braking adds the back-EMF
+        self._each[at] = on & ((self._ki[at] > 0.0) | (mode == CURRENT) | (current < most))
+        self._live = np.flatnonzero(self._each)
+        self._grasp(at, on)
+        self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
+
+    def aim(self, at: Places, goal: Floats) -> Floats:
+        """Goals of the motors `at`, in the units of their modes. Returns the controls of their actuators."""
+        angle = (goal - self._zero[at]) / self._ticks[at]
+        if self._simple:
+            return angle
+        mode, way = self._mode[at], self._way[at]
+        speed = goal * self._speed_lsb[at] * way / self._ratio[at]
+        torque = goal * self._torque_lsb[at] * self._ratio[at] * way
+        torque = np.clip(torque, -self._most[at], self._most[at])
+        wanted = mode == CURRENT
+        self._floor[at] = np.where(wanted, torque, self._floor[at])
+        self._ceiling[at] = np.where(wanted, torque, self._ceiling[at])
+        return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
+
+    def impede(self, at: Places, on: Bools, kp: Floats, kd: Floats, limit: Floats) -> None:
+        """Motors `at` are CAN actuators: kp (position - q) + kd (velocity - v) + torque, within `limit`.
+
+        SI at the shaft; their current loop makes that torque whatever the back-EMF is. Damping acts
+        implicitly. `steer` must follow.
+        """
+        model, ratio = self._model, self._ratio[at]
+        stiff, damp = (np.where(on, gain * ratio**2, 0.0) for gain in (kp, kd))
+        most = np.where(on, limit * ratio, 0.0)
+        model.actuator_gainprm[at, 0] = 1.0
+        model.actuator_biasprm[at, 1], model.actuator_biasprm[at, 2] = -stiff, -damp
+        model.actuator_forcerange[at] = np.stack([-most, most], axis=-1)
+        self._emf[at], self._each[at] = 0.0, False
+        self._damp(at, self._damping[at])
+        self._live = np.flatnonzero(self._each)
+        self._grasp(at, on)
+
+    def steer(self, at: Places, position: Floats, velocity: Floats, torque: Floats) -> Floats:
+        """Where to, for those: the controls of their actuators, N·m at the joint."""
+        turn = self._ratio[at] * self._way[at]  # rad of the shaft per rad of the joint
+        stiff, damp = -self._model.actuator_biasprm[at, 1:3].T
+        angle = (position - self._zero[at] * self._angle[at]) / turn
+        return np.asarray(stiff * angle + damp * velocity / turn + torque * turn)
+
+    def told(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
+        """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
+        ratio, way = self._ratio[at], self._way[at]
+        turned, speed = self._shafts(data)
+        angle = self._zero[at] * self._angle[at] + turned[at] * ratio * way
+        force = data.actuator_force[at] * self._loose[at]
+        return angle, speed[at] * ratio * way, force / ratio * way
+
+    def grip(self, at: Places, place: Floats, speed: Floats) -> None:
+        """Hands take the limp joints of the motors `at` there (ticks) and hold them; NaN: nobody; ticks/s."""
+        self._grip(at, (place - self._zero[at]) / self._ticks[at], speed / np.abs(self._ticks[at]))
+
+    def grip_shaft(self, at: Places, place: Floats, speed: Floats) -> None:
+        """The same in rad of the shaft, for CAN actuators; `impede` must follow."""
+        turn = self._ratio[at] * self._way[at]
+        self._grip(at, (place - self._zero[at] * self._angle[at]) / turn, speed / self._ratio[at])
+
+    def _grip(self, at: Places, angle: Floats, speed: Floats) -> None:
+        let_go = at[np.isnan(angle) & ~self._on[at]]
+        self._model.actuator_forcerange[let_go] = 0.0
+        self._hand[at], self._reach[at] = angle, speed
+        self._grasp(at, self._on[at])
+
+    def _grasp(self, at: Places, on: Bools) -> None:
+        """A hand at a limp joint is a strong, damped actuator in place of the motor."""
+        self._on[at] = on
+        held = np.isfinite(self._hand) & ~self._on
+        self._lead[~held] = np.nan
+        self._gripped, self._loose = np.flatnonzero(held), np.where(held, 0.0, 1.0)
+        model, rows = self._model, self._gripped
+        model.actuator_gainprm[rows, 0] = GRIP
+        model.actuator_biasprm[rows, 1], model.actuator_biasprm[rows, 2] = -GRIP, -STEADY
+        model.actuator_forcerange[rows] = [-HAND, HAND]
+
+    def _carry(self, data: mujoco.MjData, turned: Floats) -> None:
+        """Before one step of the physics: the hands go on along their way, from where the joints are."""
+        at = self._gripped
+        here = np.where(np.isnan(self._lead[at]), turned[at], self._lead[at])
+        most = self._reach[at] * STEP
+        self._lead[at] = here + np.clip(self._hand[at] - here, -most, most)
+        data.ctrl[at] = self._lead[at]
+
+    def step(self, data: mujoco.MjData) -> None:
+        """Before one step of the physics: hands, integral terms, the room that the back-EMF leaves."""
+        turned, speeds = self._shafts(data)
+        for each in self._couplings:
+            each.lay(data, turned[each.rows])
+        if self._gripped.size:
+            self._carry(data, turned)
+        at = self._live
+        speed, most = speeds[at], self._output[at]
+        actual = np.where(self._mode[at] == VELOCITY, speed, turned[at])
+        low, high = (
+            np.clip(bound[at] + self._emf[at] * speed, -most, most) for bound in (self._floor, self._ceiling)
+        )
+        grown = self.integral[at] + self._ki[at] * (data.ctrl[at] - actual) * STEP
+        self.integral[at] = np.where(self._ki[at] > 0.0, np.clip(grown, low, high), 0.0)
+        self._model.actuator_forcerange[at, 0] = low - self.integral[at]
+        self._model.actuator_forcerange[at, 1] = high - self.integral[at]
+        data.qfrc_applied[self.v] = self.integral
+        for each in self._couplings:
+            addresses, torque = each.to_joints(self.integral[each.rows])
+            data.qfrc_applied[addresses] = torque
+
+    def block(self, at: Places, held: Bools) -> None:
+        """Hold the joints of the motors `at` fast, or let them go."""
+        self._rub(at, np.where(held, BLOCKED, self._friction[at]))
+
+    def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
+        """Encoder ticks, raw velocity, raw current, PWM counts (n,)."""
+        angle, speed = self._shafts(data)
+        output = data.actuator_force * self._loose + self.integral
+        return (
+            self._zero + angle * self._ticks,
+            speed * self._ratio * self._way / self._speed_lsb,
+            (output - self._emf * speed) * self._way / (self._ratio * self._torque_lsb),
+            output * self._way / self._full,
+        )
+
+    def _shafts(self, data: mujoco.MjData) -> tuple[Floats, Floats]:
+        """Angle and speed (n,) of what the motors drive."""
+        angle, speed = data.qpos[self.q], data.qvel[self.v]
+        for each in self._couplings:
+            angle[each.rows], speed[each.rows] = each.place(data)
+        return angle, speed
+
+    def _damp(self, at: Places, damping: Floats) -> None:
+        tendon = self._tendon[at]
+        self._model.dof_damping[self.v[at[tendon < 0]]] = damping[tendon < 0]
+        self._model.tendon_damping[tendon[tendon >= 0]] = damping[tendon >= 0]
+
+    def _rub(self, at: Places, friction: Floats) -> None:
+        tendon = self._tendon[at]
+        self._model.dof_frictionloss[self.v[at[tendon < 0]]] = friction[tendon < 0]
+        self._model.tendon_frictionloss[tendon[tendon >= 0]] = friction[tendon >= 0]
+
+
+def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[ServoMotor]) -> None:
+    """Stops as hard as metal: the soft default gives by degrees where a small limb is pushed with 1 N·m."""
+    for joint, motor in zip(joints, motors, strict=True):
+        if motor.stops is not None:
+            model.jnt_limited[joint.id], model.jnt_range[joint.id] = True, motor.stops
+        model.jnt_solref[joint.id, 0] = 2.0 * STEP
+        model.jnt_solimp[joint.id, :2] = 0.9999

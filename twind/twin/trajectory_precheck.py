@@ -1,0 +1,123 @@
+"""What a path would do before it is sent: clearance, torque and balance, in slices (S23–S26). Front process.
+
+Judges the curve that the executor would follow from where it stands: a start that jumps gets its lead-in, and
+a stop that was asked for its ramp. A path that the loop slows down (`retime`) keeps its curve as long as it
+begins at rest, so what was judged holds. Joints that the path does not command stay where they are: what they
+do meanwhile, and a start from a moving reference, is watched while it happens (R20).
+"""
+
+from collections.abc import Generator, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from twind.motion.goal_options import led_in
+from twind.robot.arrays import Floats
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joint_limits import JointLimits
+from twind.robot.splines import Spline, interpolate, passed
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.curve_rules import GateThresholds
+from twind.safety.retime import with_stop
+from twind.twin.binding import Binding, BindingError
+from twind.twin.collision_model import CollisionModel
+from twind.twin.curve_sweep import CloseGeoms, CurveSweep, SweepResult
+
+TOLD = 8  # pairs of bodies that one verdict names
+STEP = 0.02  # s between two samples of torque and balance
+SAMPLES = 3000  # of one path at most
+
+
+class DynamicsCheck(Protocol):
+    """What judges torque and balance (S25, S26): `twin/dynamics.py`."""
+
+    def judging(
+        self, time: Floats, position: Floats, velocity: Floats, acceleration: Floats
+    ) -> Generator[None, None, Verdict]:
+        """Samples of a path: time (k,), the others (k, n)."""
+
+
+class TrajectoryPrecheck:
+    """One robot's paths, judged one at a time. Keeps models of its own."""
+
+    def __init__(self, binding: Binding, period: float, strength: DynamicsCheck | None = None) -> None:
+        """`period`: s, of a tick. Raises BindingError where no two bodies could be judged."""
+        self.bodies = CollisionModel(binding)
+        self._limits, self._period, self._strength = binding.limits, period, strength
+        if not self.bodies.pairs:
+            file = binding.robot.path
+            raise BindingError(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
+
+    def judging(
+        self, path: Trajectory, reference: Reference, *, append_stop: bool = False
+    ) -> Generator[None, None, Verdict]:
+        """Judge `path` from `reference`, in slices of 2 ms at most. A place that is unknown refuses."""
+        if not np.isfinite(reference.position).all():
+            joint = int(np.argmin(np.isfinite(reference.position)))
+            reason = "where this joint stands is not known, so nobody knows what is in its way"
+            return Verdict((Finding(ReasonCode.SELF_COLLISION, joint=joint, message=reason),))
+        whole = with_stop(path, self._limits, GateThresholds())[0] if append_stop else path
+        curve = along_the_way(whole, reference, self._limits, self._period)
+        late = curve.duration - float(whole.time[-1])
+        found: SweepResult = yield from CurveSweep(self.bodies).running(curve)
+        verdict = self._clearance(found, whole, late)
+        if self._strength is None or found.unfinished:
+            return verdict
+        yield
+        more = yield from self._strength.judging(*samples(curve))
+        return Verdict(
+            (*verdict.refusals, *_on_the_path(more.refusals, whole, late)),
+            (*verdict.warnings, *_on_the_path(more.warnings, whole, late)),
+        )
+
+    def _clearance(self, found: SweepResult, path: Trajectory, late: float) -> Verdict:
+        refused = [self._finding(close, path, late, near=False) for close in found.refused[:TOLD]]
+        warned = [self._finding(close, path, late, near=True) for close in found.warned[:TOLD]]
+        if found.unfinished and not refused:
+            reason = f"not proved clear after {found.work} poses: a shorter way, or one further from itself"
+            refused = [Finding(ReasonCode.SELF_COLLISION, message=reason)]
+        return Verdict(tuple(refused), tuple(warned))
+
+    def _finding(self, close: CloseGeoms, path: Trajectory, late: float, *, near: bool) -> Finding:
+        """When it begins, and how near they come at worst. `near`: within the band that warns alone."""
+        pair = self.bodies.pairs[close.pair]
+        time, least = max(close.time - late, 0.0), max(close.at - late, 0.0)
+        bound = pair.block + self.bodies.band if near else pair.block
+        what = "near each other" if near else "too close"
+        reason = f"{pair.name} {what} (m between them; the least at {least:.3g} s)"
+        return Finding(pair.code, None, passed(path, time), time, close.clearance, bound, reason)
+
+
+def along_the_way(path: Trajectory, reference: Reference, limits: JointLimits, period: float) -> Spline:
+    """The curve that the executor would follow from `reference`, lead-in included."""
+    return interpolate(led_in(path, reference, limits, period), reference)
+
+
+def samples(curve: Spline) -> tuple[Floats, Floats, Floats, Floats]:
+    """Time (k,), position, velocity and acceleration (k, n) along a curve."""
+    count = int(np.clip(np.ceil(curve.duration / STEP), 1, SAMPLES)) + 1
+    time = np.linspace(0.0, curve.duration, count)
+    over = time >= curve.time[-1]
+    still = np.zeros((count, len(curve.end)))
+    if not len(curve.coefficients):
+        return time, still + curve.end, still, still
+    segment = np.clip(np.searchsorted(curve.time, time, side="right") - 1, 0, len(curve.coefficients) - 1)
+    rows, u = curve.coefficients[segment], (time - curve.time[segment])[:, None]
+    power = np.arange(rows.shape[1])
+    found = []
+    for _ in range(3):  # the value and both derivatives
+        found.append(np.einsum("kd,kdn->kn", u ** np.arange(rows.shape[1]), rows))
+        rows = rows[:, 1:] * power[1 : rows.shape[1]][:, None]
+    position, velocity, acceleration = (np.where(over[:, None], 0.0, row) for row in found)
+    position[over] = curve.end
+    return time, position, velocity, acceleration
+
+
+def _on_the_path(findings: Sequence[Finding], path: Trajectory, late: float) -> list[Finding]:
+    """Findings on the curve, in times and points of the path as it was asked."""
+    placed = []
+    for each in findings:
+        time = None if each.time is None else max(each.time - late, 0.0)
+        point = each.point if time is None else passed(path, time)
+        placed.append(Finding(each.code, each.joint, point, time, each.value, each.bound, each.message))
+    return placed

@@ -1,0 +1,78 @@
+"""How far joints may go that several actuators turn together. Pure: arrays in, arrays out.
+
+Limits are a box of joint angles, counts are a box of actuator angles, and a transmission turns the one box
+into something else. So the joints' box is kept only if the whole of it lies within the actuators'.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.config.robot_spec import JointSpec
+from twind.robot.arrays import Floats
+from twind.robot.transmission import Transmission, fair, forth, span
+
+TAKEN_IN = 0.01  # rad that limits may be taken in to end where the actuators do; more is refused
+HALVINGS = 10  # of what is between limits that fit and such that do not: 60 µrad are left
+
+
+@dataclass(frozen=True, slots=True)
+class JointBox:
+    """Places of the joints of one transmission. Arrays are (k,), rad."""
+
+    lower: Floats  # what the gate accepts
+    upper: Floats
+    hard_lower: Floats
+    hard_upper: Floats
+
+
+class TransmissionRangeError(ValueError):
+    """Limits that lead an actuator beyond what it may. `place`: which of the transmission."""
+
+    def __init__(self, place: int, least: float, most: float) -> None:
+        super().__init__(f"{least:.4f}..{most:.4f} rad")
+        self.place, self.least, self.most = place, least, most
+
+
+def box(
+    law: Transmission,
+    limits: tuple[Floats, Floats],
+    ranges: tuple[Floats, Floats],
+    allowed: tuple[Floats, Floats],
+    beyond: float,
+) -> JointBox:
+    """The joints' `limits`, and what is kept beyond them: `beyond` rad, or less where actuators end before.
+
+    All alike are lower and upper ends (k,), rad; `ranges` are the model's, `allowed` the actuators'. Raises
+    DoesNotFit where even limits a little narrower would lead an actuator beyond.
+    """
+
+    def widened(by: float) -> tuple[Floats, Floats]:
+        return np.maximum(limits[0] - by, ranges[0]), np.minimum(limits[1] + by, ranges[1])
+
+    def outside(by: float) -> Floats:
+        low, high = span(law, *widened(by))
+        return np.asarray(~((low >= allowed[0]) & (high <= allowed[1])))  # NaN is outside
+
+    fits, fails = -TAKEN_IN, beyond
+    if not outside(beyond).any():
+        fits = beyond
+    elif not outside(0.0).any():
+        fits = 0.0
+    elif outside(fits).any():
+        place = int(np.argmax(outside(fits)))
+        low, high = span(law, *widened(0.0))
+        raise TransmissionRangeError(place, float(low[place]), float(high[place]))
+    else:
+        fails = 0.0
+    for _ in range(HALVINGS if fits < beyond else 0):
+        middle = 0.5 * (fits + fails)
+        fits, fails = (middle, fails) if not outside(middle).any() else (fits, middle)
+    return JointBox(*widened(min(fits, 0.0)), *widened(fits))
+
+
+def strength(law: Transmission, seats: Sequence[JointSpec]) -> Floats:
+    """N·m (k,) that all joints may give at once without more than an actuator can; NaN unknown."""
+    bound = np.array([joint.ratio * joint.type.effort_limit_nm for joint in seats])
+    return fair(forth(law).T, bound, np.full(len(seats), np.inf))

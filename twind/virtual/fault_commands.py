@@ -1,0 +1,212 @@
+"""Faults on order: a Unix stream socket, one JSON object a line in, one out. Single-threaded, never blocks.
+
+`{"fault": "silence", "bus": "main", "id": 12}` → `{"ok": true}`; `{"query": "state"}` → what is true of every
+servo. An order that is wrong is answered with what would be right.
+"""
+
+import json
+import os
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+LINE = 65536  # bytes, longest order
+NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count": 3} or {"query": "state"}'
+
+Order = dict[str, Any]
+REAL = (int, float)
+# fault -> its arguments and their kinds, as the methods of `Faults`; the names that end in ? may be left out
+FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "drop": {"count": int, "id?": int},
+    "corrupt": {"count": int, "id?": int, "bits?": int},
+    "foreign": {"count": int, "id?": int},
+    "forge": {"count": int, "id?": int},
+    "duplicate": {"count": int, "id?": int},
+    "cut": {"count": int, "bytes": int, "id?": int},
+    "noise": {"seconds": REAL, "count?": int, "id?": int},
+    "delay": {"seconds": REAL, "id?": int},
+    "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
+    "mangle": {"count": int, "bits?": int, "bytes?": int},
+    "babble": {"on?": bool},
+    "split": {"bytes": int},
+    "latency": {"seconds": REAL, "payload?": int},
+    "echo": {"on?": bool},
+    "collide": {"on?": bool},
+    "garble": {"on?": bool},
+    "stall": {"on?": bool},
+    "seed": {"number": int},
+    "silence": {"id?": int, "on?": bool},
+    "damage": {"id": int, "bits": int},
+    "brown_out": {"id": int},
+    "power": {"on": bool},
+    "supply": {"volts": REAL},
+    "heat": {"id": int, "celsius": REAL},
+    "sag": {"id": int, "volts": REAL},
+    "spike": {"id": int, "celsius": REAL, "seconds": REAL},
+    "lock": {"id": int},
+    "free": {"id": int},
+    "hand": {"id?": int, "to?": REAL, "rad?": REAL, "speed?": REAL, "off?": bool, "pose?": dict},
+    "lay": {"base": str},
+    "freeze": {"id": int, "on?": bool},
+    "record": {"count": int},
+    "unplug": {},
+    "replug": {"renamed?": bool},
+    "clear": {},
+}
+
+
+# of a bus of CAN actuators, as the methods of `CanFaults`
+CAN_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "drop": {"count": int, "id?": int},
+    "duplicate": {"count": int, "id?": int},
+    "foreign": {"count": int, "id?": int},
+    "delay": {"seconds": REAL, "id?": int},
+    "corrupt": {"count": int, "kind?": str},
+    "unacknowledged": {"on?": bool},
+    "bus_off": {"on?": bool},
+    "passive": {"on?": bool},
+    "error_frames": {"count": int},
+    "echo": {"on?": bool},
+    "stall": {"on?": bool},
+    "seed": {"number": int},
+    "silence": {"id?": int, "on?": bool},
+    "damage": {"id": int, "bits": int},
+    "ranges": {"id": int, "position": REAL, "velocity": REAL, "torque": REAL},
+    "zero_lost": {"id": int, "radians": REAL},
+    "wrap": {"id": int, "turns?": int},
+    "twin": {"id": int, "on?": bool},
+    "master": {"id": int, "on?": bool},
+    "brown_out": {"id": int},
+    "power": {"on": bool, "id?": int},
+    "supply": {"volts": REAL},
+    "heat": {"id": int, "celsius": REAL},
+    "lock": {"id": int},
+    "free": {"id": int},
+    "hand": {"id?": int, "to?": REAL, "rad?": REAL, "speed?": REAL, "off?": bool, "pose?": dict},
+    "lay": {"base": str},
+    "freeze": {"id": int, "on?": bool},
+    "record": {"count": int},
+    "unplug": {},
+    "replug": {"renamed?": bool},
+    "clear": {},
+}
+
+
+# of the body that all buses move, as the methods of `Crane`; of its inertial sensor, as `VirtualSensor.err`
+BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "hold": {"on?": bool},
+    "push": {"forward?": REAL, "left?": REAL, "up?": REAL, "seconds?": REAL},
+    "imu": {"gyro_noise?": REAL, "acceleration_noise?": REAL, "gyro_bias?": REAL},
+}
+
+
+class FaultCommandError(ValueError):
+    """An order that cannot be carried out, and what would be right."""
+
+
+def arguments(
+    order: Order, faults: Mapping[str, Mapping[str, type | tuple[type, ...]]] = FAULTS
+) -> tuple[str, dict[str, Any]]:
+    """Fault and its arguments, of those of one kind of bus. Raises OrderError."""
+    if "fault" not in order:
+        raise FaultCommandError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
+    name = order["fault"]
+    if not isinstance(name, str) or name not in faults:
+        raise FaultCommandError(f"no fault {name!r}; there are {', '.join(faults)}")
+    kinds = {key.rstrip("?"): kind for key, kind in faults[name].items()}
+    given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
+    for key, value in given.items():
+        if key not in kinds:
+            raise FaultCommandError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
+        if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
+            raise FaultCommandError(f"{name}: {key} is {value!r}, of the wrong type")
+    missing = [key for key in faults[name] if key not in given and not key.endswith("?")]
+    if missing:
+        raise FaultCommandError(f"{name} needs {', '.join(missing)}")
+    return name, given
+
+
+def _refuse_taken(path: Path) -> None:
+    """Raises OSError when somebody answers there; a socket that nobody listens on is left over."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return
+    raise OSError(f"{path}: another twind-virtual takes orders there; end it, or name another socket")
+
+
+class FaultCommandSocket:
+    """The socket and its clients. `answer` carries out one order; OrderError and KeyError become answers."""
+
+    def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
+        """Raises OSError: the path cannot be bound."""
+        self._path, self._answer = path, answer
+        if path.is_socket():
+            _refuse_taken(path)
+            path.unlink()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        os.chmod(path, 0o600)
+        self._listener.listen(8)
+        self._listener.setblocking(False)
+        self._clients: dict[socket.socket, bytes] = {}
+
+    def filenos(self) -> list[int]:
+        """Descriptors to wait for."""
+        return [self._listener.fileno(), *(client.fileno() for client in self._clients)]
+
+    def serve(self) -> None:
+        """Take new clients, carry out what has come."""
+        with suppress(BlockingIOError):
+            while True:
+                client, _ = self._listener.accept()
+                client.setblocking(False)
+                self._clients[client] = b""
+        for client in list(self._clients):
+            self._one(client)
+
+    def close(self) -> None:
+        """Let go of everything, path included."""
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+        self._listener.close()
+        self._path.unlink(missing_ok=True)
+
+    def _one(self, client: socket.socket) -> None:
+        try:
+            data = client.recv(LINE)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        lines = (self._clients[client] + data).split(b"\n")
+        self._clients[client] = lines.pop()
+        try:
+            for line in lines:
+                client.sendall(json.dumps(self._judge(line)).encode() + b"\n")
+        except OSError:  # gone, or does not read its answers
+            data = b""
+        if not data or len(self._clients[client]) > LINE:
+            del self._clients[client]
+            client.close()
+
+    def _judge(self, line: bytes) -> Order:
+        try:
+            try:
+                order = json.loads(line)
+            except ValueError:
+                raise FaultCommandError(NO_JSON) from None
+            if not isinstance(order, dict):
+                raise FaultCommandError(
+                    'an order is an object as {"fault": "drop", "bus": "main", "count": 3}'
+                )
+            return self._answer(order)
+        except KeyError as error:
+            return {"ok": False, "error": str(error.args[0])}
+        except ValueError as error:  # OrderError, a value out of bounds
+            return {"ok": False, "error": str(error)}

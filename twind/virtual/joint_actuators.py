@@ -1,0 +1,109 @@
+"""What sits at the joints of a virtual robot: zeros, hinges, servos as they are set, and what they show."""
+
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twind.config.actuator_types import CanType, ServoType
+from twind.config.calibration_file import SWEEP_MARGIN
+from twind.config.counts import rad_per_tick, tick_range, turn_start
+from twind.config.robot_spec import JointSpec
+from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind.virtual.truth import JointTruth
+from twind_drivers.can.can_units import COUNT
+from twind_drivers.dynamixel.control_tables import number_of, table
+from twind_drivers.virtual.hinge import Hinge
+from twind_drivers.virtual.servo_physics import FirstOrderPhysics
+from twind_drivers.virtual.virtual_servos import ServoSpec, VirtualServos
+
+SCATTER = 400  # ticks either side of the middle of what the travel allows
+SEAM = 32  # ticks that the travel keeps from the seam of the encoder
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderFrame:
+    """From the place of a bare encoder to what the position register shows, in counts."""
+
+    direction: int = 1
+    shift: int = 0  # whole turns and the homing offset
+
+    def shown(self, place: int) -> int:
+        """At that place."""
+        return self.direction * place + self.shift
+
+
+def margined(joint: JointSpec) -> tuple[float, float]:
+    """How far a slot turns in a sweep by hand where nothing stops it, rad."""
+    lower, upper = joint.span
+    return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
+
+
+def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
+    """Where its encoder is at joint angle 0: as the truth says, else the same for the same names.
+
+    That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises SpecimenError.
+    """
+    if truth.zero_ticks is not None:
+        return truth.zero_ticks
+    turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
+    low, high = tick_range(joint, 0, *margined(joint))
+    first, last = start + SEAM - low, start + turn - 1 - SEAM - high
+    if first > last:
+        raise VirtualRobotSpecError(
+            f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}"
+        )
+    middle = (first + last) // 2
+    first, last = max(first, middle - SCATTER), min(last, middle + SCATTER)
+    return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
+
+
+def hinge_of(joint: JointSpec, zero: int, ends: Mapping[str, tuple[float, float]]) -> Hinge:
+    """`joint` as it is wired."""
+    unit = COUNT if isinstance(joint.type, CanType) else 1.0  # the places of CAN actuators are rad
+    scale = unit / rad_per_tick(joint)
+    return Hinge(joint.name, zero * unit, scale, ends.get(joint.name, (-math.inf, math.inf)))
+
+
+def servo_of(
+    joint: JointSpec, hinge: Hinge, truth: JointTruth, id: int, base: Mapping[str, int], firmware: int
+) -> ServoSpec:
+    """The servo at a joint, without limits of its own; `base`: registers of all of its bus."""
+    assert isinstance(joint.type, ServoType)
+    described = {"return_delay_time": joint.type.return_delay_us // 2, "operating_mode": joint.operating_mode}
+    return ServoSpec(
+        id,
+        joint.type.device,
+        described | dict(base) | dict(joint.registers) | truth.eeprom(),
+        firmware if truth.firmware is None else truth.firmware,
+        forgets_offset=truth.forgets_offset,
+        seam_seed=truth.seam_seed,
+        hinge=hinge,
+        turns=truth.turns,
+        backlash=truth.backlash_ticks,
+    )
+
+
+def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> list[EncoderFrame]:
+    """How these servos show their encoders after a boot there. Raises SpecimenError."""
+    asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
+    try:
+        servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))
+    except (KeyError, ValueError) as error:
+        raise VirtualRobotSpecError(f"bus {bus}: {error.args[0]}") from None
+    return [
+        EncoderFrame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)
+    ]
+
+
+def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
+    """With its own limits around the travel; as delivered where one turn of registers cannot hold that."""
+    ends = tick_range(joint, zero, *margined(joint))
+    low, high = sorted(frame.shown(end) for end in ends)
+    register = table(number_of(spec.model), spec.firmware)["min_position_limit"]
+    if not (register.takes(low) and register.takes(high)):
+        return spec
+    limits = {"min_position_limit": low, "max_position_limit": high}
+    return replace(spec, settings=limits | dict(spec.settings))

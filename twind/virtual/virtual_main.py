@@ -1,0 +1,232 @@
+"""`twind-virtual`: servos on pseudo-terminals, speaking the real protocol; a robot file's, moved by MuJoCo.
+
+Prints `bus NAME PATH` per bus, then `ready`. Ends at end-of-file on standard input when that is a pipe, on
+SIGTERM and on SIGINT.
+"""
+
+import argparse
+import gc
+import os
+import signal
+import stat
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
+from twind.config.yaml_tree import ConfigError
+from twind.loop import realtime
+from twind.twin.base_pose import BASES, UPRIGHT
+from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
+from twind.virtual.bench_servos import (
+    FIRMWARE,
+    BusTiming,
+    VirtualRobotSpecError,
+    bench,
+    by_bus,
+    servo,
+    settings,
+)
+from twind.virtual.fault_commands import FaultCommandSocket
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.truth import Truth, load_truth, random_truth
+from twind.virtual.virtual_robot_spec import body_for, buses, save, specimen
+from twind.virtual.virtual_server import ServoClock, VirtualBusServer
+from twind_drivers.clock import MonotonicClock
+from twind_drivers.virtual.can.node_spec import NodeSpec
+from twind_drivers.virtual.faulty_byte_stream import SerialAdapter
+from twind_drivers.virtual.servable_bus import ServableBus
+from twind_drivers.virtual.virtual_servos import ServoSpec
+
+PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="twind-virtual", description="A virtual robot on pseudo-terminals.")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default h24, without --servo)")
+    parser.add_argument(
+        "--servo",
+        action="append",
+        default=[],
+        metavar="BUS:ID:MODEL[:FIRMWARE]",
+        help="a servo beside the robot's, or without --robot one (or a CAN actuator) alone; may be repeated",
+    )
+    parser.add_argument(
+        "--bus",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="serve this bus of the robot alone, the others are another process's; may be repeated",
+    )
+    parser.add_argument("--link", type=Path, metavar="DIR", help="keep symbolic links DIR/BUS to the ports")
+    parser.add_argument("--baud", type=int, metavar="N", help="of every servo, instead of the robot file's")
+    parser.add_argument("--return-delay", type=int, metavar="US", help="of every servo, us")
+    parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="of every servo")
+    parser.add_argument("--latency-timer", type=float, default=0.0, metavar="MS", help="of the adapter")
+    parser.add_argument("--echo", action="store_true", help="the adapter gives back what the host sends")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random")
+    parser.add_argument("--no-wire-timing", action="store_true", help="answer at once")
+    parser.add_argument("--muscles", choices=("mujoco", "first-order"), default="mujoco")
+    parser.add_argument(
+        "--base-pose", choices=tuple(BASES), default=UPRIGHT, help="how the body's base is held"
+    )
+    parser.add_argument(
+        "--hold",
+        choices=HOLDS,
+        default=BY_TORQUE,
+        help="what holds a base that is free: hands until the legs have had torque, an order, nobody",
+    )
+    parser.add_argument(
+        "--truth", type=Path, metavar="FILE", help="what is true of this specimen: YAML or JSON"
+    )
+    parser.add_argument("--truth-seed", type=int, metavar="N", help="draw what is true of this specimen")
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")
+    parser.add_argument("--faults", type=Path, metavar="SOCKET", help="take orders for faults here")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run it. Exit code 0 at its end, 2 when it cannot be started as asked."""
+    options = parser().parse_args(arguments)
+    try:
+        _check(options)
+        clock = ServoClock(MonotonicClock())
+        virtual, crane = _buses(options, clock.now())
+        if options.link is not None:
+            options.link.mkdir(parents=True, exist_ok=True)
+        _serve(virtual, clock, options, crane)
+    except (ConfigError, VirtualRobotSpecError, OSError) as error:
+        print(f"twind-virtual: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _say(name: str, path: str) -> None:
+    print(f"bus {name} {path}", flush=True)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raises SpecimenError: a number that no adapter or servo can have."""
+    if not 0.0 <= options.latency_timer <= 255.0:
+        raise VirtualRobotSpecError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
+    if not 0 <= options.firmware <= 255:
+        raise VirtualRobotSpecError(f"--firmware {options.firmware}: it is 0..255")
+    if options.bus and options.robot is None and options.servo:
+        raise VirtualRobotSpecError("--bus needs --robot: servos alone have the buses that they name")
+    if options.seed < 0:
+        raise VirtualRobotSpecError(f"--seed {options.seed}: it is 0 or more")
+    if options.truth is not None and options.truth_seed is not None:
+        raise VirtualRobotSpecError("--truth and --truth-seed: a truth is told or drawn, not both")
+    if (options.truth_seed or 0) < 0:
+        raise VirtualRobotSpecError(f"--truth-seed {options.truth_seed}: it is 0 or more")
+    if options.servo and options.robot is None:
+        for name in ("calibration", "truth", "truth_seed"):
+            if getattr(options, name) is not None:
+                raise VirtualRobotSpecError(
+                    f"--{name.replace('_', '-')} needs --robot: servos alone have no joints"
+                )
+
+
+def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableBus], BaseSupport | None]:
+    line = BusTiming(
+        wire_timing=not options.no_wire_timing,
+        adapter=SerialAdapter(echo=options.echo, latency=options.latency_timer * 1e-3),
+        seed=options.seed,
+    )
+    named = [servo(text, firmware=options.firmware) for text in options.servo]
+    if named and options.robot is None:
+        made = [
+            (bus, _set(spec, options, options.baud) if isinstance(spec, ServoSpec) else spec)
+            for bus, spec in named
+        ]
+        return bench(made, line, baud=options.baud, now=now), None
+    robot = load_robot(options.robot or "h24")
+    one = specimen(
+        robot,
+        baud=options.baud,
+        return_delay_us=options.return_delay,
+        firmware=options.firmware,
+        truth=_truth(robot, options),
+    )
+    rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
+    extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
+    body = None
+    if options.muscles == "mujoco":
+        body = body_for(one, base=options.base_pose, hold=options.hold, now=now)
+    virtual = buses(one, physics=False, body=body, now=now, line=line, extra=extra)
+    if options.calibration is not None:
+        save(one, options.calibration)
+    return _served(virtual, options), None if body is None else body.crane
+
+
+def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
+    """Drawn, read, or none: then all is as described. Raises ConfigError."""
+    if options.truth_seed is not None:
+        return random_truth(robot, options.truth_seed)
+    return None if options.truth is None else load_truth(options.truth, robot)
+
+
+def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dict[str, ServableBus]:
+    """The buses that are asked for; all, where none is. Raises SpecimenError."""
+    unknown = [name for name in options.bus if name not in virtual]
+    if unknown:
+        raise VirtualRobotSpecError(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
+    if options.bus and options.muscles == "mujoco" and set(options.bus) != set(virtual):
+        raise VirtualRobotSpecError("--bus: one body has one process; give --muscles first-order")
+    return {name: bus for name, bus in virtual.items() if not options.bus or name in options.bus}
+
+
+def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
+    """What hangs beside a robot's own servos. Raises SpecimenError for a CAN actuator."""
+    if isinstance(spec, NodeSpec):
+        raise VirtualRobotSpecError(
+            f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated"
+        )
+    return spec
+
+
+def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> ServoSpec:
+    return replace(spec, settings=settings(baud, options.return_delay))
+
+
+def _serve(
+    virtual: dict[str, ServableBus], clock: ServoClock, options: argparse.Namespace, crane: BaseSupport | None
+) -> None:
+    links = {name: options.link and options.link / name for name in virtual}
+    with ExitStack() as undo:
+        ports = {}
+        for name, link in links.items():
+            ports[name] = VirtualPtyPort(name, link)
+            undo.callback(ports[name].close)
+        server = VirtualBusServer(virtual, ports, clock, _say, crane)
+        if options.faults is not None:
+            server.orders = FaultCommandSocket(options.faults, server.obey)
+            undo.callback(server.orders.close)
+        _until_told(server)
+        for name, port in ports.items():
+            _say(name, port.path)
+        print("ready", flush=True)
+        realtime.one_thread()
+        realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let
+        gc.freeze()  # what is there stays: the collector need not walk through it between two packets
+        server.run()
+
+
+def _until_told(server: VirtualBusServer) -> None:
+    """SIGTERM, SIGINT and, where standard input is a pipe, its end."""
+
+    def end(number: int, frame: object) -> None:
+        server.ended = True
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    try:
+        mode = os.fstat(0).st_mode
+    except OSError:  # started without standard input
+        return
+    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+        server.end_with(0)

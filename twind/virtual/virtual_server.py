@@ -1,0 +1,231 @@
+"""The serving loop of `twind-virtual`: one thread for all pseudo-terminals, muscles, faults.
+
+Everything happens in the servos' own time: it runs with the monotonic clock, but stands still while this
+process was stopped or not scheduled, so that a busy machine does not trip watchdogs that no host has missed.
+The register of their own clock (120) goes on meanwhile: a host would take its standing still for a restart.
+"""
+
+import os
+import select
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from twind.twin.base_support import BaseSupport
+from twind.virtual.fault_commands import (
+    BODY_FAULTS,
+    CAN_FAULTS,
+    FAULTS,
+    FaultCommandError,
+    FaultCommandSocket,
+    Order,
+    arguments,
+)
+from twind.virtual.pty_port import VirtualPtyPort
+from twind_drivers.clock import Clock
+from twind_drivers.virtual.servable_bus import ServableBus
+from twind_drivers.virtual.virtual_sensor import VirtualSensor
+from twind_drivers.virtual.virtual_serial_bus import VirtualBus
+
+STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
+STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
+PAGE = 500  # readings in one answer: 24 servos fit into what a socket takes at once
+BUSY = 0.00008  # s before a servo's answer is due that are waited awake: a timer is that much late
+
+
+class ServoClock:
+    """Time as the servos live it. Never more than `STALL` at once, so catching up is bounded."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._last, self._lost = clock, clock.now(), 0.0
+
+    @property
+    def lost(self) -> float:
+        """Time that the servos did not live, s."""
+        return self._lost
+
+    def now(self) -> float:
+        """Their time, s."""
+        real = self._clock.now()
+        self._lost += max(0.0, real - self._last - STALL)
+        self._last = real
+        return real - self._lost
+
+
+class VirtualBusServer:
+    """Buses behind ports. `said` is told when a port is plugged in: bus name, path.
+
+    `crane`: what holds the base of a body that stands freely.
+    """
+
+    def __init__(
+        self,
+        buses: Mapping[str, ServableBus],
+        ports: Mapping[str, VirtualPtyPort],
+        clock: ServoClock,
+        said: Callable[[str, str], None],
+        crane: BaseSupport | None = None,
+    ) -> None:
+        self._pairs = [(buses[name], port) for name, port in ports.items()]
+        self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
+        self._crane = crane
+        self._lost = clock.lost  # s, that the clock registers have counted
+        self._input = -1  # descriptor whose end of file ends the server
+        self.ended = False
+        self.orders: FaultCommandSocket | None = None
+
+    def end_with(self, descriptor: int) -> None:
+        """End when `descriptor` (a pipe) is at its end."""
+        self._input = descriptor
+
+    def run(self) -> None:
+        """Serve until `ended`."""
+        next_step = self._clock.now()
+        while not self.ended:
+            ready = self._wait(next_step)
+            now = self._clock.now()
+            self.clocks_go_on()
+            for bus, port in self._pairs:
+                if port.fd in ready and not bus.faults.stalled and (data := port.read()):
+                    bus.line(port.baud())
+                    bus.receive(data, now)
+            if now >= next_step:
+                next_step = now + STEP
+                for bus, port in self._pairs:
+                    bus.advance(now)
+                    port.look()
+            for bus, port in self._pairs:
+                if bus.due() <= now:
+                    port.write(bus.take(now))
+            if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
+                self.orders.serve()
+
+    def clocks_go_on(self) -> None:
+        """The servos' clock registers count the time that the servos did not live."""
+        more = self._clock.lost - self._lost
+        if more > 0.0:
+            self._lost += more
+            for bus in self._buses.values():
+                bus.slip(more)
+
+    def _wait(self, next_step: float) -> set[int]:
+        """Until something is to be done; descriptors that have something to read."""
+        late = next_step  # s; what comes in batches of an adapter may come as late as a timer is
+        soon = np.inf
+        for bus, _ in self._pairs:
+            if bus.kind == "can":
+                late = min(late, bus.due())
+            else:
+                soon = min(soon, bus.due())
+        left = min(soon - BUSY, late) - self._clock.now()
+        sources = [port.fd for bus, port in self._pairs if port.present and not bus.faults.stalled]
+        if self._input >= 0:
+            sources.append(self._input)
+        if self.orders is not None:
+            sources += self.orders.filenos()
+        ready, _, _ = select.select(sources, [], [], max(left, 0.0))
+        if self._input in ready and not os.read(self._input, 4096):
+            self.ended = True
+        return set(ready)
+
+    # --------------------------------------------------------------------------------- faults
+
+    def obey(self, order: Order) -> Order:
+        """One order of the faults socket. Raises OrderError, KeyError, ValueError."""
+        if order.get("query") == "state":
+            return self._state()
+        if order.get("query") == "history":
+            return self._history(order)
+        if "query" in order:
+            raise FaultCommandError(f"no query {order['query']!r}; there are state, history")
+        if order.get("fault") == "hand" and "bus" not in order and len(self._pairs) > 1:
+            return self._hands(order)
+        if order.get("fault") in BODY_FAULTS:
+            return self._body(order)
+        bus, port = self._chosen(order.get("bus"))
+        name, given = arguments(order, CAN_FAULTS if bus.kind == "can" else FAULTS)
+        bus.advance(self._clock.now())
+        getattr(bus.faults, name)(**given)
+        if name == "unplug":
+            port.unplug()
+        elif name == "replug":
+            port.plug(renamed=given.get("renamed", False))
+            self._said(port.name, port.path)
+        return {"ok": True, "bus": port.name, "path": port.path}
+
+    def _hands(self, order: Order) -> Order:
+        """Hands on a robot of several buses: a pose is split among them, `off` without an id is for all."""
+        _, given = arguments(order)
+        pose = given.pop("pose", {})
+        if "id" in given or not (pose or given.get("off")):
+            self._chosen(None)  # says which buses there are
+        known = {name: bus for bus, _ in self._pairs for name in bus.faults.hands.joints}
+        strange = [name for name in pose if name not in known]
+        if strange:
+            raise FaultCommandError(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
+        for bus, _ in self._pairs:
+            own = {name: rad for name, rad in pose.items() if known[name] is bus}
+            bus.advance(self._clock.now())
+            if own or not pose:
+                bus.faults.hand(**given, **({"pose": own} if own else {}))
+        return {"ok": True}
+
+    def _body(self, order: Order) -> Order:
+        """What is done to the whole body; it is of no bus."""
+        name, given = arguments(order, BODY_FAULTS)
+        for bus, _ in self._pairs:
+            bus.advance(self._clock.now())
+        if name == "imu":
+            self._sensor().err(**given)
+        elif self._crane is None:
+            raise FaultCommandError(
+                f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo"
+            )
+        else:
+            getattr(self._crane, name)(**given)
+        return {"ok": True}
+
+    def _sensor(self) -> VirtualSensor:
+        """The inertial sensor of the robot. Raises OrderError: it has none."""
+        found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
+        if not found:
+            raise FaultCommandError("imu: this robot has none: `sensors` in its robot file")
+        return found[0]
+
+    def _chosen(self, name: Any) -> tuple[ServableBus, VirtualPtyPort]:
+        if name is None and len(self._pairs) == 1:
+            return self._pairs[0]
+        if not isinstance(name, str) or name not in self._buses:
+            raise FaultCommandError(f"no bus {name!r}; there are {', '.join(self._buses)}")
+        return self._buses[name], self._ports[name]
+
+    def _state(self) -> Order:
+        now = self._clock.now()
+        buses = {}
+        for name, bus in self._buses.items():
+            buses[name] = {"plugged": bus.plugged, "kind": bus.kind, "servos": bus.truth(now)}
+        body = {} if self._crane is None else {"body": self._crane.told()}
+        return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses, **body}
+
+    def _history(self, order: Order) -> Order:
+        """At most `PAGE` readings, the oldest first, of those after `since` (s)."""
+        bus, port = self._chosen(order.get("bus"))
+        since = order.get("since", -1.0)
+        if not isinstance(since, int | float) or isinstance(since, bool):
+            raise FaultCommandError(f"history: since is {since!r}; it is a time in s")
+        if bus.history is None:
+            raise FaultCommandError(
+                f'bus {port.name}: nothing is recorded; order {{"fault": "record", "count": 1000}}'
+            )
+        times, positions = bus.history.readings()
+        first = int(np.searchsorted(times, since, side="right"))
+        return {
+            "ok": True,
+            "bus": port.name,
+            "now": self._clock.now(),
+            "ids": bus.ids(),
+            "more": first + PAGE < len(times),
+            "time": times[first : first + PAGE].tolist(),
+            "position": positions[first : first + PAGE].tolist(),
+        }
