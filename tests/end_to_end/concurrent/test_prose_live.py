@@ -37,6 +37,7 @@ def test_without_a_word_bridge_and_uplink_stop_and_tell_how_a_motion_ended() -> 
 
 
 def test_the_texts_are_blank_in_every_process_that_a_test_starts() -> None:
-    code = "from twind.robot.finding import Finding, ReasonCode; print(Finding(ReasonCode.BUSY, message='why').message)"
+    made = "Finding(ReasonCode.BUSY, message='why')"
+    code = f"from twind.robot.finding import Finding, ReasonCode; print({made}.message)"
     environment = {"PYTHONPATH": str(HERE / "support" / "blanked")}
     assert subprocess.check_output([sys.executable, "-c", code], env=environment, text=True) == "x\n"
