@@ -59,7 +59,7 @@ class Graph:
 
     def peer(self) -> "Peer":
         """A node of another process."""
-        peer = Peer([self.python, str(TESTS / "ros_node_peer.py")], self._with_twind())
+        peer = Peer([self.python, str(TESTS / "support/ros_node_peer.py")], self._with_twind())
         self._stack.callback(peer.close)
         return peer
 

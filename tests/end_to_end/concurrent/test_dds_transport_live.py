@@ -11,7 +11,7 @@ from tests.support import rclpy_environment as ros_peer
 LEAVES = """
 import sys, time
 from pathlib import Path
-from twind.bridge.ros.dds import Dds
+from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.ros_endpoints import STATUS, TOPICS
 from twind.ros import STRING, encode
@@ -21,7 +21,7 @@ def sent():
     (line,) = [line for line in lines if line.strip().startswith("d0:")]
     return int(line.split(":")[1].split()[9])
 
-node, before = Dds(discovery({"ROS_AUTOMATIC_DISCOVERY_RANGE": sys.argv[1]}), print), sent()
+node, before = DdsTransport(discovery({"ROS_AUTOMATIC_DISCOVERY_RANGE": sys.argv[1]}), print), sent()
 node.open(TOPICS, (), lambda *_: None, lambda *_: (False, ""))
 for _ in range(20):
     node.publish(STATUS, encode(STRING, {"data": "x"}))
@@ -41,12 +41,12 @@ def test_no_packet_leaves_this_machine_until_that_is_asked_for(reach: str, leave
 SPEAKS = """
 import sys
 import time
-from twind.bridge.ros.dds import Dds
+from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.ros_endpoints import STATUS, TOPICS
 from twind.ros import STRING, encode
 
-node = Dds(discovery({}), print)
+node = DdsTransport(discovery({}), print)
 node.open(TOPICS, (), lambda *_: None, lambda *_: (False, ""))
 print("open", flush=True)
 for _ in range(400):
