@@ -82,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--failsafe",
         action="store_true",
-        help="of a daemon that was given up: lower its robot, let it go, end (docs/safety.md)",
+        help="after a daemon has failed: lower its robot, switch torque off, end (docs/safety.md)",
     )
     return result
 

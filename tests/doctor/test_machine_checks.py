@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import ROOT, found, host, mended, nobody, options, plant, way_to
+from twind.client import Client, NoDaemon
 from twind.loop.realtime import LIMIT, PRIORITY
 from twind_calibration.doctor import systemd, user_account
 from twind_calibration.doctor.check import CheckUnavailable
@@ -230,6 +231,10 @@ def test_a_daemon_is_known_by_its_command_line(command: str, daemon: bool) -> No
     assert is_daemon(command) == daemon
 
 
+def absent(client: Client) -> None:
+    raise NoDaemon(f"{client.path}: no daemon", absent=True)
+
+
 STATES = """#!/bin/sh
 [ "$*" = "show -P ActiveState {service} {socket}" ] && printf '%s\\n\\n%s\\n' {states}
 """
@@ -269,6 +274,7 @@ def test_which_service_a_connection_would_start_is_asked_of_systemd_first(
     monkeypatch.setattr(systemd, "BOOTED", tmp_path)
     assert systemd.asleep(host(), path) == (service if sleeps else "")
     assert systemd.asleep(host(), "/tmp/twind/control.sock") == ""
+    monkeypatch.setattr(Client, "connect", absent)  # a daemon of this machine may serve that folder
     examined = examine(options(socket=os.path.dirname(path)), host(), MonotonicClock())
     assert examined.daemon is None
     starts = socket.startswith("twind-observe")  # which is asked first

@@ -79,3 +79,21 @@ def test_a_settling_stop_after_a_cut_leaves_the_cut_for_a_bus_that_comes_back() 
         assert abs(rig.truth - before).max() < 0.02
     finally:
         rig.close()
+
+
+def test_reset_and_disarm_during_the_lowering_of_an_estop_are_refused_with_the_remedy_to_wait() -> None:
+    rig = Rig()
+    try:
+        rig.arm()
+        rig.call(link.EStop, level="settle")
+        reset = rig.call(link.Reset)
+        assert reset.error == "WrongState"
+        assert "wait until torque is off" in reset.parameters["allowed"][0]
+        rig.lease()
+        disarm = rig.call(link.Disarm)
+        assert disarm.error == "Busy"
+        assert "wait until torque is off" in disarm.parameters["what"]
+        rig.seconds(6.0)
+        assert rig.call(link.Reset).error is None
+    finally:
+        rig.close()

@@ -126,6 +126,9 @@ def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[F
     share = travel / joint.reach
     if not PLAUSIBLE_SWEEP[0] <= share <= PLAUSIBLE_SWEEP[1]:
         low, high = (f"{100 * bound:.0f}" for bound in PLAUSIBLE_SWEEP)
-        text = f"travel is {100 * share:.0f} % of the described, not {low}..{high} %: wrong joint?"
+        text = (
+            f"travel is {100 * share:.0f} % of the range that stop_rad, else limits_rad describes, "
+            f"not {low}..{high} %: check joint and ratio, or set stop_rad"
+        )
         bound = PLAUSIBLE_SWEEP[0] if share < PLAUSIBLE_SWEEP[0] else PLAUSIBLE_SWEEP[1]
         yield Finding(ReasonCode.CALIB_MISMATCH, place, value=share, bound=bound, message=text)

@@ -68,7 +68,10 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
     try:
         _check_remote(verb, options)
         return verb.run(options)
-    except (NoDaemon, Disconnected) as error:
+    except NoDaemon as error:
+        complain(options, _sockets_gone(options, error))
+        return NO_DAEMON
+    except Disconnected as error:
         complain(options, error)
         return NO_DAEMON
     except (NotCarried, UsageError) as error:
@@ -82,6 +85,16 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
         return DONE
     except KeyboardInterrupt:
         return 130
+
+
+def _sockets_gone(options: argparse.Namespace, error: NoDaemon) -> NoDaemon:
+    """The error, or one that names the daemon which still serves the folder without its sockets."""
+    if not error.absent or options.remote is not None:
+        return error
+    from twind.ctl import serving  # only a failed connection pays for it
+
+    found = serving.find(serving.folders(options.socket), patience=0.0)
+    return NoDaemon(serving.described(found[0]), absent=True) if found else error
 
 
 def _check_remote(verb: Verb, options: argparse.Namespace) -> None:
@@ -108,14 +121,14 @@ def _verb_name(given: Sequence[str]) -> str | None:
 
 
 def _parser(name: str | None) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="twindctl", description="Ask the twind daemon, or tell it.")
+    parser = argparse.ArgumentParser(prog="twindctl", description="Control and observe a twind daemon.")
     common(parser, None)
     if name is None or (name not in BUILT_IN and name not in _others()):
         lines = [f"  {known:<10} {text}" for known, (_, text) in BUILT_IN.items()]
         others = {known: point for known, point in _others().items() if known not in BUILT_IN}
         lines += [f"  {known:<10} {_headline(point.load())}" for known, point in others.items()]
         parser.formatter_class = argparse.RawDescriptionHelpFormatter
-        parser.epilog = "verbs:\n" + "\n".join(lines) + "\n\n`twindctl VERB --help` tells more."
+        parser.epilog = "verbs:\n" + "\n".join(lines) + "\n\n`twindctl VERB --help` shows more."
         parser.add_argument("verb", nargs="?", metavar="VERB")
     return parser
 

@@ -2,10 +2,8 @@
 
 import argparse
 import os
-from collections.abc import Sequence
 
 from twind.client import NoDaemon
-from twind.client.find_socket import directories
 from twind.ctl.verb import DONE, FunctionVerb, Rejected, connected, elsewhere, show
 from twind.protocol.socket_paths import SYSTEM
 
@@ -39,7 +37,7 @@ def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
 
     signalled: dict[int, int] = {}
     denied: serving.Serving | None = None
-    for daemon in serving.find(_folders(options.socket)):
+    for daemon in serving.find(serving.folders(options.socket)):
         try:
             signalled[daemon.pid] = serving.terminate(daemon)
         except ProcessLookupError:  # it ended by itself
@@ -61,17 +59,8 @@ def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
     if denied is not None:
         raise Rejected(_not_allowed(denied.folder, denied.uid))
     data = {"signal": "SIGTERM", "pids": list(signalled), "level": "settle", "ended": True}
-    show(
-        options, data, "twind has ended; torque that it had not switched on itself stays on: check the robot"
-    )
+    show(options, data, "twind has ended; torque that another program switched on stays on: check the robot")
     return DONE
-
-
-def _folders(place: str | None) -> Sequence[str]:
-    """Folders whose sockets were tried, in order."""
-    if place is None:
-        return directories()
-    return [os.path.dirname(place) or "."] if place.endswith(".sock") else [place]
 
 
 def _signalled(folder: str, pid: int, *, cut: bool) -> str:

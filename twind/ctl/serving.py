@@ -12,6 +12,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from twind.client.find_socket import directories
+
 SOCKETS = ("control.sock", "observe.sock")
 _FRONT = ["-m", "twind.front", "--parent"]  # words of a front's command line; the daemon's number follows
 _LISTENS = 0x10000  # __SO_ACCEPTCON, in the flags of /proc/net/unix
@@ -42,6 +44,22 @@ def find(folders: Sequence[str], patience: float = PATIENCE) -> list[Serving]:
         if not listening or time.monotonic() >= deadline:
             return []
         time.sleep(0.1)
+
+
+def folders(place: str | None) -> Sequence[str]:
+    """Folders whose sockets are tried, in order. `place`: the folder or socket of `--socket`."""
+    if place is None:
+        return directories()
+    return [os.path.dirname(place) or "."] if place.endswith(".sock") else [place]
+
+
+def described(serving: Serving) -> str:
+    """The error for a client that finds no socket of a running daemon, with its remedy."""
+    process = f"pid {serving.pid}" if serving.pid else f"uid {serving.uid}"
+    remedy = (
+        f"`twindctl --socket {os.path.abspath(serving.folder)} estop`, which lowers the robot and ends it"
+    )
+    return f"{serving.folder}: twind ({process}) runs, but its sockets are gone: try again, or {remedy}"
 
 
 def terminate(serving: Serving) -> int:

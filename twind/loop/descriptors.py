@@ -17,7 +17,7 @@ class TooFewDescriptors(Exception):
     def __init__(self, limit: int, needed: int) -> None:
         remedy = f"`ulimit -n {needed}`, LimitNOFILE={needed} in the unit, or `nofile` in limits.conf(5)"
         super().__init__(
-            f"open files: {needed} are needed, and the hard limit is {limit}; raise it: {remedy}"
+            f"open files: {needed} are needed, and the hard limit is {limit}; raise it as root: {remedy}"
         )
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SubmissionTracker", "begin"]
 
+LOWERING = "wait until torque is off, as `twindctl status --joints` shows"
+
 
 def serve(loop: Loop, now: float) -> None:
     """Everything that asks something of the loop in this tick. An e-stop goes before all else."""
@@ -212,15 +214,20 @@ def _estop(loop: Loop, command: link.EStop, now: float) -> None:
 def _own(loop: Loop, command: link.Command, rank: Priority, start: Callable[[], Procedure]) -> None:
     if not loop.procedures.own(rank, start):
         running = loop.procedures.rank
-        loop.say.error(command, "Busy", what=running.name.lower() if running is not None else "starting")
+        what = running.name.lower() if running is not None else "starting"
+        loop.say.error(command, "Busy", what=f"{what}: {LOWERING}" if _lowering(loop) else what)
+
+
+def _lowering(loop: Loop) -> bool:
+    """Whether a procedure is on its way to torque off."""
+    return loop.procedures.rank is not None and loop.procedures.rank >= Priority.DISARM
 
 
 def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     """Acknowledge latches; torque must be off. Never arms: what is still wrong refuses the next Arm."""
     if loop.torque_on:
-        loop.say.error(
-            command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["torque off: disarm"]
-        )
+        allowed = f"torque off: {LOWERING if _lowering(loop) else 'disarm'}"
+        loop.say.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=[allowed])
         return
     wanted = set(command.codes) if command.codes is not None else {code.value for code in loop.latches}
     unknown = wanted - {code.value for code in loop.latches}

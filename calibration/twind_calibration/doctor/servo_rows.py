@@ -290,7 +290,8 @@ STATE = (
         "arming sets it; until then goals of other programs fail (error 4)",
         WRITE.format("bus_watchdog 0"),
         NOTE,
-        caution="end the program that set it first: it relies on it to stop",
+        caution="disarming leaves it set; if another program set it, end that program first: "
+        "it relies on it to stop",
     ),
 )
 

@@ -171,7 +171,8 @@ TRIES = 8  # a busy machine delays answers of the virtual servos; the daemon the
 
 def run(script: str, cwd: Path, environment: dict[str, str]) -> str:
     """Output of a block of commands; repeated where the machine was too busy, and after what that left."""
-    passing = BUSY
+    busy = BUSY | {"no reply to read"}  # a late answer while arming: ARM_FAILED
+    passing = busy
     for _ in range(TRIES):
         (cwd / "reach.mcap").unlink(missing_ok=True)
         done = subprocess.run(
@@ -184,7 +185,7 @@ def run(script: str, cwd: Path, environment: dict[str, str]) -> str:
         )
         if not any(code in done.stderr for code in passing):
             break
-        passing = BUSY | LATCHED
+        passing = busy | LATCHED
         time.sleep(1.0)
         recovery = "twindctl disarm; twindctl reset"
         if "twindctl arm" not in script:  # the block begins with an armed robot

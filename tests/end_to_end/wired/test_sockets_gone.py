@@ -320,6 +320,18 @@ def test_a_cut_that_cannot_be_is_said_and_the_daemon_ends(tmp_path: Path, words:
             assert "--cut needs the socket: the robot is lowered instead" in done.stdout
 
 
+def test_status_of_a_daemon_without_sockets_names_it_and_the_estop_that_ends_it(tmp_path: Path) -> None:
+    with serving(tmp_path, *SIM) as running:
+        running.reach(mode="sim")
+        lose(running, for_good=True)
+        command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(running.sockets), "status"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20.0, check=False)
+        assert done.returncode == 3
+        assert f"twind (pid {running.process.pid}) runs, but its sockets are gone" in done.stderr
+        assert f"`twindctl --socket {running.sockets} estop`, which lowers the robot" in done.stderr
+        assert running.process.poll() is None
+
+
 def test_estop_where_no_daemon_is_says_so_at_once(tmp_path: Path) -> None:
     with serving(tmp_path / "other", *SIM) as other:
         other.reach(mode="sim")
