@@ -39,7 +39,7 @@ def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
     try:
         with twind.client() as client:
             client.call("Mark", kind="note", text="it wobbles")
-        assert main(["--socket", str(twind.listening_sockets), "dump", "wobbles"]) == 0
+        assert main(["--socket", str(twind.sockets), "dump", "wobbles"]) == 0
         path = Path(capsys.readouterr().out.strip())
         assert files(tmp_path) == [path]
         assert path.name.endswith("-wobbles.flight")

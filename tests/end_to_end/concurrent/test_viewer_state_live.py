@@ -56,7 +56,7 @@ class Canvas:
         return {1: SimpleNamespace(camera=SimpleNamespace())}
 
 
-@pytest.mark.parametrize("broken", ["Likeness", "camera"])
+@pytest.mark.parametrize("broken", ["RobotModel", "camera"])
 def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     daemons: Daemons, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
