@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.proof_rig import (
@@ -34,6 +34,7 @@ from twind_calibration.proving.sign_proof import (
 
 
 @given(st.sampled_from(BASES), ANY, st.floats(-0.95, 0.95), TORQUE, st.floats(0.0, 0.1), NOISE)
+@example("upright", "waist_pitch", 0.46875, 1.25, 0.0, np.array([1.0, 1.0, 0.0, 1.0]))  # between two rows
 def test_a_joint_that_is_right_is_never_contradicted(
     base: str, name: str, off: float, stretch: float, rubs: float, noise: Floats
 ) -> None:
