@@ -46,7 +46,7 @@ WAYS = {"fast": True, "plain": False}
 
 @contextmanager
 def servos(*arguments: str) -> Iterator[str]:
-    """The port of a responder of our own."""
+    """Start a responder process and yield its port."""
     command = [sys.executable, "-m", "bench.responder", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -61,7 +61,7 @@ def servos(*arguments: str) -> Iterator[str]:
 
 
 class DynamixelDriverCycle:
-    """Our driver as the loop uses it, on one port."""
+    """Control cycle by the twind driver, used on one port as the control loop uses it."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int = 4_000_000) -> None:
         ids = tuple(range(1, count + 1))
@@ -82,7 +82,7 @@ class DynamixelDriverCycle:
         self._goals = np.full(count, 2048)
 
     def __call__(self, i: int) -> int:
-        """One cycle; how many servos were heard."""
+        """Run one cycle; return the number of servos that answered."""
         self.writer.goals(self._goals + (i & 63))
         self.reader.request(self.clock.now())
         self.clock.wait([self.transport], self.reader.deadline)
@@ -94,14 +94,17 @@ class DynamixelDriverCycle:
         return int(np.count_nonzero(sample.heard))
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self.transport.close()
 
 
 def cycles(
     path: str, count: int, *, fast: bool, baud: int = 4_000_000
 ) -> dict[str, Callable[[], ControlCycle]]:
-    """Who can do a cycle on this port, by name. A peer that is not installed is left out."""
+    """Return the implementations of a control cycle on this port, by name.
+
+    A library that is not installed is left out.
+    """
     found: dict[str, Callable[[], ControlCycle]] = {
         "twind": lambda: DynamixelDriverCycle(path, count, fast=fast, baud=baud),
         "dynamixel_sdk": lambda: peers.DynamixelSdkCycle(path, count, fast=fast, baud=baud),
@@ -116,7 +119,10 @@ def cycles(
 
 
 def _cpu(make: Callable[[], ControlCycle], count: int) -> float:
-    """CPU (µs) of one cycle, averaged over a round. Raises CannotTake when a cycle is not whole."""
+    """Measure the CPU time (µs) of one cycle, averaged over a round.
+
+    Raises MeasurementUnavailable when a cycle is incomplete.
+    """
     cycle = make()
     try:
         for i in range(WARM):
@@ -134,7 +140,7 @@ def _cpu(make: Callable[[], ControlCycle], count: int) -> float:
 
 
 def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]]:
-    """CPU (µs) a cycle by "name count", interleaved."""
+    """Measure the CPU time (µs) per cycle, keyed by "name count"; the implementations are interleaved."""
     with servos() as path:
         takes = {
             f"{name} {count}": partial(_cpu, make, count)
@@ -145,7 +151,7 @@ def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]
 
 
 def take_cpu() -> Mapping[str, MeasuredFigure]:
-    """CPU of a cycle of 24 servos, fast and plain, and how it grows from 6 to 48."""
+    """Measure the CPU time of a cycle of 24 servos, fast and plain, and its growth from 6 to 48 servos."""
     fast, plain = _cpu_rounds((6, COUNT, 48), fast=True), _cpu_rounds((COUNT,), fast=False)
     figures = {}
     for way, rounds in (("fast", fast), ("plain", plain)):
@@ -170,7 +176,7 @@ def take_cpu() -> Mapping[str, MeasuredFigure]:
 
 
 def _rate(make: Callable[[], ControlCycle], count: int, ideal: float) -> float:
-    """Whole cycles a second, as a share of `ideal`."""
+    """Measure the complete cycles per second, as a share of `ideal`."""
     cycle = make()
     try:
         for i in range(WARM):
@@ -187,7 +193,7 @@ def _rate(make: Callable[[], ControlCycle], count: int, ideal: float) -> float:
 
 
 def take_wire() -> Mapping[str, MeasuredFigure]:
-    """Cycles a second against the wire formula, at 1 and at 3 Mbaud."""
+    """Measure cycles per second against the wire-time formula, at 1 and at 3 Mbaud."""
     figures = {}
     for name, baud in (("1m", 1_000_000), ("3m", 3_000_000)):
         ideal = budget(COUNT, baud, fast=True, return_delay_us=0.0).reachable_hz
@@ -208,7 +214,7 @@ def take_wire() -> Mapping[str, MeasuredFigure]:
 
 
 def _fresh_after(make: Callable[[], ControlCycle]) -> float:
-    """Cycles until all others are heard in one cycle; inf: never within `SILENT_CYCLES`."""
+    """Count the cycles until all other servos answer in one cycle; inf: never within `SILENT_CYCLES`."""
     cycle = make()
     try:
         for i in range(SILENT_CYCLES):
@@ -220,7 +226,7 @@ def _fresh_after(make: Callable[[], ControlCycle]) -> float:
 
 
 def take_dead() -> Mapping[str, MeasuredFigure]:
-    """One servo in the middle says nothing from the first cycle on, by fast sync read."""
+    """Measure fast sync read while one servo in the middle is silent from the first cycle on."""
     with servos("--silent", str(COUNT // 2)) as path:
         makers = cycles(path, COUNT, fast=True)
         makers.pop("bare syscalls")

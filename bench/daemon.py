@@ -27,7 +27,7 @@ CYCLICTEST = "cyclictest"  # of the Debian package rt-tests
 
 @dataclass(frozen=True, slots=True)
 class BenchDaemon:
-    """A running `twind` of our own."""
+    """A running `twind` process that the benchmark started."""
 
     pid: int
     sockets: Path
@@ -39,7 +39,7 @@ class BenchDaemon:
 
     @property
     def front(self) -> int:
-        """Process of the front: the daemon's only child. Raises CannotTake."""
+        """Process of the front, which is the only child of the daemon. Raises MeasurementUnavailable."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         if len(children) != 1:
             raise MeasurementUnavailable(f"the daemon has {len(children)} children, expected its front")
@@ -48,7 +48,7 @@ class BenchDaemon:
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """A folder that is gone afterwards."""
+    """Yield a temporary folder that is deleted at the end."""
     with tempfile.TemporaryDirectory(prefix="twind-bench-") as folder:
         yield Path(folder)
 
@@ -57,7 +57,7 @@ def scratch() -> Iterator[Path]:
 def twind(
     folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")
 ) -> Iterator[BenchDaemon]:
-    """A daemon that has said READY=1; lowered by SIGTERM at the end. Raises CannotTake."""
+    """Yield a daemon that has sent READY=1; SIGTERM ends it. Raises MeasurementUnavailable."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     listener.bind(str(folder / "notify"))
     listener.settimeout(READY)
@@ -110,9 +110,9 @@ def live(
     command: Sequence[str] = ("-m", "twind.cli"),
     apart: bool = False,
 ) -> Iterator[BenchDaemon]:
-    """A daemon in mode live on the virtual servos of a process of its own, connected, not armed.
+    """Yield a connected, disarmed daemon in mode live on the virtual servos of a separate process.
 
-    `apart`: a process for each bus, whose joints then move each for itself.
+    `apart`: one process per bus; the joints of each bus then move independently of the other buses.
     """
     buses = load_robot(robot).buses
     adapters = {bus.name for bus in buses if bus.kind == CAN}
@@ -134,7 +134,7 @@ def live(
 
 
 def await_state(daemon: BenchDaemon, wanted: str) -> None:
-    """Return when the robot's state is `wanted`. Raises CannotTake."""
+    """Return when the state of the robot is `wanted`. Raises MeasurementUnavailable."""
     until, state = time.monotonic() + CONNECTED, ""
     with daemon.client() as client:
         while time.monotonic() < until:
@@ -146,7 +146,7 @@ def await_state(daemon: BenchDaemon, wanted: str) -> None:
 
 
 class StatusPoller:
-    """Asks `GetStatus` with all joints over a bare socket; does not read what the answers say."""
+    """Client that calls `GetStatus` with all joints over a bare socket and does not parse the answers."""
 
     CALL = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
 
@@ -156,7 +156,7 @@ class StatusPoller:
         self._socket.connect(str(daemon.sockets / "control.sock"))
 
     def ask(self) -> int:
-        """One call and its whole answer; bytes of the answer."""
+        """Send one call and read its whole answer; return the bytes of the answer."""
         self._socket.sendall(self.CALL)
         size, data = 0, b"?"
         while data and data[-1]:
@@ -165,7 +165,7 @@ class StatusPoller:
         return size
 
     def flat_out(self, seconds: float) -> int:
-        """Ask without pause; calls answered."""
+        """Send calls without pause; return the number of answered calls."""
         until, count = time.monotonic() + seconds, 0
         while time.monotonic() < until:
             self.ask()
@@ -173,24 +173,24 @@ class StatusPoller:
         return count
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._socket.close()
 
 
 class Cyclictest:
-    """`cyclictest` beside us at 100 Hz, at the policy that `twind` got; p99 from its histogram."""
+    """`cyclictest` run in parallel at 100 Hz, with the policy of `twind`; p99 from its histogram."""
 
     LONGEST = 20_000  # µs of the histogram
 
     def __init__(self, policy: str) -> None:
-        """`policy` as `GetStatus` tells it: `fifo 40`, or why not."""
+        """`policy`: scheduling policy as `GetStatus` reports it: `fifo 40`, or why it is not set."""
         self.path = shutil.which(CYCLICTEST)
         wanted = re.fullmatch(r"fifo (\d+)", policy)
         self._policy = ["--policy=fifo", f"--priority={wanted[1]}"] if wanted else ["--policy=other"]
         self._process: subprocess.Popen[str] | None = None
 
     def start(self, seconds: float) -> None:
-        """Begin; nothing where it is not installed."""
+        """Start a run; does nothing where `cyclictest` is not installed."""
         if self.path is None:
             return
         # --default-system: it must not tune the machine for itself, and so for us.
@@ -201,7 +201,7 @@ class Cyclictest:
         )
 
     def p99(self) -> float | None:
-        """Of the run begun last, µs; None where there is none. Waits for its end."""
+        """Return the 99th percentile latency of the last run, µs; None without a run. Waits for its end."""
         if self._process is None:
             return None
         output, _ = self._process.communicate(timeout=60.0)

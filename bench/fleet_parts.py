@@ -1,7 +1,7 @@
-"""The processes of the fleet figures: a router, robots by the hundred, who listens. Run by `bench/fleet.py`.
+"""Processes of the fleet figures: a router, hundreds of robots, and a listener. `bench/fleet.py` runs them.
 
-Each answers a line of JSON on standard input with one on standard output, and ends at its end. `time` is the
-monotonic clock, which all processes of a machine share.
+Each process answers a line of JSON on standard input with one on standard output, and ends when its input
+ends. `time` is the monotonic clock, which all processes of a machine share.
 """
 
 import json
@@ -25,17 +25,17 @@ SLOT = 0.0005  # s: robots that are due within it send together
 
 
 def name(number: int) -> str:
-    """Of a robot."""
+    """Return the name of robot `number`: `robot-0001`."""
     return f"robot-{number:04}"
 
 
 def opened(endpoint: str) -> zenoh.Session:
-    """A session to the router there."""
+    """Open a session to the router at this endpoint."""
     return open_now(NetworkConfig(connect=(endpoint,)), PATIENCE)
 
 
 class FleetRouter:
-    """Carries what the others say."""
+    """Router that forwards the messages of the other processes."""
 
     def __init__(self, endpoint: str) -> None:
         config = zenoh.Config()
@@ -52,14 +52,14 @@ class FleetRouter:
         self._session = zenoh.open(config)
 
     def answer(self, asked: Asked) -> Asked:
-        """Nothing is asked of it."""
+        """Return an empty answer: the router takes no commands."""
         return {}
 
 
 class SimulatedRobots:
-    """`count` robots from number `first` on, each with a session of its own, as each machine has one.
+    """`count` robots numbered from `first` on, each with its own session, as on separate machines.
 
-    They are alive, and send `payload` when told to: robot i at i/count of the period.
+    They declare themselves alive, and send `payload` on command: robot i at i/count of the period.
     """
 
     def __init__(self, endpoint: str, first: int, count: int, payload: bytes) -> None:
@@ -73,9 +73,12 @@ class SimulatedRobots:
         ]
 
     def answer(self, asked: Asked) -> Asked:
-        """`key`: what they will send on. `rate`: send so many messages a second each, for `seconds`, from the
-        time `start` on; how many went out, and s by which the last one was late: who falls behind sends
-        what is due at once, and never less."""
+        """Execute one command: `key` sets the key that the robots send on, `rate` sends messages.
+
+        `rate`: messages per second of each robot, for `seconds`, from the time `start` on. Returns the number
+        of messages sent, and the delay (s) of the last one. A late sender sends all due messages at once, and
+        never fewer.
+        """
         if "key" in asked:
             pairs = zip(self._sessions, self._names, strict=True)
             self._puts = [
@@ -99,7 +102,7 @@ class SimulatedRobots:
 
 
 class FleetListener:
-    """Subscribes to keys, counts what comes and keeps how long it was on its way."""
+    """Subscriber that counts messages on keys and records their transit times."""
 
     def __init__(self, endpoint: str) -> None:
         self._session = opened(endpoint)
@@ -107,8 +110,11 @@ class FleetListener:
         self._ways = array("d")
 
     def answer(self, asked: Asked) -> Asked:
-        """`listen`: to these keys from now on, and no others. `alive`: how many robots are. Else what came
-        since it was asked last: count, and s on the way by its ranks 0.5 and 0.99."""
+        """Execute one command, or return the statistics since the last call.
+
+        `listen`: subscribe to these keys from now on, and no others. `alive`: return the number of robots
+        that are alive. Otherwise: message count, and transit time (s) at ranks 0.5 and 0.99.
+        """
         if "listen" in asked:
             for each in self._subscribers:
                 each.undeclare()
@@ -131,7 +137,7 @@ class FleetListener:
 
 
 def main(arguments: list[str]) -> None:
-    """router ENDPOINT | robots ENDPOINT FIRST COUNT PAYLOAD-FILE | listener ENDPOINT"""
+    """Run one process: router ENDPOINT | robots ENDPOINT FIRST COUNT PAYLOAD-FILE | listener ENDPOINT"""
     what, endpoint, *rest = arguments
     part: FleetRouter | SimulatedRobots | FleetListener
     if what == "router":

@@ -1,4 +1,4 @@
-"""Who else does a control cycle on a Dynamixel bus: the vendor's SDK, rustypot, bare system calls."""
+"""Other implementations of a control cycle on a Dynamixel bus: vendor's SDK, rustypot, system calls."""
 
 import os
 import select
@@ -22,22 +22,22 @@ ROW = np.dtype([("current", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 
 
 def missing() -> str:
-    """What a note says of a peer that is not here."""
+    """Return the note for rustypot where it is not installed; empty where it is."""
     return "" if rustypot is not None else "; rustypot is not installed (extra [bench])"
 
 
 class ControlCycle(Protocol):
-    """One control cycle, again and again."""
+    """Interface of one repeatable control cycle."""
 
     def __call__(self, i: int) -> int:
-        """Read all, write goals of cycle `i`; how many servos were heard."""
+        """Read all servos and write the goals of cycle `i`; return the number of servos that answered."""
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
 
 
 class DynamixelSdkCycle:
-    """dynamixel-sdk as its examples use it: group read, every value by `getData`, group write."""
+    """Cycle by dynamixel-sdk as in its examples: group read, every value by `getData`, group write."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int) -> None:
         self.ids = range(1, count + 1)
@@ -70,7 +70,7 @@ class DynamixelSdkCycle:
 
 
 class RustypotCycle:
-    """rustypot by raw blocks, its cheapest way, decoded with numpy."""
+    """Control cycle by rustypot with raw blocks, its cheapest way, decoded with numpy."""
 
     def __init__(self, path: str, count: int, *, fast: bool, baud: int) -> None:
         self.ids = list(range(1, count + 1))
@@ -94,7 +94,7 @@ class RustypotCycle:
 
 
 class SyscallCycle:
-    """The system calls of a cycle and nothing else: write, poll, read until all bytes are there."""
+    """Control cycle of system calls alone: write, poll, read until all bytes have arrived."""
 
     def __init__(self, path: str, count: int, *, fast: bool) -> None:
         ids = range(1, count + 1)

@@ -1,1 +1,4 @@
-"""What is done to a robot before it moves: clients of the daemon, and of the port while none runs."""
+"""Setup and diagnosis of a robot before it moves.
+
+Consists of clients of the daemon, and of the port while no daemon runs.
+"""

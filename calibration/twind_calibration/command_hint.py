@@ -1,4 +1,4 @@
-"""How a `twindctl` command is printed: with the options of this call: a copy reaches the same robot."""
+"""Text of a `twindctl` command with the options of the present call: a copy reaches the same robot."""
 
 import argparse
 import re
@@ -14,17 +14,17 @@ ALONE = ("check",)  # verbs that ask no daemon
 
 @dataclass(frozen=True, slots=True)
 class CommandHint:
-    """The options that say which daemon and which robot this call is about, as a shell takes them."""
+    """Options that select the daemon and the robot of this call, in shell syntax."""
 
     socket: str = ""  # "--socket DIR "; "": the usual one
     files: str = ""  # " --config FILE --port PORT …"; "": none was named
 
     def command(self, text: str) -> str:
-        """A command, or several lines of them: every `twindctl VERB`, and `twind` alone, gets its options."""
+        """Add the options to every `twindctl VERB`, and to `twind` alone, in one or several command lines."""
         return START.sub(self._start, NAMED.sub(self._complete, text))
 
     def prose(self, text: str) -> str:
-        """Words for people: the commands in backquotes get their options, all else stays."""
+        """Add the options to the commands in backquotes of a text; all other text is unchanged."""
         return QUOTED.sub(lambda quoted: self.command(quoted[0]), text)
 
     def _start(self, found: re.Match[str]) -> str:
@@ -38,7 +38,10 @@ class CommandHint:
 
 
 def again(options: argparse.Namespace, place: str | None = None) -> CommandHint:
-    """Of the options of this call. `place`: where its daemon's sockets are, if another option says so."""
+    """Build the hint from the options of this call.
+
+    `place`: folder of the daemon's sockets, if another option gives it.
+    """
     where = options.socket or place
     files = [
         f" --{name} {shlex.quote(value)}"

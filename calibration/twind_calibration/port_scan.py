@@ -1,4 +1,4 @@
-"""`twindctl scan --port`: the port is opened here, alone; every rate and id is looked at. Blocks."""
+"""`twindctl scan --port`: opens the port exclusively and tries every rate and id. Blocks."""
 
 import argparse
 import json
@@ -20,7 +20,7 @@ BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock
 
 
 def look(options: argparse.Namespace) -> int:
-    """Exit code 0: somebody was found, and nothing is wrong with anybody. Raises Rejected with a reason."""
+    """Return exit code 0: a device was found, and no device has a fault. Raises Rejected with a reason."""
     try:
         port = SerialTransport(options.port, BAUDS[0])  # which every adapter has; nothing is sent yet
         try:
@@ -32,7 +32,10 @@ def look(options: argparse.Namespace) -> int:
 
 
 def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> int:
-    """Rate after rate, each shown as soon as it is known. Raises PortError, Rejected where nobody answers."""
+    """Scan rate after rate and print each result at once.
+
+    Raises PortError, Rejected where no device answers.
+    """
     bauds, ids = tuple(options.baud or BAUDS), options.ids or IDS
     timer = (port.latency_ms or 0) * 1e-3
 
@@ -67,7 +70,7 @@ def _begin(
     ids: Sequence[int],
     seconds: float,
 ) -> None:
-    """What is going to be done, how long it takes, and what is wrong with the port."""
+    """Print the planned scan, its estimated duration, and the port's warning, if any; nothing with --json."""
     if options.json:
         return
     rates = "1 baud rate" if len(bauds) == 1 else f"{len(bauds)} baud rates"
@@ -78,7 +81,7 @@ def _begin(
 
 
 def _show(options: argparse.Namespace, rate: BaudRateScan) -> None:
-    """One rate: a line of JSON or text for everybody found, then what is wrong with the line."""
+    """Print one rate: a line of JSON or text per device, then the troubles of the line."""
     for each in rate.found:
         print(json.dumps(asdict(each) | _trouble(each)) if options.json else _text(each), flush=True)
     for trouble in rate.troubles:
@@ -87,7 +90,7 @@ def _show(options: argparse.Namespace, rate: BaudRateScan) -> None:
 
 
 def _trouble(each: ScannedDevice) -> dict[str, str]:
-    """As text in JSON too; "" where nothing is wrong."""
+    """Format a trouble as text, in JSON too; "" where there is none."""
     return {"trouble": str(each.trouble) if each.trouble else ""}
 
 

@@ -70,7 +70,7 @@ class OutputQueueFull(PortError):
 
 
 class NoReply(BusError):
-    """Devices that must answer did not."""
+    """Devices that must answer did not answer."""
 
     def __init__(self, port: str, ids: Sequence[int], waited: float, what: str = "request") -> None:
         super().__init__(f"{port}: no reply to {what} from {list(ids)} within {waited * 1e3:.1f} ms")
@@ -78,7 +78,7 @@ class NoReply(BusError):
 
 
 class DeviceRefused(BusError):
-    """A device said no, or holds another value than was written."""
+    """A device answered with an error, or holds another value than was written."""
 
     def __init__(self, port: str, id: int, what: str, reason: str) -> None:
         super().__init__(f"{port}: id {id}: {what}: {reason}")
@@ -164,7 +164,7 @@ class SlowRegisterValues:
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedDevice:
-    """What identification found of one device: who it is and the settings that a calibration depends on."""
+    """Identification of one device: its identity and the settings that a calibration depends on."""
 
     id: int
     model_number: int
@@ -189,7 +189,7 @@ class RegisterAddress:
 
 @dataclass(frozen=True, slots=True)
 class RestartResult:
-    """What became of a device's settings over a restart."""
+    """Result of a restart for the settings of a device."""
 
     restored: tuple[RegisterAddress, ...] = ()  # the restart had changed them; they read back as before it
     differing: tuple[tuple[RegisterAddress, int], ...] = ()  # what reads otherwise, and what it was before
@@ -197,7 +197,7 @@ class RestartResult:
 
 @dataclass(frozen=True, slots=True)
 class PingRequest:
-    """Who is there? Read-only."""
+    """Ping of one device, to detect its presence. Read-only."""
 
     id: int
 
@@ -240,7 +240,7 @@ Request = Query | Order
 
 @dataclass(frozen=True, slots=True)
 class RequestReply:
-    """What came back for one rare-path request. An id that is missing here did not answer."""
+    """Reply to one rare-path request. An id that is missing here did not answer."""
 
     data: Mapping[int, bytes]  # id -> payload (empty for a write or reboot)
     error: Mapping[int, int]  # id -> error byte, for every id that answered
@@ -287,7 +287,7 @@ class ByteTransport(PortHandle, Protocol):
 
 
 class BusReader(Protocol):
-    """The half that only reads: what a mirror has. `ids` fixes the order of every array."""
+    """The half of a driver that only reads, which a mirror has. `ids` fixes the order of every array."""
 
     name: str
     ids: tuple[int, ...]
@@ -315,7 +315,7 @@ class BusReader(Protocol):
         """Take what has arrived; True when the outstanding transaction is complete."""
 
     def finish(self, now: float) -> BusSample:
-        """End the cyclic reading with what was heard. Never raises for a silent device."""
+        """End the cyclic reading with the received answers. Never raises for a silent device."""
 
     def begin(self, query: Query, now: float) -> None:
         """Begin one rare-path transaction. Only queries: a reader cannot write."""
@@ -324,8 +324,10 @@ class BusReader(Protocol):
         """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
 
     def upkeep(self, now: float) -> Query | None:
-        """What to ask beside the cyclic reading: the slow registers in turn; once a second, who is parked.
-        None: nothing in this turn."""
+        """Return the request beside the cyclic reading; None: nothing in this turn.
+
+        Slow registers in turn; once a second, the parked devices.
+        """
 
     def span(self, query: Request) -> float:
         """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""
@@ -345,7 +347,7 @@ class BusReader(Protocol):
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
 
     def keeps(self, id: int, name: str) -> bool:
-        """What is written to that register survives power-off. Raises KeyError."""
+        """Return whether a value written to that register survives power-off. Raises KeyError."""
 
 
 class BusWriter(Protocol):

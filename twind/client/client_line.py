@@ -1,4 +1,4 @@
-"""What carries a client's messages: the daemon's socket, or what else leads to one. Standard library only."""
+"""Carriers of a client's messages: the daemon's socket, or another path to it. Standard library only."""
 
 import contextlib
 import socket
@@ -22,25 +22,25 @@ class ClientLine(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """A lease would belong to it."""
+        """True while it is open; a lease belongs to an open line."""
 
     def open(self, patience: float) -> None:
-        """Reach the daemon within `patience` s. Nothing where it is open. Raises NoDaemon."""
+        """Connect to the daemon within `patience` s; do nothing if already open. Raises NoDaemon."""
 
     def close(self) -> None:
-        """Hang up; what has come and was not taken is forgotten. May be called twice."""
+        """Close the line; messages received and not taken are dropped. May be called twice."""
 
     def cut(self) -> None:
-        """Break it, from any thread: who waits hears that the other side hung up, and then closes it."""
+        """Break the line, from any thread: a waiting thread gets an end of file, and then closes it."""
 
     def send(self, message: bytes, patience: float) -> None:
-        """Hand a message over. Raises TimeoutError: nobody takes it. That it arrives nobody promises."""
+        """Send a message. Raises TimeoutError: it is not taken. Arrival is not guaranteed."""
 
     def receive(self, patience: float) -> bytes:
-        """The next message. Raises TimeoutError: none came; EOFError: the other side hung up."""
+        """Return the next message. Raises TimeoutError: none came; EOFError: the other side closed."""
 
     def waiting(self) -> list[bytes]:
-        """Messages that have come already."""
+        """Return the messages that have come already."""
 
 
 class SocketLine:
@@ -53,7 +53,7 @@ class SocketLine:
 
     @property
     def is_open(self) -> bool:
-        """The daemon had not hung up when it was used last."""
+        """True if the daemon had not closed the connection at its last use."""
         return self._socket is not None
 
     def open(self, patience: float) -> None:
@@ -75,21 +75,24 @@ class SocketLine:
         self._socket = sock
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._socket is not None:
             self._socket.close()
         self._socket = None
         self._buffer.clear()
 
     def cut(self) -> None:
-        """Break it, from any thread."""
+        """Break the connection, from any thread."""
         sock = self._socket
         if sock is not None:
             with contextlib.suppress(OSError):  # it ended by itself
                 sock.shutdown(socket.SHUT_RDWR)
 
     def send(self, message: bytes, patience: float) -> None:
-        """Raises TimeoutError. One that hung up is no error yet: what it said before that explains why."""
+        """Send a message. Raises TimeoutError.
+
+        A closed connection is no error yet: messages that the daemon sent before explain why.
+        """
         assert self._socket is not None
         try:
             self._socket.settimeout(patience)
@@ -100,7 +103,7 @@ class SocketLine:
             pass
 
     def receive(self, patience: float) -> bytes:
-        """Raises TimeoutError; EOFError: it hung up, or its message is longer than any may be."""
+        """Return the next message. Raises TimeoutError; EOFError: connection closed, or message too long."""
         assert self._socket is not None
         deadline, searched = time.monotonic() + patience, 0
         while (end := self._buffer.find(b"\0", searched)) < 0:
@@ -120,7 +123,7 @@ class SocketLine:
         return message
 
     def waiting(self) -> list[bytes]:
-        """Of what was read with the last message."""
+        """Return the whole messages that were read along with the last one."""
         end = self._buffer.rfind(b"\0")
         messages = bytes(self._buffer[: max(end, 0)])
         del self._buffer[: end + 1]

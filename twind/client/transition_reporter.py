@@ -1,4 +1,4 @@
-"""What is wrong, said when it begins and when it is over, not at every try. Standard library only."""
+"""Reports of a fault at its beginning and at its end, not at every retry. Standard library only."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class TransitionReporter:
-    """Says what is wrong when it begins and when it is over, not at every try. `every`: s between two."""
+    """Reports a fault when it begins and when it is over, not at every retry. `every`: s between two."""
 
     every: float = 10.0
     wrong: str = ""
@@ -15,7 +15,7 @@ class TransitionReporter:
     at: float = float("-inf")
 
     def news(self, wrong: str, now: float) -> bool:
-        """`wrong` ("": nothing) is worth a line now. Reasons that come by turns get one each `every` s."""
+        """True if `wrong` ("": no fault) needs a line now. Alternating reasons get one each `every` s."""
         self.wrong = wrong
         if wrong == self.told or (wrong and self.told and now - self.at < self.every):
             return False

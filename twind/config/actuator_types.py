@@ -1,7 +1,7 @@
-"""The kinds of actuator that a robot file describes: what all are asked for, and what each has of its own.
+"""The kinds of actuator that a robot file describes: the interface of all, and the properties of each.
 
-Whoever needs units, strength or bounds asks `TypeSpec`; only what opens a bus, makes a virtual actuator or
-compares devices looks at the kind itself.
+Code that needs units, strength or bounds uses `TypeSpec`. Only code that opens a bus, makes a virtual
+actuator or compares devices looks at the kind itself.
 """
 
 import math
@@ -48,26 +48,26 @@ class TypeSpec(ABC):
     @property
     @abstractmethod
     def effort_lsb_nm(self) -> float:
-        """N·m of one raw effort; NaN: it cannot tell."""
+        """N·m of one raw effort; NaN: it reports no torque."""
 
     @property
     @abstractmethod
     def effort_limit_nm(self) -> float:
-        """The most that it gives, N·m; NaN: unknown."""
+        """Largest torque, N·m; NaN: unknown."""
 
     @property
     @abstractmethod
     def full_effort(self) -> float:
-        """Raw effort that is its whole load; NaN: unknown."""
+        """Raw effort at full load; NaN: unknown."""
 
     @property
     @abstractmethod
     def centre(self) -> int:
-        """The count in the middle of the turn that it wakes up in. Raises KeyError: no such model."""
+        """Count in the middle of the turn in which it boots. Raises KeyError: no such model."""
 
     @abstractmethod
     def operating_mode(self, mode: str) -> int:
-        """What a device in `mode` must say of its operating mode."""
+        """Return the operating mode that a device in `mode` must report."""
 
     @abstractmethod
     def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
@@ -75,10 +75,10 @@ class TypeSpec(ABC):
 
     @abstractmethod
     def fenced(self, mode: str) -> bool:
-        """Whether it refuses goals beyond limits of its own."""
+        """Return whether it refuses goals beyond limits of its own."""
 
     def current_cap(self, mode: str) -> int | None:
-        """Most current (counts) that it may use, where `mode` takes such a cap."""
+        """Largest current (counts) that it may use, where `mode` takes such a cap."""
         return None
 
     @property
@@ -110,12 +110,12 @@ class ServoType(TypeSpec):
 
     @property
     def effort_lsb_nm(self) -> float:
-        """Of one count of current."""
+        """N·m of one count of current."""
         return self.torque_constant_nm_per_a * self.current_lsb_a
 
     @property
     def effort_limit_nm(self) -> float:
-        """At `current_limit_a`."""
+        """Torque at `current_limit_a`, N·m."""
         return self.torque_constant_nm_per_a * self.current_limit_a
 
     @property
@@ -125,27 +125,27 @@ class ServoType(TypeSpec):
 
     @property
     def centre(self) -> int:
-        """X series 2048, P series 0 (e-manual, "Goal Position"); where nobody says, half a turn."""
+        """X series 2048, P series 0 (e-manual, "Goal Position"); where no source states it, half a turn."""
         known = table(number_of(self.device)).facts.centre
         return self.ticks_per_turn // 2 if known is None else known
 
     def operating_mode(self, mode: str) -> int:
-        """Of register 11."""
+        """Return the value of register 11 (operating mode) for `mode`."""
         return OPERATING_MODES[mode]
 
     def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
-        """In mode `position` its limit registers, else one turn; in the others many turns (48, 52)."""
+        """Mode `position`: range of its limit registers, else one turn; others: many turns (48, 52)."""
         if not self.fenced(mode):
             return -MANY_TURNS, MANY_TURNS
         first = self.centre - self.ticks_per_turn // 2
         return own if own is not None else (first, first + self.ticks_per_turn - 1)
 
     def fenced(self, mode: str) -> bool:
-        """In mode `position` alone (e-manual, registers 48 and 52)."""
+        """True in mode `position` alone (e-manual, registers 48 and 52)."""
         return mode == "position"
 
     def current_cap(self, mode: str) -> int | None:
-        """Goal current (102), in current-based position."""
+        """Goal current (102), in current-based position mode."""
         return self.cap_counts if mode == "current_based_position" else None
 
     @property
@@ -187,17 +187,17 @@ class CanType(TypeSpec):
 
     @property
     def effort_lsb_nm(self) -> float:
-        """Of the driver's raw effort; NaN: its family tells a current, and no torque."""
+        """N·m of one count of the driver's raw effort; NaN: its family reports a current, and no torque."""
         return math.nan if self.family in NO_EFFORT else EFFORT
 
     @property
     def effort_limit_nm(self) -> float:
-        """`torque_limit_nm`."""
+        """The value of `torque_limit_nm`."""
         return self.torque_limit_nm
 
     @property
     def full_effort(self) -> float:
-        """At `torque_limit_nm`; NaN: it tells no effort."""
+        """Raw effort at `torque_limit_nm`; NaN: it reports no effort."""
         return self.torque_limit_nm / self.effort_lsb_nm
 
     @property
@@ -211,19 +211,19 @@ class CanType(TypeSpec):
         return math.floor(self.ranges.position_rad / COUNT)
 
     def operating_mode(self, mode: str) -> int:
-        """That it takes these commands."""
+        """Return the code of an actuator that takes these commands."""
         return TAKES_COMMANDS
 
     def goals(self, mode: str, own: tuple[int, int] | None) -> tuple[int, int]:
-        """What the position field holds, of the file and of the device."""
+        """Range of the position field, by the file and the device."""
         low, high = own if own is not None else (-self.most, self.most)
         return max(low, -self.most), min(high, self.most)
 
     def fenced(self, mode: str) -> bool:
-        """Never: it goes wherever the field can say."""
+        """False: it goes wherever the position field can represent."""
         return False
 
     @property
     def watched(self) -> bool:
-        """As the file says."""
+        """True if the file arms its watchdog."""
         return self.watchdog == "device"

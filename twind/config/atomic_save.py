@@ -1,6 +1,7 @@
 """Files that must be old or new, never mixed: written beside, synced, read back, renamed, folder synced.
 
-One program at a time saves into a folder. Who makes a file anew of what it holds reads it `alone` as well.
+One program at a time saves into a folder. A program that derives a file from its present contents reads it
+`alone` as well.
 """
 
 import contextlib
@@ -24,7 +25,7 @@ _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 @dataclass(frozen=True, slots=True)
 class FileOwnership:
-    """Whose a file is, from before it has its name."""
+    """Mode, owner and group of a file, set before it gets its name."""
 
     mode: int = 0o640
     owner: int = -1  # -1: who writes it
@@ -33,7 +34,7 @@ class FileOwnership:
 
 @dataclass(frozen=True, slots=True)
 class LockedFolder:
-    """A folder into which nobody else saves (`alone`)."""
+    """A folder into which no other program saves (`alone`)."""
 
     path: Path
     _directory: int  # its descriptor, locked
@@ -70,9 +71,9 @@ class LockedFolder:
 
 @contextlib.contextmanager
 def alone(folder: Path) -> Iterator[LockedFolder]:
-    """Hold a folder: whoever else saves there waits. Not to be held twice by one program.
+    """Lock a folder: other programs that save there wait. One program must not hold it twice.
 
-    Raises OSError: no folder, no permission to read it, somebody else saves there for half a minute.
+    Raises OSError: no folder, no permission to read it, another program saves there for half a minute.
     """
     directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -83,18 +84,18 @@ def alone(folder: Path) -> Iterator[LockedFolder]:
 
 
 def save_text(folder: Path, name: str, text: str, history: int, rights: FileOwnership | None = None) -> Path:
-    """`Folder.save_text`, of a text that owes nothing to what is there. Raises as it and as `alone`."""
+    """`LockedFolder.save_text`, of a text independent of the present file. Raises as it and as `alone`."""
     with alone(folder) as held:
         return held.save_text(name, text, history, rights)
 
 
 def draft_of(folder: Path, name: str) -> Path:
-    """Where the work in progress on `folder/name.yaml` stands."""
+    """Return the path of the draft of `folder/name.yaml`."""
     return folder / f".{name}.draft.yaml"
 
 
 def _lock(directory: int) -> None:
-    """It goes with the descriptor, so that who is killed leaves none behind."""
+    """Take the lock. It belongs to the descriptor, so that a killed program leaves none behind."""
     clock = MonotonicClock()
     deadline = clock.now() + PATIENCE
     while True:
@@ -150,6 +151,6 @@ def _numbered(name: str, number: int) -> str:
 
 
 def _numbers(directory: int, name: str) -> list[int]:
-    """Of the earlier files, the oldest first."""
+    """Return the numbers of the earlier files of `name`, the oldest first."""
     form = re.compile(re.escape(name) + r"\.(\d{4,9})\.yaml")
     return sorted(int(found[1]) for entry in os.listdir(directory) if (found := form.fullmatch(entry)))

@@ -19,15 +19,15 @@ class CycleBudget(Protocol):
 
     @property
     def bus(self) -> BusSpec:
-        """Of the robot file."""
+        """The bus, as described in the robot file."""
 
     @property
     def refusal(self) -> str | None:
-        """Why the rate is out of reach; None: it is not."""
+        """Why the rate is out of reach; None: it is within reach."""
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The arithmetic, for people."""
+        """The arithmetic as text lines."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,7 +59,10 @@ def _free_id(section: ConfigSection, bus: str, joints: Sequence[JointSpec]) -> i
 
 
 def _rotation(section: ConfigSection) -> tuple[float, ...] | None:
-    """Of unit length to the last number; None: as the site stands."""
+    """Return the rotation of the sensor, a quaternion w x y z of unit length to the last digit.
+
+    None: not given, aligned with the site. A length other than 1 is refused.
+    """
     if not section.has("rotation"):
         return None
     given = section.numbers("rotation", 4)

@@ -219,7 +219,7 @@ def _check(file: Path, text: bytes, element: _XmlElement) -> None:
 
 
 def _wrong(value: str, bound: NumberBound) -> str:
-    """What is wrong with an attribute's value; empty: nothing."""
+    """Return the error in an attribute's value; empty: none."""
     numbers = value.split()
     if not numbers:
         return "is empty"
@@ -244,7 +244,7 @@ def _in_bytes(value: str) -> str:
 
 
 def _offset(text: bytes, start: int, name: str) -> int:
-    """Of an attribute in the element that begins at `start`; of the element where it is not found."""
+    """Return the offset of attribute `name` in the element at `start`; `start` where it is not found."""
     places = _ATTRIBUTE.finditer(text, start)
     return next((place.start() for place in places if place[1] == name.encode()), start)
 

@@ -1,6 +1,6 @@
-"""How the port of a bus is written: the path of a serial port, or `can:INTERFACE:CHANNEL`. Pure.
+"""Form of a bus port: the path of a serial port, or `can:INTERFACE:CHANNEL`. Pure.
 
-Whether it is there is the loop's to find out.
+Whether the port exists is checked by the loop.
 """
 
 from twind.config.actuator_types import CAN, SERIAL
@@ -10,7 +10,7 @@ EXAMPLES = "can:slcan:/dev/ttyACM0 or can:socketcan:can0"
 
 
 def wrong_port(kind: str | None, port: str) -> str | None:
-    """What is wrong with the port of a bus of that kind (None: not known yet); None: nothing."""
+    """Return the error in the port of a bus of that kind (None: kind not known yet); None: no error."""
     if port.startswith(SCHEME):
         _, interface, channel = (*port.split(":", 2), "", "")[:3]
         if not interface or not channel:

@@ -1,4 +1,4 @@
-"""Files read again beside what is in force: what of them may be applied now, and what then is in force."""
+"""Files read again beside the configuration in force: changes that may be applied now, and their result."""
 
 from dataclasses import replace
 
@@ -48,10 +48,10 @@ def _measured(calibration: Calibration) -> Calibration:
 
 
 def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> LoadedConfig:
-    """What is in force once `found` is applied. Raises NotHot.
+    """Return the configuration in force once `found` is applied. Raises NotHot.
 
-    Files whose contents are in force whole count as read now; the others as read before, so that nobody arms
-    by what is not in force.
+    Files whose contents are in force whole count as read now; the others as read before. So arming never
+    relies on contents that are not in force.
     """
     made = with_changes(old, found.changes)
     settings, files, robot = made.settings, dict(old.files), made.robot

@@ -128,7 +128,7 @@ class RegistersSpec:
 
     @property
     def kind(self) -> str:
-        """Of one number, as numpy spells it: `<i2`."""
+        """Type of one number, in numpy's notation: `<i2`."""
         return f"<{self.type[0]}{self.size}"
 
     @property

@@ -18,7 +18,7 @@ ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
 
 @dataclass(frozen=True, slots=True)
 class ServoUnits:
-    """Of the servos of one type."""
+    """Units of the servos of one type."""
 
     ticks_per_turn: int
     current_lsb_a: float  # A per count; of a model that measures no current nothing is multiplied by it

@@ -14,7 +14,7 @@ from_afar = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What is checked, and the file."""
+    """Add the arguments: the kind of check, the file, and their options."""
     parser.add_argument("what", choices=["robot", "trajectory"])
     parser.add_argument("file", metavar="FILE|NAME")
     parser.add_argument("--rate", type=float, metavar="HZ", help="robot: at this rate instead of its own")

@@ -226,7 +226,7 @@ def _keep_playing(client: Client, ended: threading.Event) -> None:
 
 
 def duration(motion: Mapping[str, Any]) -> float:
-    """Of a trajectory, s."""
+    """Return the duration of a trajectory, s."""
     return float(motion["points"][-1]["time_from_start"])
 
 

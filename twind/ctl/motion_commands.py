@@ -79,10 +79,10 @@ def _play(options: argparse.Namespace) -> int:
 
 
 def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Of the file or the name that was given. Raises UsageError, Rejected.
+    """Return the motion of the given file or name. Raises UsageError, Rejected.
 
-    A name is of the folder of the daemon's robot. From afar that folder is on another disk, and what
-    stands under its name on ours would be another motion.
+    A name refers to the folder of the daemon's robot. With --remote that folder is on another disk, where the
+    same name may be another motion than here; so a name is refused.
     """
     if elsewhere(options) is not None:
         if not (os.sep in name or name.endswith(".json")):

@@ -1,7 +1,7 @@
-"""A trajectory judged without a daemon, by the daemon's own parts, for a robot that stands still in a pose.
+"""Offline check of a trajectory: the daemon's own parts judge it, for a robot that stands still in a pose.
 
-The front's share, the gate and the look at collisions, torque and balance come in the order in which a
-`Check` meets them. What is true of one moment only (lease, latches, what was heard) is left out.
+The front's share, the gate, and the checks of collisions, torque and balance run in the order of a `Check`
+call. Conditions of one moment only (lease, latches, received messages) are left out.
 """
 
 from typing import Any
@@ -31,7 +31,7 @@ from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
 
 def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> dict[str, Any]:
-    """What `Check` answers to `trajectory` where the robot holds at `position` (n,), rad.
+    """Return the answer of `Check` to `trajectory` for a robot that holds at `position` (n,), rad.
 
     Raises CallError as the call does.
     """
@@ -50,7 +50,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
 
 
 def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
-    """S23–S26."""
+    """Run the look-ahead checks S23–S26 on `path` and return their verdict."""
     hush()
     looking = TrajectoryPrecheck(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))
     steps = looking.judging(path, before, append_stop=append_stop)
@@ -63,14 +63,14 @@ def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_s
 
 
 def pose(robot: RobotFile, name: str) -> Floats:
-    """A pose of the robot file (n,), rad. Raises UsageError: no such pose."""
+    """Return the pose `name` of the robot file (n,), rad. Raises UsageError if there is no such pose."""
     if name not in robot.poses:
         raise UsageError(f"no pose {name!r} in {robot.path}; known: {', '.join(robot.poses)}")
     return np.array([robot.poses[name][joint] for joint in robot.names])
 
 
 def standing(position: Floats) -> GateSnapshot:
-    """Of the simulation of a robot that holds at `position`, for whoever has the lease."""
+    """Build the gate's snapshot of a simulated robot that holds at `position` (n,), rad; lease held."""
     still = np.zeros_like(position)
     return GateSnapshot(
         now=0.0,
@@ -89,7 +89,10 @@ def standing(position: Floats) -> GateSnapshot:
 
 
 def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
-    """As asked, else as the robot file says. Raises CallError where the message has another shape."""
+    """Return the policy that the trajectory requests, else the robot file's.
+
+    Raises CallError where the message has another shape.
+    """
     try:
         load(CONTROL).methods["Check"].parameters.check({"trajectory": trajectory}, "")
         return trajectory_submission.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
@@ -101,6 +104,6 @@ def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
 
 
 def _as_sent(found: dict[str, Any]) -> dict[str, Any]:
-    """As a client receives it: what is no number is null."""
+    """Convert a result to the form that a client receives: values that are no numbers become null."""
     sent: dict[str, Any] = msgspec.json.decode(encode(found))
     return sent

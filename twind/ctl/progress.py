@@ -47,7 +47,10 @@ class ProgressLine:
         self.clear()
 
     def tell(self, text: str, share: float | None = None) -> None:
-        """What is being done now; `share` of the whole, 0..1, that is done (None: unknown)."""
+        """Draw the current step `text`.
+
+        `share` is the completed fraction of the whole, 0..1 (None: unknown).
+        """
         now = self._now()
         if not self.live or (text == self._shown and now - self._drawn < PERIOD):
             return
@@ -59,13 +62,13 @@ class ProgressLine:
         self._write(f"\r{line[: self._columns() - 1]}\x1b[K")
 
     def clear(self) -> None:
-        """Room for a result or a question."""
+        """Erase the line to make room for a result or a question."""
         if self._drawn >= 0.0:
             self._drawn = -PERIOD
             self._write("\r\x1b[K")
 
     def each(self, things: Sequence[_Thing], say: Callable[[_Thing], str]) -> Iterator[_Thing]:
-        """The things, one after the other, told as they are taken."""
+        """Yield the items one after the other, and show each as it is taken."""
         for place, thing in enumerate(things):
             self.tell(say(thing), place / len(things))
             yield thing

@@ -37,7 +37,7 @@ class FunctionVerb:
 
 
 class UsageError(Exception):
-    """What was asked makes no sense as written: exit code 2."""
+    """Error for arguments that make no sense as written: exit code 2."""
 
 
 class Rejected(Exception):
@@ -50,7 +50,7 @@ def operator(options: argparse.Namespace) -> Client:
 
 
 def connected(options: argparse.Namespace, *names: str) -> Client:
-    """A connection to the first of the sockets `names` that lets us in. Raises the NoDaemon of the last."""
+    """Connect to the first of the sockets `names` that accepts. Raises the NoDaemon of the last one."""
     if elsewhere(options) is not None:
         client = from_afar(options)
         client.connect()
@@ -59,7 +59,7 @@ def connected(options: argparse.Namespace, *names: str) -> Client:
 
 
 def observer(options: argparse.Namespace) -> Client:
-    """A connection that only reads: it leaves the operators their places."""
+    """Open a connection that only reads: it takes no place of an operator."""
     return connected(options, "observe", "control")
 
 
@@ -117,7 +117,10 @@ def write_register(client: Client, *, take: bool = False, **register: Any) -> An
 
 
 def harmless(text: str) -> str:
-    """Of what a file, a daemon or a client said: no control character of theirs reaches the terminal."""
+    """Replace control characters, so that none reaches the terminal.
+
+    The text comes from a file, a daemon or a client.
+    """
     return text if text.isprintable() else "".join(each if each.isprintable() else "?" for each in text)
 
 

@@ -1,6 +1,7 @@
-"""The flight file: one file, one bug report. Old or new, whole or not there at all; says when it was cut.
+"""Flight file: one file per bug report, written whole or not at all; reading detects a file that was cut.
 
-A magic, a head in msgpack (`meta` and the table of sections), then the sections, packed by zlib.
+A magic, a head in msgpack (`meta` and the table of sections), then the sections, packed by zlib. A save
+leaves the old file or the new one, never a part.
 """
 
 import contextlib
@@ -83,7 +84,7 @@ def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightCon
 
 
 def settle(folder: Path) -> None:
-    """What is called how in `folder` is on the disk. Raises OSError."""
+    """Sync the directory `folder`, so that its file names are on the disk (fsync). Raises OSError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(fd)

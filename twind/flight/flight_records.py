@@ -1,4 +1,4 @@
-"""What a flight recorder holds: as entries, and as records of bytes, in the ring as in the file."""
+"""Content of a flight recorder, as entries and as records of bytes; the same in the ring and in the file."""
 
 import struct
 from collections.abc import Iterable, Iterator
@@ -30,7 +30,7 @@ REFUSED = b"refused"  # then how many bytes
 
 
 class FlightEntry(NamedTuple):
-    """One thing that happened."""
+    """One recorded event."""
 
     time: float  # s, monotonic
     kind: EntryKind
@@ -47,13 +47,13 @@ class FlightError(Exception):
 
 
 def broken(path: str, what: str) -> FlightError:
-    """Of a recorder that was whole once."""
+    """Build the FlightError for a recorder that was complete once and is damaged now."""
     return FlightError(path, what, "copy it from the robot again, or use another one")
 
 
 @dataclass(frozen=True)
 class FlightContents:
-    """What a recorder held."""
+    """Content of a recorder."""
 
     kept: dict[int, tuple[FlightEntry, ...]] = field(
         default_factory=dict
@@ -61,13 +61,13 @@ class FlightContents:
     entries: tuple[FlightEntry, ...] = ()  # in the order they were appended, whole ones only
 
     def packed(self) -> "PackedFlight":
-        """The same as bytes."""
+        """Return the same content as bytes."""
         return PackedFlight({bus: pack(entries) for bus, entries in self.kept.items()}, pack(self.entries))
 
 
 @dataclass(frozen=True)
 class PackedFlight:
-    """The same as bytes: cheap to copy and to save, parsed when somebody looks."""
+    """Content of a recorder as bytes: cheap to copy and to save, parsed only when needed."""
 
     kept: dict[int, bytes]
     entries: bytes

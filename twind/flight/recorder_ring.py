@@ -99,18 +99,21 @@ class FlightRing:
         self._table[row] = self._kept
 
     def sign(self, signature: bytes) -> None:
-        """Of whom this is, in `SIGNATURE` bytes: a reader that comes later may know another robot."""
+        """Store the identity of this robot, `SIGNATURE` bytes.
+
+        A later reader may run for another robot and compares them.
+        """
         self._memory[_SIGNED : _SIGNED + SIGNATURE] = signature
 
     def close(self) -> None:
-        """Let go of it; who holds its descriptor can go on reading."""
+        """Release the ring; a process that holds its descriptor can go on reading."""
         self._table.release()
         self._view.release()
         self._memory.close()
         os.close(self.fd)
 
     def _turn(self) -> None:
-        """On to the next segment, whose records are gone from now on."""
+        """Advance to the next segment, whose old records are lost from now on."""
         self._at = (self._at + 1) % self._count
         self._base, self._used = self._first + self._at * self._segment, 0
         self._sequence += 1
@@ -139,10 +142,13 @@ def read(fd: int) -> FlightContents:
 
 
 def copy(fd: int) -> PackedFlight:
-    """What a ring holds, by any process, at any moment: also while its writer appends, or was killed there.
+    """Copy the content of a ring, from any process at any moment.
 
-    The end of all that was appended until some moment of this call, without a gap. Takes some ms, costs the
-    writer nothing. Nothing at all where the writer goes round the whole ring meanwhile. Raises FlightError.
+    This works also while its writer appends, or after it was killed in the middle of that.
+
+    The copy is the end of all that was appended until some moment of this call, without a gap. It takes some
+    ms and costs the writer nothing. It is empty where the writer goes round the whole ring meanwhile. Raises
+    FlightError.
     """
     count, segment, buses, slot, first = _geometry(fd)
     newest = max(sequence for sequence, _ in _rows(fd, first)[:count])
@@ -168,9 +174,9 @@ def copy(fd: int) -> PackedFlight:
 
 
 def held(fd: int) -> tuple[float | None, int]:
-    """When its oldest record was written (s, monotonic; None: not known at this moment), and bytes of all.
+    """Return the time of the oldest record (s, monotonic) and the bytes of all records.
 
-    Some 30 us. Raises FlightError.
+    The time is None where it is not known at this moment. Takes some 30 us. Raises FlightError.
     """
     count, segment, _, _, first = _geometry(fd)
     rows = _rows(fd, first)[:count]
@@ -184,7 +190,7 @@ def held(fd: int) -> tuple[float | None, int]:
 
 
 def signature(fd: int) -> bytes:
-    """What its writer signed it with; zeros: nothing. Raises FlightError."""
+    """Return the signature that the writer stored; zeros: none. Raises FlightError."""
     _geometry(fd)
     return os.pread(fd, SIGNATURE, _SIGNED)
 

@@ -1,7 +1,7 @@
-"""Trajectories whose verdict the loop owes, and what becomes of them: topic `trajectories`. Front process.
+"""Trajectories that wait for the loop's verdict, and their result: topic `trajectories`. Front process.
 
-The loop says what it changed, not the path again, which has up to 2,000 points. What they make of it
-is worked out by the functions that the gate used (`safety/retime.py`), so both have the same numbers.
+The loop reports its changes only, not the path again, which has up to 2,000 points. The functions that the
+gate used (`safety/retime.py`) compute the changed path here, so both sides have the same numbers.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ ASKED = ("start_in", "goal_time", "tolerances")  # what a trajectory has beside 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcceptedTrajectory:
-    """A path that is followed, or may be: `asked` is what was asked beside its points (`kept`)."""
+    """A path that is followed, or may be. `asked`: the fields of the request beside its points (`kept`)."""
 
     id: str
     holder: str
@@ -31,7 +31,10 @@ class AcceptedTrajectory:
     asked: Mapping[str, Any]
 
     def plain(self, names: JointNames) -> Plain:
-        """As `Accepted` of the interface: what was asked of its changes is done, so it is not asked again."""
+        """Return it as `Accepted` of the interface.
+
+        Requested changes are already made in its points, so it does not request them again.
+        """
         path, joints = self.path, np.flatnonzero(self.path.commanded)
         given = zip(COLUMNS, (path.position, path.velocity, path.acceleration), strict=True)
         rows = {key: column[:, joints].tolist() for key, column in given if column is not None}
@@ -44,24 +47,27 @@ class AcceptedTrajectory:
 
 
 def kept(message: Mapping[str, Any]) -> Plain:
-    """What is kept of a `Trajectory` of the interface: its points are megabytes, and in the path already."""
+    """Return the fields of an interface `Trajectory` that are kept.
+
+    Its points are left out: they are megabytes, and the path already has them.
+    """
     return {key: message.get(key) for key in ASKED}
 
 
 class PendingVerdict:
-    """What was sent to the loop and has no verdict yet."""
+    """Trajectories that were sent to the loop and have no verdict yet."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, AcceptedTrajectory] = {}
 
     def wait(self, sent: AcceptedTrajectory) -> None:
-        """This was sent: its verdict is still to come. The oldest is forgotten where too many wait."""
+        """Store a sent trajectory until its verdict comes. The oldest is dropped where too many wait."""
         self._waiting[sent.id] = sent
         if len(self._waiting) > WAITING:
             del self._waiting[next(iter(self._waiting))]
 
     def said(self, moment: VerdictReport) -> AcceptedTrajectory | None:
-        """What is followed by this verdict, with the verdict's changes; None: nothing."""
+        """Return the trajectory that this verdict lets the loop follow, with its changes; None: none."""
         sent = self._waiting.pop(moment.id, None)
         if sent is None or moment.verdict.get("refusals"):
             return None

@@ -19,7 +19,7 @@ PENDING = 64  # calls that may wait on one connection before it is read no furth
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who calls: a connection and the process that opened it (SO_PEERCRED, fixed at connect)."""
+    """Identity of a caller: a connection and the process that opened it (SO_PEERCRED, fixed at connect)."""
 
     number: int  # of the connection, never used again
     role: str  # operator or observer, by the socket it came in at
@@ -29,7 +29,7 @@ class Caller:
 
     @property
     def holder(self) -> str:
-        """How it is named to others."""
+        """Name of the caller as other clients see it."""
         return f"uid {self.uid}, pid {self.pid}"
 
 
@@ -92,11 +92,11 @@ class ConnectionCalls:
 
     @property
     def full(self) -> bool:
-        """No more should be read for now."""
+        """True when no more calls should be read for now."""
         return len(self._line) >= PENDING
 
     def add(self, call: ClientCall) -> None:
-        """A call came."""
+        """Add a call that was received."""
         if call.oneway:
             call.started = True
             self._start(call)
@@ -108,11 +108,11 @@ class ConnectionCalls:
         self.advance()
 
     def queue(self, call: ClientCall) -> None:
-        """A message that is no call, for its answer to come in turn."""
+        """Queue a message that is no call, so that its answer leaves in turn."""
         self._line.append(call)
 
     def put(self, call: ClientCall, data: bytes) -> None:
-        """An answer: sent if it is the call's turn, else kept."""
+        """Send an answer if it is the call's turn, else keep it."""
         if call.oneway:
             return
         if self._line and self._line[0] is call:
@@ -143,7 +143,7 @@ class ConnectionCalls:
             self._moving = False
 
     def clear(self) -> None:
-        """The connection is gone: nothing is answered any more."""
+        """Drop all calls after the connection is gone: no answers are sent any more."""
         for call in self._line:
             call.finished = True
         self._line.clear()

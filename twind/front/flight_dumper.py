@@ -1,7 +1,7 @@
-"""When the flight recorder is written out: at a fault, when asked, when the loop is gone. Front process.
+"""Writer of the flight recorder's files: at a fault, on request, when the loop is gone. Front process.
 
-The ring is only read here, by its descriptor; a thread copies, packs and writes. What cannot be written costs
-a line of the log and is counted.
+The ring is only read here, by its descriptor; a thread copies, packs and writes. A file that cannot be
+written adds a line to the log and is counted.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 @dataclass(frozen=True, slots=True)
 class RecorderHandover:
-    """What the loop hands over: descriptors of rings, which are ours to close."""
+    """Data that the loop hands over: descriptors of rings, which this process must close."""
 
     folder: Path
     ring: int | None = None  # the loop's
@@ -63,7 +63,7 @@ class _FlightRequest:
 
 
 class FlightDumper:
-    """What waits to be written, and what was."""
+    """Queue of the files to write, and the record of those written."""
 
     def __init__(self, front: FrontServer, recorded: RecorderHandover | None) -> None:
         self._front, self._parent = front, os.getppid()
@@ -85,7 +85,7 @@ class FlightDumper:
     # ----------------------------------------------------------------------------- what makes one due
 
     def event(self, event: Event) -> None:
-        """Something the loop says: a fault makes a file due."""
+        """Process an event of the loop: a fault makes a file due."""
         self._farewell = self._farewell or event.code == "END"
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
@@ -94,7 +94,7 @@ class FlightDumper:
             self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
 
     def tend(self, now: float) -> None:
-        """Once per round of housekeeping."""
+        """Write what is due; called once per round of housekeeping."""
         if self._due is not None and now >= self._due:
             self._write_due()
         self._rescue(now)
@@ -108,7 +108,7 @@ class FlightDumper:
             self._begin(_FlightRequest(self._recorded.wreck, "crash", CRASH, wreck=True))
 
     def _show(self, now: float) -> None:
-        """In the status."""
+        """Put the state of the recorder into the status."""
         self._look = now + LOOK
         if self._recorded.ring is not None:
             oldest, size = None, 0
@@ -159,7 +159,10 @@ class FlightDumper:
             self._begin(_FlightRequest(self._recorded.ring, self._reason, self._cause()))
 
     def _cause(self) -> str:
-        """Of what was told just before the fault, what is latched; else the last of it."""
+        """Return the code that names the file.
+
+        This is the first latched code among the events just before the fault, else the last of those events.
+        """
         overview = self._front.world.overview
         latched = {finding.code.value for finding in overview.faults} if overview is not None else set()
         last = self._told[-1] if self._told else self._reason.upper()

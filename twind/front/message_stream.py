@@ -20,22 +20,22 @@ _CHUNK = 65536
 
 
 class DropCounter(Protocol):
-    """Who is told how much of it was lost."""
+    """Receiver of the number of messages that were dropped from its telemetry."""
 
     dropped: int
 
 
 class StreamOwner(Protocol):
-    """Who uses a stream."""
+    """User of a stream: receives its messages and its end."""
 
     def message(self, data: bytes) -> bool:
-        """One message came; False: no more until `resume`."""
+        """Process one message; return False to read no more until `resume`."""
 
     def too_large(self, limit: int) -> None:
-        """A message is larger than `limit` bytes; nothing more is read."""
+        """Report that a message is larger than `limit` bytes; nothing more is read."""
 
     def ended(self) -> None:
-        """The stream is closed; called once."""
+        """Report that the stream is closed; called once."""
 
 
 class MessageStream:
@@ -86,7 +86,7 @@ class MessageStream:
     # ------------------------------------------------------------------------------------------ in
 
     def resume(self) -> None:
-        """Read on after `message` said no."""
+        """Continue to read after `message` returned False."""
         self._declined = False
         self._read_further()
 
@@ -166,7 +166,7 @@ class MessageStream:
 
     @property
     def backlog(self) -> int:
-        """Bytes that wait for the reader."""
+        """Number of bytes that wait for the reader."""
         return len(self._rest) + self._queued
 
     def send(self, data: bytes) -> None:

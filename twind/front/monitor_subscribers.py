@@ -1,6 +1,6 @@
-"""Monitor: who watches what, how often, and what is sent to them. Front process.
+"""Subscribers of Monitor: their topics, their rates and the messages sent to them. Front process.
 
-The body of a message is encoded once per piece of news, however many watch.
+The body of a message is encoded once per piece of news, for all subscribers.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,10 @@ class MonitorSubscriber:
 
 
 def by_histograms(wanting: list[MonitorSubscriber], now: float) -> dict[bool, list[MonitorSubscriber]]:
-    """Who of those that want latencies gets histograms with them (True): everybody once a second."""
+    """Split the subscribers of latencies by whether this message includes histograms (True) or not (False).
+
+    Each subscriber gets histograms once a second.
+    """
     found: dict[bool, list[MonitorSubscriber]] = {True: [], False: []}
     for watcher in wanting:
         due = watcher.due.get(HISTOGRAMS, now)
@@ -62,7 +65,7 @@ def by_histograms(wanting: list[MonitorSubscriber], now: float) -> dict[bool, li
 
 
 class SubscriberRegistry:
-    """All watchers."""
+    """All subscribers."""
 
     def __init__(self, world: StateCache) -> None:
         self._world = world
@@ -76,11 +79,11 @@ class SubscriberRegistry:
         self._watchers.append(MonitorSubscriber(call, stream, frozenset(topics), period))
 
     def forget(self, client: int) -> None:
-        """A connection is gone."""
+        """Remove the subscribers of a connection that is gone."""
         self._watchers = [watcher for watcher in self._watchers if watcher.call.caller.number != client]
 
     def tick(self, tick: Tick) -> None:
-        """Topics that follow the tick."""
+        """Send the topics that follow the tick."""
         world, number = self._world, tick.sequence
         self._status(tick)
         for topic, key, piece, time in (
@@ -103,7 +106,7 @@ class SubscriberRegistry:
         self._send(wanting, "status", b"status", lambda: told, tick.time, tick.sequence)
 
     def overview(self, overview: Overview) -> None:
-        """Topics that follow the overview."""
+        """Send the topics that follow the overview."""
         sequence = 0 if self._world.tick is None else self._world.tick.sequence
         wanting = [watcher for watcher in self._watchers if watcher.wants("latency", overview.time, 0.05)]
         for whole, to in by_histograms(wanting, overview.time).items():
@@ -111,11 +114,11 @@ class SubscriberRegistry:
             self._send(to, "latency", b"latency", piece, overview.time, sequence)
 
     def event(self, event: Event) -> None:
-        """To all who watch events."""
+        """Send an event to all subscribers of events."""
         self._at_once("events", b"event", lambda: self._world.event(event), event.time, event.sequence)
 
     def verdict(self, moment: VerdictReport) -> None:
-        """To all who watch verdicts."""
+        """Send a verdict to all subscribers of verdicts."""
         self._at_once(
             "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
         )

@@ -47,7 +47,7 @@ class ReloadRequest:
 
 
 class ReloadQueue:
-    """What is under way, and what waits."""
+    """Queue of reload requests: the one under way and those that wait."""
 
     def __init__(self, front: FrontServer) -> None:
         self._front = front
@@ -56,7 +56,7 @@ class ReloadQueue:
         self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
 
     def close(self) -> None:
-        """The loop is gone: nobody waits for the files any more."""
+        """Stop the process that reads the files after the loop is gone: its result is not needed any more."""
         if self._reader is not None:
             self._reader.kill()
 
@@ -90,7 +90,7 @@ class ReloadQueue:
             self._read(asked, ReloadResult(changes=asked.changes, briefing=made))
 
     def _work(self, briefing: Briefing) -> ReloadResult:
-        """In a thread, which waits for the process that reads."""
+        """Run in a thread, which waits for the process that reads the files."""
         program = [sys.executable, "-P", "-m", "twind.front.reload_worker"]
         pipe = subprocess.PIPE
         try:

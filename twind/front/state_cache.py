@@ -78,13 +78,13 @@ class StateCache:
         self._columns: Slow | None = None
 
     def brief(self, briefing: Briefing) -> None:
-        """The same robot, with other limits, gains or settings."""
+        """Take a new briefing: the same robot with other limits, gains or settings."""
         self.briefing = briefing
         self._cache.clear()
 
     @property
     def known(self) -> bool:
-        """A tick and an overview have come."""
+        """True once a tick and an overview have come."""
         return self.tick is not None and self.overview is not None
 
     def take(self, news: Tick | Overview) -> None:
@@ -104,7 +104,7 @@ class StateCache:
             self._columns = _slow_columns(news)
 
     def stream(self, streams: list[dict[str, Any]]) -> None:
-        """Who streams now; another list each time."""
+        """Replace the list of current streamers; each call passes a new list."""
         self.streams = streams
         self._cache.pop("status", None)
 
@@ -119,14 +119,20 @@ class StateCache:
         return self._once("joints", self._joints)
 
     def state(self) -> bytes:
-        """Of the topic `state`: joints, their mode, how far apart their buses were read, the IMU; encoded."""
+        """Return topic `state`, encoded: joints, their mode, skew, the IMU.
+
+        The skew is the time between the readings of the buses, ms.
+        """
         assert self.tick is not None
         told = self.joints() + b',"mode":' + encode(self.tick.mode)
         told += b',"skew_ms":' + encode(self.tick.skew * 1e3)
         return told + b',"imu":' + encode(_imu(self.tick)) if self.tick.imu else told
 
     def raw(self) -> bytes:
-        """Of the topic `raw`: what was on the wire of every actuator, encoded."""
+        """Return topic `raw`, encoded: the values on the wire of every actuator.
+
+        They are ticks, effort and age in ms.
+        """
         assert self.tick is not None
         ticks, age = memoryview(self.tick.raw).cast("q").tolist(), _floats(self.tick.raw_age)
         efforts = _floats(self.tick.raw_effort)
@@ -170,7 +176,7 @@ class StateCache:
         )
 
     def verdict(self, moment: VerdictReport) -> bytes:
-        """Of the topic `verdicts`: the verdict, and which trajectory it is of; encoded."""
+        """Return topic `verdicts`, encoded: the verdict, and the id of its trajectory (null: none)."""
         return encode(self.names.verdict(moment.verdict)) + b',"id":' + encode(moment.id or None)
 
     def _hop(self, hop: LatencyInfo, *, whole: bool) -> LatencyInfo:

@@ -1,6 +1,6 @@
-"""What streamers say of themselves, for topic `stream` and the status. Front process; the loop hears nothing.
+"""Reports of streamers on themselves, for topic `stream` and the status. Front process only, not the loop.
 
-A report belongs to the connection that it came on, so there are never more of them than connections.
+A report belongs to the connection that it came on, so there are never more reports than connections.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ class StreamerReports:
             self._tell({**report[1], "error": why}, now)
 
     def tend(self, now: float) -> None:
-        """Who hangs is no streamer."""
+        """Drop the streamers whose last report is older than `SILENCE` s: they hang."""
         for client in [client for client, (at, _) in self._reports.items() if now - at > SILENCE]:
             self.forget(client, now, HANGS)
 

@@ -1,8 +1,8 @@
-"""Trajectories between their call and the loop: one at a time, in slices, so that everybody else is answered.
+"""Trajectories between their call and the loop: checked one at a time, in slices, so that other calls go on.
 
-Front process. The model is loaded once clients are served, in a thread; until then paths wait. What is found
-travels with the path (`Submit.refused`, `Submit.warned`): the loop adds its own share and answers, so that a
-caller hears all that is wrong at once.
+Front process. The model is loaded once clients are served, in a thread; until then paths wait. The findings
+travel with the path (`Submit.refused`, `Submit.warned`): the loop adds its own share and answers. A caller so
+receives all findings at once.
 """
 
 from __future__ import annotations
@@ -47,7 +47,10 @@ class TrajectoryCheck:
 
 
 class TrajectoryCheckQueue:
-    """What is being judged, and what waits. One path of a connection at a time, in the order of its calls."""
+    """Queue of trajectory checks: the one under way and those that wait.
+
+    One path of a connection at a time, in the order of its calls.
+    """
 
     def __init__(self, front: FrontServer) -> None:
         self._front = front
@@ -73,7 +76,7 @@ class TrajectoryCheckQueue:
         self._jobs.clear()
 
     def _load(self) -> TrajectoryPrecheck | None:
-        """In a thread: MuJoCo takes a quarter of a second to import."""
+        """Load the model in a thread, because the import of MuJoCo takes a quarter of a second."""
         try:
             from twind.twin.binding_transfer import foresight  # noqa: PLC0415  status is served before MuJoCo is there
 
@@ -124,7 +127,10 @@ class TrajectoryCheckQueue:
                 )
 
     def stop(self) -> None:
-        """Somebody stops the robot: a motion that is still being judged must not begin afterwards."""
+        """Refuse the motions that are still being judged.
+
+        The robot is stopped, and they must not begin afterwards.
+        """
         stopped = [job for job in self._jobs if job.moves]
         if self._jobs and self._jobs[0].moves:
             self._steps = None
@@ -154,7 +160,7 @@ class TrajectoryCheckQueue:
         self._front.soon(self._step)
 
     def _step(self) -> None:
-        """One slice; then whoever has something to say is heard."""
+        """Run one slice of a check; then other clients are served."""
         if self._steps is None:
             return
         if self._jobs[0].call.caller.number not in self._front.sessions:  # its client is gone

@@ -1,4 +1,4 @@
-"""Who learns: environments, training, policies, streams, data sets.
+"""Learning package: environments, training, policies, streams, data sets.
 
 Reaches a robot through the client alone.
 """

@@ -1,6 +1,6 @@
-"""What a robot is to learn, as data: how an episode begins, what is asked for, what each thing is worth.
+"""Learning tasks as data: how an episode begins, its command, and the weight of each reward term.
 
-How it is judged stands in `judge.py`, the same for all tasks.
+`judge.py` computes the reward, in the same way for all tasks.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from twind.robot.arrays import Floats, frozen
 
 @dataclass(frozen=True, slots=True)
 class RewardWeights:
-    """What each term of the reward of one control step is worth. A kernel is 1 / (1 + x²): at most 1."""
+    """Weight of each term of the reward of one control step. A kernel is 1 / (1 + x²): at most 1."""
 
     alive: float = 0.0  # 1, until the robot has fallen
     velocity: float = 0.0  # kernel of how far the base's velocity is from what is asked for
@@ -51,7 +51,7 @@ class LearningTask:
         return replace(given, pushes=pushes, stiffness=soft, **own)  # type: ignore[arg-type]
 
     def draw_command(self, rng: np.random.Generator) -> Floats:
-        """What is asked for in one episode, (3,)."""
+        """Draw the command of one episode, (3,): m/s forward, m/s left, rad/s turn."""
         low, high = np.array(self.command).T
         command: Floats = low + rng.random(COMMAND) * (high - low)
         return command
@@ -68,7 +68,7 @@ class LearningTask:
         return frozen(np.stack([each(foot) for foot in feet for each in (np.sin, np.cos)], axis=1))
 
     def steps(self, period: float) -> int:
-        """Control steps of an episode."""
+        """Number of control steps of an episode."""
         return round(self.episode / period)
 
 
@@ -101,7 +101,10 @@ TASKS: Mapping[str, LearningTask] = {task.name: task for task in (STAND, HUMANOI
 
 
 def task_of(name: str) -> LearningTask:
-    """By its name, `Stand` or `Humanoid`. Raises KeyError: there is none such, the known ones are listed."""
+    """Return a task by its name, `Stand` or `Humanoid`.
+
+    Raises KeyError with the known names where there is none such.
+    """
     for known, task in TASKS.items():
         if known.lower() == name.lower():
             return task

@@ -1,4 +1,4 @@
-"""A reading becomes an observation: numpy alone, for one robot or many (leading dimensions)."""
+"""Conversion of a reading to an observation: numpy alone, for one robot or many (leading dimensions)."""
 
 from typing import Any
 
@@ -12,9 +12,9 @@ Observations = NDArray[np.float32]
 
 
 class BodyReading:
-    """What is known of the robot at one moment: named views of one buffer (…, 2n + 25).
+    """Measured state of the robot at one moment: named views of one buffer (…, 2n + 25).
 
-    A body fills it; noise or a delay may be laid over the whole buffer at once.
+    A body fills it; noise or a delay may be applied to the whole buffer at once.
     """
 
     __slots__ = (
@@ -55,7 +55,7 @@ class BodyReading:
 
     @classmethod
     def empty(cls, joints: int, shape: tuple[int, ...] = ()) -> "BodyReading":
-        """Room for readings of `shape` robots, all zero: to be filled before it is shown to anybody."""
+        """Return a buffer for readings of `shape` robots, all zero: to be filled before it is used."""
         return cls(np.zeros((*shape, 2 * joints + BASE)))
 
 
@@ -68,7 +68,10 @@ def columns(base: Floats) -> "list[Any] | Floats":
 
 
 def height_of(base: Floats) -> Any:
-    """Of the base above the lower sole, m, (…,), from direction of gravity and places of the soles."""
+    """Compute the height of the base above the lower sole, m, (…,).
+
+    It follows from the direction of gravity and the positions of the soles.
+    """
     c = columns(base)
     left = c[13] * c[6] + c[14] * c[7] + c[15] * c[8]
     right = c[16] * c[6] + c[17] * c[7] + c[18] * c[8]

@@ -1,4 +1,4 @@
-"""What a policy sees, entry by entry: the one place that knows which number of an observation is what.
+"""Layout of a policy's observation, entry by entry: the only place that defines the meaning of each number.
 
 The same in simulation and on a robot. SI units; n is the number of joints, in the order of the robot file.
 """
@@ -49,7 +49,7 @@ class ObservationLayout:
 
     @cached_property
     def parts(self) -> tuple[ObservationPart, ...]:
-        """In order, without a gap."""
+        """The parts in order, without a gap."""
         n = len(self.joints)
         return (
             ObservationPart("position", n, "rad", 7.0, "position less the default pose of the task", ()),
@@ -70,7 +70,7 @@ class ObservationLayout:
 
     @cached_property
     def size(self) -> int:
-        """How many entries: 4n + 32."""
+        """Number of entries: 4n + 32."""
         return sum(part.size for part in self.parts)
 
     @cached_property
@@ -82,7 +82,7 @@ class ObservationLayout:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of every entry: `position.l_knee`, `gyro.x`."""
+        """Name of every entry: `position.l_knee`, `gyro.x`."""
         return tuple(f"{part.name}.{label}" for part in self.parts for label in (part.labels or self.joints))
 
     @cached_property
@@ -91,7 +91,7 @@ class ObservationLayout:
         return frozen(np.repeat([part.most for part in self.parts], [part.size for part in self.parts]))
 
     def card(self) -> dict[str, object]:
-        """As a policy file tells it: the joints, and first and last entry of each part."""
+        """Return the layout as a policy file has it: the joints, and first and last entry of each part."""
         ranges = {
             part.name: [self.places[part.name].start, self.places[part.name].stop - 1] for part in self.parts
         }

@@ -1,7 +1,7 @@
 """The learner's model of a robot file: free on a floor, with an observation's sensors and room for delays.
 
-Where the robot hangs on a gantry it is let down, where its model has no floor it gets one. What the house
-knows already (names, limits, addresses, feet) comes from the twin's binding.
+A robot that hangs on a gantry is lowered to the floor; a model without a floor gets one. Names, limits,
+addresses and feet come from the twin's binding.
 """
 
 from dataclasses import dataclass, replace
@@ -50,13 +50,13 @@ class Plant:
 
     @property
     def mass(self) -> float:
-        """Of the whole robot, kg."""
+        """Mass of the whole robot, kg."""
         return float(self.model.body_subtreemass[self.places.base])
 
     def parts(self, qpos: Floats, qvel: Floats, sensordata: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Positions, velocities, IMU, rest: what a reading is made of. Of a state as in `read`.
+        """Return the parts of a reading from a state as in `read`: positions, velocities, IMU, rest.
 
-        Views where the joints are one run in the model (`steady`): they may be kept.
+        They are views where the joints are one run in the model (`steady`), and may then be kept.
         """
         position, velocity = qpos[..., self.position], qvel[..., self.speed]
         return position, velocity, sensordata[..., :IMU], sensordata[..., IMU:]
@@ -133,7 +133,7 @@ def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_
 
 
 def _freed(robot: RobotFile) -> RobotFile:
-    """The robot as if nothing held it. Raises BindingError: nothing could let it move."""
+    """Return the robot without what holds it. Raises BindingError if nothing could let it move."""
     base = mujoco.MjSpec.from_file(str(robot.mjcf_path)).body(robot.base)
     if base is not None and not free_joints(base):
         raise BindingError(
@@ -144,7 +144,7 @@ def _freed(robot: RobotFile) -> RobotFile:
 
 
 def _floor(spec: Any) -> None:
-    """A floor, if nothing that belongs to the world can be stood on."""
+    """Add a floor, unless the world has a body that can be stood on."""
     if not any(geom.contype or geom.conaffinity for geom in spec.worldbody.geoms):
         floor = spec.worldbody.add_geom(name="twind_floor", type=mujoco.mjtGeom.mjGEOM_PLANE)
         floor.size, floor.contype, floor.conaffinity = [0.0, 0.0, 0.1], EVERYTHING, EVERYTHING

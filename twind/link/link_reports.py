@@ -1,4 +1,4 @@
-"""What the loop tells its front. Joints are indices, times the loop's monotonic seconds."""
+"""Messages of the loop to its front. Joints are indices, times the loop's monotonic seconds."""
 
 from collections.abc import Sequence
 from math import nan
@@ -91,7 +91,7 @@ class LatencyInfo(msgspec.Struct, frozen=True):
 
 
 class LeaseInfo(msgspec.Struct, frozen=True):
-    """Who may command, as `LeaseInfo` of the interface."""
+    """Holder of the lease, the client that may command, as `LeaseInfo` of the interface."""
 
     holder: str
     uid: int
@@ -99,7 +99,7 @@ class LeaseInfo(msgspec.Struct, frozen=True):
 
 
 class Overview(LinkMessage, frozen=True, kw_only=True):
-    """What changes slowly; ten times a second and whenever mode, state or faults change."""
+    """State that changes slowly; sent ten times a second and whenever mode, state or faults change."""
 
     time: float
     latency_ms: float | None
@@ -133,7 +133,7 @@ class Reply(LinkMessage, frozen=True, kw_only=True):
 
 
 class Event(LinkMessage, frozen=True, kw_only=True):
-    """Something happened that a person may want to know. Also the loop's only way to a log."""
+    """An event for people. It is also the loop's only way to a log."""
 
     time: float
     sequence: int

@@ -126,7 +126,10 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:
-    """Of the guard. At a low rate a joint that answers every time is older than 30 ms: that is not told."""
+    """Return the bounds of the guard for a tick of `period` s.
+
+    At a low rate a joint that answers every time is older than 30 ms: this is no warning.
+    """
     usual = Bounds(setpoint_age=robot.command_timeout_ms / 1e3)
     return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
 

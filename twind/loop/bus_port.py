@@ -145,8 +145,11 @@ class BusPort:
             self.writer = self.enabler(self.reader)
 
     def identify(self, *, patient: bool = False) -> None:
-        """Ask everybody who they are; `identification` is done some ticks later. One under way begins anew:
-        what it heard so far may be of servos that have restarted since. `patient`: wait for the slowest."""
+        """Identify all devices; `identification` is done some ticks later.
+
+        One under way begins anew: its answers so far may be of servos that have restarted since. `patient`:
+        wait for the slowest servo.
+        """
         if self.reader is not None:
             if self.identification is not None:
                 self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
@@ -158,8 +161,10 @@ class BusPort:
 
     @property
     def resting(self) -> bool:
-        """No cyclic reading: its answers would take longer than a tick, into the next question. Only on a bus
-        that is not identified, and gets no goals."""
+        """True while there is no cyclic reading, on a bus that is not identified and gets no goals.
+
+        The answers would take longer than a tick, into the next request.
+        """
         if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
             return False
         asked = self.identification
@@ -168,7 +173,7 @@ class BusPort:
 
     @property
     def warning(self) -> str:
-        """What is wrong though it is open and works, and the remedy; empty: nothing."""
+        """Warning of a bus that is open and works, with the remedy; empty: none."""
         said = ("", "") if self.reader is None else (self.reader.transport.warning, self.beside)
         return "; ".join(filter(None, said))
 
@@ -220,17 +225,17 @@ class BusPort:
 
     @property
     def busy(self) -> bool:
-        """A script waits or is under way that somebody asked for; to identify everybody is none."""
+        """True while a requested script waits or is under way; identification does not count."""
         return any(not task.done and task is not self.identification for task in self.tasks)
 
     @property
     def hurried(self) -> bool:
-        """What waits changes torque: nothing goes before it."""
+        """True when a waiting script changes torque: nothing goes before it."""
         return any(task.urgent and not task.done for task in self.tasks)
 
     @property
     def full(self) -> bool:
-        """So many scripts wait that another one is refused."""
+        """True when so many scripts wait that another one is refused."""
         return len(self.tasks) >= QUEUE
 
     def drop(self, reason: str) -> None:

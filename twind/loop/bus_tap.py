@@ -1,6 +1,6 @@
-"""What the loop writes down for the flight recorder: bytes of its buses, datagrams of its link.
+"""Recording of the loop for the flight recorder: bytes of its buses, datagrams of its link.
 
-Loop's process. The drivers know nothing of it: what is taped is a port or a CAN channel like others.
+Loop's process. The drivers are independent of it: a recorded port or CAN channel looks like any other.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,19 +24,19 @@ _SLOW = 50_000  # bytes/s of overviews, answers, events and calls
 
 
 class BusTap:
-    """What happens on one bus, for whoever writes it down: here nobody."""
+    """Receiver of what happens on one bus, for a recorder; this base class ignores all of it."""
 
     def opened(self, where: str) -> None:
-        """The port is open."""
+        """Report that the port is open."""
 
     def lost(self, why: str) -> None:
-        """It was let go, or went."""
+        """Report that the port was closed or lost."""
 
     def identifying(self) -> None:
-        """Everybody is asked who he is, from here on."""
+        """Report the start of an identification of all devices."""
 
     def identified(self, *, whole: bool) -> None:
-        """Who answered has answered; `whole`: everybody did."""
+        """Report the end of an identification; `whole`: every device answered."""
 
 
 class FlightRecorder:
@@ -50,24 +50,24 @@ class FlightRecorder:
 
     @property
     def fd(self) -> int:
-        """The memory that others can read, also when this process is gone."""
+        """Descriptor of the memory that other processes can read, also when this process is gone."""
         return self._ring.fd
 
     def link(self, kind: EntryKind, data: bytes) -> None:
-        """A datagram of the link, or the arrays beside one."""
+        """Record a datagram of the link, or the arrays beside one."""
         self._ring.append(kind, NO_BUS, self._clock.now(), data)
 
     def sign(self, signature: bytes) -> None:
-        """Of what version and files it is (`briefing.fingerprint`), for a daemon after this one."""
+        """Store the fingerprint of version and files (`briefing.fingerprint`) for a later daemon."""
         self._ring.sign(signature)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the recorder."""
         self._ring.close()
 
 
 def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder | None:
-    """One for this robot; None, and why is told: there is no memory for it."""
+    """Return a recorder for this robot; None, and the reason is reported, if there is no memory for it."""
     try:
         ring = FlightRing.create(size(robot, rate_hz), buses=len(robot.buses))
     except OSError as error:
@@ -83,7 +83,7 @@ def size(robot: RobotFile, rate_hz: float) -> int:
 
 
 class RecordingBusTap(BusTap):
-    """One bus, written down; the bytes of its last whole identification are kept beside the ring."""
+    """Recorder of one bus; the bytes of its last whole identification are kept beside the ring."""
 
     def __init__(self, ring: FlightRing, place: int, clock: Clock) -> None:
         self._ring, self._place, self._clock = ring, place, clock
@@ -92,11 +92,11 @@ class RecordingBusTap(BusTap):
         self._whole = False  # the one that is kept is of everybody
 
     def sent(self, data: bytes | bytearray | memoryview) -> None:
-        """Bytes written to the bus."""
+        """Record bytes written to the bus."""
         self._note(EntryKind.OUT, data)
 
     def heard(self, data: bytes | bytearray | memoryview) -> None:
-        """Bytes read from it, whatever they are."""
+        """Record bytes read from the bus, whatever they are."""
         self._note(EntryKind.IN, data)
 
     def _note(self, kind: EntryKind, data: bytes | bytearray | memoryview) -> None:
@@ -109,15 +109,15 @@ class RecordingBusTap(BusTap):
                 self._transcript = None
 
     def refused(self, size: int, why: str) -> None:
-        """The port did not take so many bytes, or nobody knows how many of them."""
+        """Record that the port did not take `size` bytes, or an unknown number of them."""
         self._port(REFUSED, f"{size} bytes: {why}")
 
     def opened(self, where: str) -> None:
-        """The port is open."""
+        """Record that the port is open."""
         self._port(OPENED, where)
 
     def lost(self, why: str) -> None:
-        """It was let go, or went."""
+        """Record that the port was closed or lost."""
         self._transcript = None
         self._port(LOST, why)
 
@@ -125,11 +125,14 @@ class RecordingBusTap(BusTap):
         self._ring.append(EntryKind.PORT, self._place, self._clock.now(), word + b" " + text.encode())
 
     def identifying(self) -> None:
-        """Its bytes are kept from here on."""
+        """Begin to keep the bytes of an identification."""
         self._transcript, self._length = [], 0
 
     def identified(self, *, whole: bool) -> None:
-        """They are complete. Of somebody who did not answer they replace none of everybody."""
+        """Store the bytes of the identification, which are complete.
+
+        An identification with missing devices does not replace one of all devices.
+        """
         if self._transcript is not None and (whole or not self._whole):
             self._whole = whole
             self._ring.keep(self._place, pack(self._transcript))
@@ -140,7 +143,7 @@ Inside = TypeVar("Inside", ByteTransport, CanChannel)
 
 
 class _Tapped(Generic[Inside]):
-    """What a port and a channel have in common; what carries no bytes costs nothing more than before."""
+    """Common part of a port and a channel; a call that carries no bytes costs no more than before."""
 
     def __init__(self, inside: Inside, tape: RecordingBusTap) -> None:
         self._inside: Inside = inside

@@ -1,7 +1,7 @@
-"""What lies just ahead of the motion of every tick: the least clearance on the way (R20). Loop's process.
+"""Look-ahead in every tick for the least clearance on the commanded way (R20). Loop's process.
 
-Looks along the commanded way for as long as the robot takes to brake. While the way stays the same only the
-time that is newly reached is looked at; when it changes, all of it anew. A robot that holds costs nothing.
+The way is checked for as long as the robot takes to brake. While the way stays the same only the newly
+reached time is checked; when it changes, all of it again. A robot that holds costs nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CLEAR = ClearanceAhead(inf)
 
 
 class CollisionLookahead:
-    """Remembers of the way what comes near; the rest needs no memory. Distances are (p,), m."""
+    """Look-ahead that keeps only the poses of the way where bodies come near. Distances are (p,), m."""
 
     def __init__(self, bodies: CollisionModel, limits: JointLimits, period: float) -> None:
         """`period`: s, of a tick."""
@@ -48,7 +48,7 @@ class CollisionLookahead:
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
 
     def within(self, limits: JointLimits) -> CollisionLookahead:
-        """The same bodies, for a robot at rest that from now on has these limits."""
+        """Return a look-ahead with the same bodies and new limits, for a robot at rest."""
         return CollisionLookahead(self._bodies, limits, self._period)
 
     def look(self, executor: TrajectoryExecutor) -> ClearanceAhead | None:
@@ -123,12 +123,15 @@ class CollisionLookahead:
         return rows
 
     def _spare(self, plan: LookaheadPlan, least: Floats) -> Floats:
-        """How much of the way `least` leaves each pair beyond `block`; infinite where it comes no nearer."""
+        """Return the margin (p,) of the distances `least` above `block`, m.
+
+        It is infinite where a pair comes no nearer.
+        """
         now = self._measured(plan.reference.position[None])[0]
         return np.where(least > now - NEARER, inf, least - self._bodies.block)
 
     def _tightest(self, plan: LookaheadPlan) -> ClearanceAhead:
-        """Of the pairs that come nearer than they are now, the one with the least to spare."""
+        """Return the clearance with the least margin among the pairs that come nearer than they are now."""
         bodies = self._bodies
         rows = np.array([row for _, row in self._near])
         least = rows.min(axis=0)

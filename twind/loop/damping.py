@@ -1,7 +1,7 @@
-"""DAMP: torque stays and gets soft, the goals go where the robot sinks, and then it is let go.
+"""DAMP procedure: torque stays and becomes soft, the goals follow the sinking robot, then torque goes off.
 
-For a robot that cannot be lowered to its rest pose, or is falling already. Nothing leads back from here but
-torque off and arming anew: whatever takes the torque over goes on damping. Not verified on hardware.
+For a robot that cannot be lowered to its rest pose, or is falling already. The only way back is torque off
+and arming anew: any procedure that takes the torque over continues to damp. Not verified on hardware.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the
 
 
 def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
-    """From now on nothing but damping and torque off; a way to the rest pose under way ends."""
+    """Allow only damping and torque off from now on; a motion to the rest pose under way ends."""
     if loop.soft_since is None:
         loop.soft_since = now
         because = f": {why[0].code}: {why[0].message}" if why else ""
@@ -34,7 +34,7 @@ def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
 
 
 def damp(loop: Loop) -> Procedure:
-    """Until every joint has been at rest for a second; some seconds after it was demanded at the latest."""
+    """Damp until every joint has been at rest for a second, at the latest some seconds after the demand."""
     now = loop.clock.now()
     demand(loop, (), now)
     assert loop.soft_since is not None  # just demanded
@@ -52,13 +52,16 @@ def damp(loop: Loop) -> Procedure:
 
 
 def _quiet(loop: Loop) -> bool:
-    """Every joint was heard just now, and is slow."""
+    """True when every joint has a fresh reading and is slow."""
     heard = loop.measured.age <= SLOW_FOR
     return bool((heard & (np.abs(loop.measured.velocity) <= SLOW)).all())
 
 
 def _tell(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
-    """Who does not obey is said, and nobody waits for it. An e-stop has begun where everybody does."""
+    """Report the devices that did not confirm damping, without a wait for them.
+
+    An e-stop counts as begun once every device has confirmed.
+    """
     stiff = [id for task in tasks for id in task.result or ()]
     loop.stops.begun |= not stiff and all(task.error is None for task in tasks)
     if stiff:

@@ -125,7 +125,10 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
 
 
 def _kept(port: BusPort, command: link.WriteRegister) -> bool:
-    """Does that register survive power-off? One that there is none of does not: the write says so."""
+    """True where that register survives power-off.
+
+    False for an unknown register: the write itself reports it.
+    """
     try:
         return port.reader is not None and port.reader.keeps(command.id, command.name)
     except KeyError:
@@ -154,7 +157,7 @@ def _written(loop: Loop, command: link.WriteRegister, port: BusPort) -> Procedur
 
 
 def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
-    """Does its torque read off now?"""
+    """True where the torque of the device reads off now."""
     if port.reader is None:
         return False
     task = port.run(port.reader.read(id, "torque_enable"))
@@ -166,7 +169,7 @@ def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
-    """Restart one device, give its RAM settings back, and identify everybody again."""
+    """Restart one device, restore its RAM settings, and identify all devices again."""
     port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "reboot a device") or port.writer is None:
         return
@@ -189,7 +192,7 @@ def _reboot(loop: Loop, command: link.Reboot, port: BusPort, task: ScriptRun[Res
 
 
 def scan(loop: Loop, command: link.Scan, now: float) -> None:
-    """Who answers on a bus, of the ids that the robot file names. One reply a device."""
+    """Scan a bus for the ids that the robot file names. One reply per device that answers."""
     port = _port(loop, command, command.bus)
     if port is not None:
         loop.procedures.beside(_scan(loop, command, port))

@@ -1,4 +1,4 @@
-"""Who waits for the answer to an e-stop. None is forgotten, whatever ends the stop."""
+"""Calls that wait for the answer to an e-stop. Each is answered, whatever ends the stop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PendingEStop:
 
 
 class EStopReplies:
-    """`begun`: the first effect of the running stop was read back from the bus."""
+    """Replies to e-stop calls. `begun`: the first effect of the running stop was read back from the bus."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -30,19 +30,19 @@ class EStopReplies:
         self.begun = False
 
     def ask(self, command: link.EStop) -> None:
-        """Answer this call when there is something true to say."""
+        """Add a call, to be answered once there is a confirmed state to report."""
         self._waiting.append(PendingEStop(command))
 
     def begin(self) -> None:
-        """A stop starts: nothing of it is confirmed yet."""
+        """Note the start of a stop: nothing of it is confirmed yet."""
         self.begun = False
 
     def gone(self, client: int) -> None:
-        """Nobody waits on that connection any more; the stop goes on."""
+        """Drop the calls of a connection that is gone; the stop goes on."""
         self._waiting = [waiting for waiting in self._waiting if waiting.command.client != client]
 
     def answer(self) -> None:
-        """After each exchange: tell whom there is something to tell."""
+        """Answer the calls that have something to report; called after each exchange."""
         running = self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
         for waiting in list(self._waiting):
             if not running:

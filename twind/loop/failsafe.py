@@ -91,7 +91,7 @@ class FailsafeRun:
         loop.finished = True
 
     def _look(self, until: float) -> Generator[None, float, None]:
-        """Until everybody is known and every torque is read, or it is known to be off, or time is over."""
+        """Wait until every device is known and every torque is read, or known to be off, or time is over."""
         loop = self._loop
         now = yield
         while now < until and not loop.torque_off:
@@ -150,56 +150,56 @@ def _not_whole(loop: Loop, on: Bools) -> str:
 
 
 def _afterwards(loop: Loop) -> str:
-    """Who is not known to have no torque, and what was said of it."""
+    """Return a text that names the joints without confirmed torque off, and the latched reason."""
     why = next((f"{each.code}: {each.message}" for each in loop.latches.values()), "no answer")
     return f"torque could not be read back off from {named(loop, loop.hardware.slow.torque != 0)}: {why}"
 
 
 class HeadlessLink:
-    """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
+    """The `Outside` of a loop without a front: no commands; events are lines of a descriptor, or lost."""
 
     def __init__(self, fd: int, record: Record | None = None) -> None:
-        """`record`: who writes down what is told; None: nobody."""
+        """`record`: the recorder that receives the messages; None: none."""
         self.dropped, self.lost, self.no_front = 0, False, ""
         self._fd, self._numbers, self._record = fd, 0, record
 
     def tend(self, now: float) -> None:
-        """There is no front."""
+        """Do nothing: there is no front."""
 
     def brief(self, briefing: int) -> None:
-        """Nobody comes who could be told."""
+        """Close the briefing: there is no front to receive it."""
         os.close(briefing)
 
     def ask_reread(self) -> None:
-        """Nobody reads."""
+        """Do nothing: no front reads the files."""
 
     def commands(self, now: float) -> list[ReceivedCommand]:
-        """Nobody can ask anything."""
+        """Return no commands: there are no clients."""
         return []
 
     def reply(self, reply: link.Reply) -> None:
-        """Nobody has asked."""
+        """Do nothing: there are no calls to answer."""
 
     def event(self, event: link.Event | link.VerdictReport) -> None:
-        """A line, now or never; then it is written down."""
+        """Write an event as a line, without a retry; then pass it to the recorder."""
         if isinstance(event, link.Event):
             tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
         self._write_down(event)
 
     def sequence(self) -> int:
-        """A number for the next event."""
+        """Return a number for the next event."""
         self._numbers += 1
         return self._numbers
 
     def state(self, news: link.Tick | link.Overview) -> None:
-        """Nobody looks, but later, where it is written down."""
+        """Pass the state to the recorder only: no client reads it."""
         self._write_down(news)
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing: no message waits."""
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: there is nothing to end."""
 
     def _write_down(self, news: link.Outward) -> None:
         if self._record is None:

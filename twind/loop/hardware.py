@@ -161,7 +161,7 @@ class Hardware:
         return held
 
     def silence(self, bus: JointBusMap, now: float) -> float:
-        """Seconds since anybody on that bus answered; inf never."""
+        """Return the seconds since any device on that bus answered; inf: never."""
         return now - float(self.readings.heard_at[bus.joints].max())
 
     def _order(self, script: Callable[[BusWriter, JointBusMap], Script[T]]) -> list[ScriptRun[T]]:
@@ -304,7 +304,10 @@ class Hardware:
             traffic.foreign = traffic.full = 0
 
     def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
-        """R06 counts who is known to be there (`identity`: who is missing), and not what an IMU spoilt."""
+        """Count the exchange for R06: only devices known to be present, and not what an IMU spoilt.
+
+        `identity` reports missing devices.
+        """
         traffic, whole, inertial = self.traffic[number], every(sample.heard), self.inertial
         traffic.answered = whole or some(sample.heard)
         traffic.foreign, traffic.line = sample.foreign, sample.line
@@ -315,7 +318,7 @@ class Hardware:
             port.counts.errors += not whole
 
     def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
-        """Who begins to say that it has a hardware error is asked for it at once (R09)."""
+        """Read the error register of each servo that begins to report a hardware error, at once (R09)."""
         port = self.ports[number]
         for row in self.readings.alert(number, sample):
             if port.reader is not None and not port.full:

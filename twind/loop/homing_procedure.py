@@ -1,8 +1,8 @@
-"""A joint driven against its stop: one servo with torque, weak and slow, everybody else limp.
+"""Drive of a joint against its stop: one servo with torque, weak and slow, all others without torque.
 
 Readings agree, the servo goes into the mode that has a current cap, torque on, the course (`motion/homing`),
-torque off. Whatever ends it, here or from outside, mode and settings are given back by a procedure that runs
-beside and was begun before anything was written; that one answers.
+torque off. Whatever ends it, here or from outside, another procedure restores mode and settings. That one
+runs beside, was begun before anything was written, and sends the answer.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ OFF_TURN = 16  # part of a turn that counts may be off a whole one when the mode
 
 
 class HomingEnded(Exception):
-    """The search ends, torque goes off; the finding says why."""
+    """Exception that ends the search; torque goes off and the finding gives the reason."""
 
     def __init__(self, finding: Finding) -> None:
         super().__init__(finding.message)
@@ -47,7 +47,7 @@ class HomingEnded(Exception):
 
 
 class HomingProcedure:
-    """At most one search; `owed` until its servo is what it was."""
+    """At most one search. `owed` is set until the mode and settings of its servo are restored."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -55,7 +55,7 @@ class HomingProcedure:
         self._told = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
-        """Begin, or answer why not."""
+        """Begin a search, or answer with the reason why not."""
         loop = self._loop
         if loop.state is not RobotState.CALIBRATING and loop.state not in LATCHED:
             allowed = [RobotState.CALIBRATING.value]
@@ -76,7 +76,7 @@ class HomingProcedure:
         loop.procedures.own(Priority.HOME, lambda: self._search(PendingRestore(command, found, device)))
 
     def findings(self) -> list[Finding]:
-        """Why the joint that is owed is not what it was calibrated as."""
+        """Return the findings on the joint in `owed`: why it is not as it was calibrated."""
         owed = self.owed
         if owed is None:
             return []
@@ -84,14 +84,17 @@ class HomingProcedure:
         return [Finding(ReasonCode.CALIB_MISMATCH, owed.sought.joint, message=message)]
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
-        """What is waited for before somebody else changes anything, of that device; empty: nothing."""
+        """Return the text on what must end before that device may be changed; empty: nothing.
+
+        Without arguments it covers all devices.
+        """
         owed = self.owed
         if owed is None or (bus, id) not in ((None, None), (owed.sought.port.name, owed.sought.id)):
             return ""
         return f"{self._loop.joints.names[owed.sought.joint]} is given back its mode and settings"
 
     def leave(self) -> None:
-        """The daemon ends: what is still owed is told."""
+        """Report what is not restored yet when the daemon ends."""
         if self.owed is not None:
             leave(self._loop, self.owed)
 
@@ -162,7 +165,7 @@ class HomingProcedure:
             answer(self._loop, debt)
 
     def _found(self, debt: PendingRestore) -> Generator[None, float, None]:
-        """Everything from the first look to the last capture. Raises Ended, BusError, ValueError."""
+        """Run all steps from first look to last capture. Raises HomingEnded, BusError, ValueError."""
         loop, aim = self._loop, debt.sought
         writer, command = aim.port.writer, debt.command
         assert writer is not None
@@ -193,7 +196,7 @@ class HomingProcedure:
         debt.looked_after = True
 
     def _newer(self, debt: PendingRestore) -> Generator[None, float, float]:
-        """Wait for a reading newer than all that was written so far; the time. Raises Ended."""
+        """Wait for a reading newer than all writes so far; return the time. Raises HomingEnded."""
         since, passed, now = self._loop.clock.now(), 0, 0.0
         while passed < READ or not self._look(debt).at > since:
             now = yield
@@ -258,7 +261,7 @@ class HomingProcedure:
     # ------------------------------------------------------------------------------- what ends it
 
     def _require(self, debt: PendingRestore, now: float) -> None:
-        """Raises Ended where anything says that this may not go on."""
+        """Raises HomingEnded where any condition forbids to continue."""
         for finding in self._against(debt, now):
             raise HomingEnded(finding)
 
@@ -302,7 +305,7 @@ class HomingProcedure:
             yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
 
     def _done(self, debt: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
-        """The result of a script, while nothing speaks against going on. Raises what it raises, Ended."""
+        """Return a script's result, while all conditions hold. Raises its errors and HomingEnded."""
         task = debt.sought.port.run(script, urgent=True)
         while not task.done:
             now = yield
@@ -333,7 +336,10 @@ class HomingProcedure:
 
 
 def _frame(before: int, raw: int, turn: int) -> int:
-    """Whole turns between the calibrated count before and the raw one in the other mode. Raises Ended."""
+    """Return the whole turns (counts) between the calibrated count before and the raw one in the other mode.
+
+    Raises HomingEnded.
+    """
     shift = turn * round((before - raw) / turn)
     off = abs(before - raw - shift)
     if off > turn / OFF_TURN:
@@ -345,7 +351,7 @@ def _frame(before: int, raw: int, turn: int) -> int:
 
 
 def _cause(loop: Loop) -> Finding:
-    """Why it was ended from outside."""
+    """Return the reason why it was ended from outside."""
     for finding in loop.latches.values():
         return finding
     if loop.stop_wanted:

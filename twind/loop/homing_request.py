@@ -1,6 +1,6 @@
-"""What is asked for when a stop is to be found, in counts; or why it is not begun. Loop's process.
+"""Request to find a joint's stop, in counts; or the reasons why it is not begun. Loop's process.
 
-Nothing here writes. The bounds are few and hard: a client may ask for less, never for more.
+Nothing here writes. The bounds are few and hard: a client may request less, never more.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ class HomingRequest:
 
 
 def sought(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
-    """What is sought, or all that speaks against it."""
+    """Return the request in counts, or all findings against it."""
     against = [*_asked(command), *_allowed(loop, command, now)]
     return against if against else _counted(loop, command)
 
 
 def _asked(command: link.FindStop) -> list[Finding]:
-    """Numbers that are out of bounds; NaN is."""
+    """Return findings for numbers that are out of bounds; NaN is."""
     given = (
         ("current_share of the current limit", command.current_share, SHARES),
         ("speed, rad/s", command.speed, SPEEDS),
@@ -74,7 +74,7 @@ def _asked(command: link.FindStop) -> list[Finding]:
 
 
 def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
-    """What arming of this joint would be refused for, and what a stop needs besides."""
+    """Return what would refuse arming of this joint, and the further requirements of a stop search."""
     joint = command.joint
     mine = np.arange(len(loop.joints)) == joint
     verdict = gate.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
@@ -161,13 +161,16 @@ def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, ca
 
 
 def _cap(share: float, spec: JointSpec, own: int | None) -> float:
-    """That share of the limit, raw: of the robot file, or of the servo itself where that is less."""
+    """Return that share of the limit, raw: of the robot file, or of the servo itself where that is less."""
     full = spec.type.full_effort if own is None else min(spec.type.full_effort, own)
     return max(1.0, floor(share * full))
 
 
 def _place(loop: Loop, joint: int) -> tuple[int, int, JointBusMap]:
-    """Its bus and place there. Calibrated counts: the maps of the file, not those of the wire."""
+    """Return the joint's bus and its place there.
+
+    Counts are calibrated: the maps are those of the file, not of the wire.
+    """
     for number, bus in enumerate(loop.joints.buses):
         rows = np.flatnonzero(bus.joints == joint)
         if rows.size:

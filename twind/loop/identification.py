@@ -1,6 +1,7 @@
-"""Who is on the wire: ports that open and go, devices that are missing or not the ones calibrated.
+"""Identification of the devices on each bus: ports that open and close, missing devices, wrong devices.
 
-Watches the ports after each exchange and turns what happened into states and findings.
+A device is wrong when it is not the calibrated one. The ports are watched after each exchange, and changes
+become states and findings.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
 
 
 class IdentificationState:
-    """What is known of the devices, bus by bus."""
+    """Identified devices and findings, bus by bus."""
 
     def __init__(self, loop: Loop, judge: Judge) -> None:
         self._loop, self.judge = loop, judge
@@ -56,7 +57,7 @@ class IdentificationState:
 
     @property
     def troubles(self) -> list[Finding]:
-        """What stands between the robot and being armed, for the status."""
+        """All findings that prevent arming, for the status."""
         missing = [finding for findings in self.missing.values() for finding in findings]
         return [*missing, *self.mismatches, *self.verified.findings()]
 
@@ -101,7 +102,10 @@ class IdentificationState:
             loop.procedures.own(Priority.DISARM, lambda: torque.again(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
-        """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
+        """Process servos that restarted (R11).
+
+        Settings and turns may be gone, so their buses are identified anew.
+        """
         joints = {finding.joint for finding in findings}
         self.verified.restarted(findings)
         for port, bus in self._loop.hardware.pairs:
@@ -178,13 +182,13 @@ class IdentificationState:
         self._found()
 
     def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
-        """Who (m,) of this bus has said who it is, and is what the robot file says."""
+        """Return the mask (m,) of the devices of this bus that are identified and match the robot file."""
         said, wrong = {device.id for device in port.devices}, {finding.joint for finding in findings}
         rows = zip(bus.ids, bus.joints.tolist(), strict=True)
         return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
 
     def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
-        """Everybody of this bus who did not answer, or is not what the robot file says."""
+        """Yield a finding for each device of this bus that is silent, or does not match the robot file."""
         mine = set(bus.joints.tolist())
         for finding in self.judge(self._devices).refusals:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
@@ -194,8 +198,11 @@ class IdentificationState:
                 yield replace(finding, message=finding.message + hint)
 
     def _again_patiently(self, port: BusPort) -> bool:
-        """Somebody is missing or was not read: everybody is asked again at once, as slow as a servo can be
-        set (return delay 508 us). Whom even that finds no better is not waited for again."""
+        """Identify again at once where a device is missing or was not read; return whether this was begun.
+
+        It allows for the slowest setting of a servo (return delay 508 us). Where a patient identification
+        found no more devices, it is not repeated.
+        """
         who = frozenset((device.id, bool(device.settings)) for device in port.devices)
         if port.patient or self._waited.get(port.name) == who:
             if port.patient:
@@ -205,15 +212,20 @@ class IdentificationState:
         return True
 
     def _slow(self, bus: JointBusMap) -> Iterator[Finding]:
-        """Whose return delay is longer than described, where that makes the reading longer than a tick."""
+        """Yield the mismatches of a return delay that is longer than described.
+
+        They count where the reading of the bus so takes longer than a tick.
+        """
         mine = set(bus.joints.tolist())
         for finding in self.judge(self._devices).warnings:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
 
     def _unread(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
-        """Who says who it is, but gives no sound reading: two of one model say the same, and show different
-        positions (fault matrix row 12)."""
+        """Yield a finding for each device that is identified but gives no sound reading.
+
+        Two of one model identify themselves alike, and show different positions (fault matrix row 12).
+        """
         said = {device.id for device in port.devices}
         age = self._loop.measured.age[bus.joints]
         for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
@@ -222,7 +234,7 @@ class IdentificationState:
                 yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
 
     def _found(self) -> None:
-        """Everybody of one bus is there; when that was the last bus, the robot is connected."""
+        """Process a bus whose devices are all present; with the last such bus, the robot is connected."""
         loop = self._loop
         if not loop.hardware.connected:
             return
@@ -232,14 +244,14 @@ class IdentificationState:
         self._found_all = True
 
     def _place(self, loop: Loop) -> None:
-        """The simulation starts from the measured pose, once that is known."""
+        """Start the simulation from the measured pose, once that is known."""
         if self._found_all and np.isfinite(loop.measured.position).all():
             self._found_all = False
             if loop.mode is Mode.MIRROR and loop.untouched:
                 loop.enter(loop.mode)
 
     def _tell(self, level: str, findings: Sequence[Finding]) -> None:
-        """One event per code, however many joints it is about."""
+        """Report one event per code, however many joints it concerns."""
         for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
             group = tuple(same)
             self._loop.say.event(level, code, group[0].message, group)
@@ -271,8 +283,12 @@ class IdentificationState:
             loop.change_if(RobotEvent.PORT_LOST, now)
 
     def _others(self, now: float) -> None:
-        """Of a robot that is carried they hold until somebody disarms (fault matrix rows 1 and 2); else they
-        are lowered, or damped, and let go, and so are those on their way down, or not quite armed."""
+        """Handle the joints on the remaining buses after a bus was lost.
+
+        On a supported robot (fixed or gantry) they hold until an operator disarms (fault matrix rows 1 and
+        2). Otherwise they are lowered, or damped, and torque goes off; the same where a procedure runs or the
+        robot is not armed completely.
+        """
         loop = self._loop
         if loop.inhibited:
             return  # torque stays, and nothing is written

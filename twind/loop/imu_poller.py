@@ -1,8 +1,8 @@
-"""The IMU of a robot: when it is asked, what its registers mean. One transaction a tick, after the servos'.
+"""The IMU of a robot: when it is read, what its registers mean. One transaction a tick, after the servos'.
 
-It is data: one that is silent keeps its last numbers with their time, and nothing is stopped by it. What a
-late answer of it does to a reading of the servos is held against it, not against their bus. Registers become
-SI here and nowhere else.
+It is data: a silent IMU keeps its last numbers with their time, and stops nothing. A reading of the servos
+that its late answer spoils counts as its error, not as their bus's. Registers become SI here and nowhere
+else.
 """
 
 from math import isfinite
@@ -47,11 +47,11 @@ class ImuPoller:
 
     @property
     def parked(self) -> bool:
-        """It failed too often, and is probed only."""
+        """True after too many failures: the IMU is probed only."""
         return self._sensor.parked
 
     def trouble(self, now: float) -> str:
-        """What is wrong with it, for people; empty: nothing."""
+        """Return the IMU's worst problem as a text for people, with the remedy; empty: none."""
         if not self._faults or self._sensor.calm(now, CALM):
             self._faults.clear()
             return ""
@@ -110,7 +110,7 @@ class ImuPoller:
         self.imu = imu or self.imu
 
     def _reading(self, raw: list[Floats], now: float) -> Imu | None:
-        """In SI; None: these are no numbers that a body can have."""
+        """Return the registers in SI; None: they are no numbers that a body can have."""
         if not all(np.isfinite(each).all() for each in raw) or _blank(raw, self._zeros[1]):
             return None
         gyro = self._gyro @ (raw[0] - self._zeros[0])
@@ -126,7 +126,7 @@ class ImuPoller:
         return Imu(now, gyro, force, quaternion)
 
     def _device(self, raw: Floats) -> Quaternion | None:
-        """The attitude that the device tells; None: it is none."""
+        """Return the attitude that the device reports; None: it is none."""
         assert self._told is not None
         w, x, y, z = ((raw - self._zeros[2]) * self._told.lsb).tolist()
         if self._told.order == "xyzw":

@@ -1,7 +1,8 @@
-"""Who is verified: present, as it was calibrated, its turn known, unharmed since. Loop's process.
+"""Verification of joints: present, as calibrated, its turn known, unharmed since. Loop's process.
 
-The turn of a device is chosen when it has said who it is, of readings that agree, whoever else of its bus
-is missing, and never while torque of ours is on. Until then nobody knows where its joint is: that is NaN.
+The turn of a device is chosen after its identification, from readings that agree, and never while this
+daemon's torque is on. Other missing devices of its bus do not matter. Until then the position of its joint is
+unknown: NaN.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ ASTRAY = 1.0  # s out of its travel, limp, after which another turn is taken if 
 
 
 class JointVerification:
-    """Joint by joint; arrays are (n,)."""
+    """Verification state of each joint; arrays are (n,)."""
 
     def __init__(self, loop: Loop) -> None:
         count = len(loop.parts.joints)
@@ -47,7 +48,7 @@ class JointVerification:
 
     @property
     def joints(self) -> Bools:
-        """Who is verified now."""
+        """Mask (n,) of the joints that are verified now."""
         loop = self._loop
         found = np.array(loop.joints.calibrated, np.bool_) & self._told & ~self._marred
         for port, bus in loop.hardware.pairs:
@@ -60,13 +61,16 @@ class JointVerification:
 
     @property
     def unjudged(self) -> Bools:
-        """Whose turn nobody has looked at yet."""
+        """Mask (n,) of the joints whose turn has not been determined yet, neither chosen nor refused."""
         waiting = ~self._told
         waiting[[_joint(each) for found in self._unfit.values() for each in found]] = False
         return waiting
 
     def findings(self) -> list[Finding]:
-        """Why joints are not, as far as nobody else says it; while torque is ours nothing."""
+        """Findings on joints that are not verified, as far as no other part reports them.
+
+        Empty while this daemon's torque is on.
+        """
         found, loop = self.doubts(), self._loop
         if loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
             return found
@@ -80,7 +84,10 @@ class JointVerification:
         return found
 
     def doubts(self) -> list[Finding]:
-        """Who is not where it says, as far as nobody else says it; while torque is ours nothing."""
+        """Return findings on joints that are not where they report, as far as no other part reports it.
+
+        Empty while this daemon's torque is on, and in mode sim.
+        """
         loop = self._loop
         if loop.armed or loop.mode is Mode.SIM:
             return []
@@ -92,17 +99,19 @@ class JointVerification:
         return found
 
     def mar(self, findings: Sequence[Finding]) -> None:
-        """What has a hardware error is not verified until it has been identified anew."""
+        """Mark devices with a hardware error: not verified until identified anew."""
         self._marred[_joints(findings)] = True
 
     def restarted(self, findings: Sequence[Finding]) -> None:
-        """The same of what has restarted; and its turns may be gone."""
+        """Mark devices that have restarted in the same way; their turns may be gone too."""
         self.mar(findings)
         self._doubt(np.array(_joints(findings), np.int64))
 
     def identified(self, port: BusPort, bus: JointBusMap, fits: Bools) -> None:
-        """Everybody of that bus was asked who they are; `fits` (m,): who said so, and is right. Who did not
-        may be anywhere when it is back."""
+        """Process an identification of that bus; `fits` (m,): the device answered and is the right one.
+
+        A device that did not answer may be at any position when it is back.
+        """
         rows = bus.joints
         self._answered[rows] = fits
         self._told[rows] &= fits & (not port.holding)  # those that we hold are looked at anew
@@ -110,7 +119,7 @@ class JointVerification:
         self._marred[rows] = np.where(fits, bad, self._marred[rows])
 
     def watch(self, now: float) -> None:
-        """Once per tick: choose the turns that are not known yet, of who is identified."""
+        """Choose the turns of identified devices that are not known yet; called once per tick."""
         loop, turns = self._loop, self._loop.joints.turns
         self._look_at_links()
         if some(self._marred) and loop.procedures.rank is None:  # nobody is asked on a way down
@@ -127,7 +136,11 @@ class JointVerification:
         self._place()
 
     def _look_at_links(self) -> None:
-        """Who is on a bus that was lost, or is asked anew, may be on another turn: but those that we hold."""
+        """Forget the turns of the joints on a bus that was lost, or is identified anew.
+
+        They may be on another turn. Joints that this daemon holds with torque keep theirs when identified
+        anew.
+        """
         for number, (port, bus) in enumerate(self._loop.hardware.pairs):
             anew = port.link is PortState.IDENTIFYING and self._links[number] is PortState.CONNECTED
             if (anew and not port.holding) or (
@@ -142,7 +155,10 @@ class JointVerification:
         self._told[joints], self._agreeing[joints] = False, 0
 
     def _ask_again(self) -> None:
-        """Who had a hardware error and has none any more: it may have restarted, or be another one."""
+        """Identify anew the buses of devices whose hardware error is gone.
+
+        Such a device may have restarted, or be another one.
+        """
         readings, slow = self._loop.hardware.readings, self._loop.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
         for port, bus in self._loop.hardware.pairs:
@@ -150,8 +166,10 @@ class JointVerification:
                 port.identify()
 
     def _look_astray(self, turns: TurnRange, now: float) -> None:
-        """Who leapt by half a turn or more, or hangs out of its travel though another turn fits, is chosen
-        anew: a reading misled us, or its servo has lost its turns."""
+        """Choose anew the turn of joints that jumped by half a turn or more, or stay out of their travel.
+
+        The latter only where another turn fits. Either a reading was wrong, or the servo has lost its turns.
+        """
         hardware = self._loop.hardware
         raw, readings = hardware.readings.raw.ticks, hardware.readings
         outside = self._told & ~inside(raw + readings.shift, turns)
@@ -165,7 +183,7 @@ class JointVerification:
             self._astray[:] = inf
 
     def _count(self, turns: TurnRange) -> None:
-        """How many readings in a row say the same turn."""
+        """Count the readings in a row that give the same turn."""
         turn, heard = chosen(self._loop.hardware.readings.raw.ticks, turns), self._loop.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
         self._agreeing = np.where(heard, again, self._agreeing)
@@ -203,7 +221,7 @@ class JointVerification:
             loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
 
     def _say(self, bus: str, found: Sequence[Finding]) -> None:
-        """Once of the same joints, however their readings flicker."""
+        """Report once for the same joints, however their readings change."""
         if set(map(_joint, found)) - set(map(_joint, self._unfit.get(bus, ()))):
             self._loop.say.event("warning", found[0].code, found[0].message, tuple(found))
         self._unfit[bus] = found

@@ -1,7 +1,7 @@
-"""What was driven against its stop is given back: mode and settings as they were, read back; then the answer.
+"""Restoring of a servo after a search for its stop: mode and settings are written back, read back, reported.
 
-Until it is, the joint is owed: nobody arms, leaves the mode or writes to it. A try that is cut short is made
-again; a servo that refuses, or another one in its place, ends it, and that is told.
+Until then the joint is owed: no client arms, leaves the mode or writes to it. An interrupted try is made
+again. A servo that refuses, or another one in its place, ends the restoring, and that is reported.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings by whi
 
 @dataclass(eq=False)
 class PendingRestore:
-    """One search: what was asked, what the servo was before, and how it came out."""
+    """One end-stop search: its request, the servo's settings before it, and its result."""
 
     command: link.FindStop
     sought: HomingRequest
@@ -62,7 +62,7 @@ def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
 
 
 def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None, float, tuple[Finding, ...]]:
-    """Tried until it is done, or never will be; why not."""
+    """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
     while True:
         if (strange := _stranger(debt)) is not None:
@@ -83,7 +83,8 @@ def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None,
 
 
 def _free(loop: Loop, debt: PendingRestore) -> bool:
-    """Nobody else writes there, no torque of ours is left, and it is known who is there."""
+    """Check that no other procedure writes there, that our torque is off, and that the device at the id is
+    identified."""
     port = debt.sought.port
     calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
     known = port.identification is None and _now(debt) is not None
@@ -91,13 +92,15 @@ def _free(loop: Loop, debt: PendingRestore) -> bool:
 
 
 def _now(debt: PendingRestore) -> IdentifiedDevice | None:
-    """Who has its id, as last identified; None: nobody has said since the bus was opened."""
+    """Return the device that has the id of `debt`, as last identified; None: it has not answered since the
+    bus was opened."""
     found = (each for each in debt.sought.port.devices if each.id == debt.sought.id and each.settings)
     return next(found, None)
 
 
 def _stranger(debt: PendingRestore) -> str | None:
-    """How whoever has its id now is known to be another than was driven."""
+    """Return the reason why the device that has the id now is not the one that was driven; None: no
+    difference is known."""
     was, found = debt.device, _now(debt)
     if found is None:
         return None
@@ -113,7 +116,7 @@ def _stranger(debt: PendingRestore) -> str | None:
 
 
 def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
-    """One try; what was wrong with it."""
+    """Try once to write the old mode and settings back; return the error of the attempt, or None."""
     port, aim = debt.sought.port, debt.sought
     assert port.writer is not None
     try:
@@ -129,14 +132,14 @@ def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
 
 
 def leave(loop: Loop, debt: PendingRestore) -> None:
-    """The daemon ends, and it was not given back: that is told."""
+    """Report that the daemon ends before mode and settings were written back."""
     why = unrestored(debt, "the daemon ends")
     _say(loop, debt, (why,))
     answer(loop, debt, why)
 
 
 def release(loop: Loop, debt: PendingRestore) -> None:
-    """It is owed no more; everybody on its bus is written to again."""
+    """End the debt; all devices on its bus are written to again."""
     if debt.sought.port.writer is not None:
         debt.sought.port.writer.together()
     loop.homing.owed = None
@@ -162,7 +165,7 @@ def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
 
 
 def _say(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
-    """How giving back came out, for who was answered before, and for those who asked nothing."""
+    """Report the result of the restoring as events, for a client answered before and for all others."""
     name = loop.joints.names[debt.sought.joint]
     for finding in why:
         loop.say.event("error", finding.code, f"{name}: {finding.message}", (finding,))
@@ -171,7 +174,7 @@ def _say(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
 
 
 def unrestored(debt: PendingRestore, why: str) -> Finding:
-    """What it is left with, and why."""
+    """Build the finding of a servo that was not restored: what it is left with, and why."""
     message = f"its mode and settings are not as they were: {why}; it is left with {debt.left}"
     return Finding(ReasonCode.DEVICE_MISMATCH, debt.sought.joint, message=message)
 

@@ -14,7 +14,7 @@ Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent
 
 
 class Priority(IntEnum):
-    """How urgent a procedure that owns the torque is."""
+    """Urgency of a procedure that owns the torque."""
 
     ARM = 1
     HOME = 2
@@ -26,7 +26,8 @@ class Priority(IntEnum):
 
 
 class ProcedureRunner:
-    """What is on its way."""
+    """Running procedures: at most one that owns the torque, and any number beside it that do not touch the
+    torque."""
 
     def __init__(self) -> None:
         self._torque: Procedure | None = None
@@ -35,7 +36,7 @@ class ProcedureRunner:
 
     @property
     def rank(self) -> Priority | None:
-        """Urgency of the procedure that owns the torque; None: nobody does."""
+        """Urgency of the procedure that owns the torque; None: no procedure owns it."""
         return self._rank
 
     def own(self, rank: Priority, start: Callable[[], Procedure]) -> bool:
@@ -50,18 +51,18 @@ class ProcedureRunner:
         return True
 
     def beside(self, body: Procedure) -> None:
-        """Begin one that does not touch the torque."""
+        """Begin a procedure that does not touch the torque."""
         if _first(body):
             self._others.append(body)
 
     def abandon(self) -> None:
-        """End the one that owns the torque, where it stands; it answers its caller itself."""
+        """End the procedure that owns the torque, at the step it has reached; it answers its caller."""
         body, self._torque, self._rank = self._torque, None, None
         if body is not None:
             body.close()
 
     def step(self, now: float) -> None:
-        """One step of each."""
+        """Run one step of each procedure; `now` in s."""
         body = self._torque
         if body is not None and not _next(body, now) and self._torque is body:
             self._torque = self._rank = None

@@ -34,7 +34,7 @@ LISTED = 6  # keys that one line names
 
 
 class ReloadCoordinator:
-    """What was asked, what is in force. `wanted` is set by SIGHUP."""
+    """State of a reload: the request and the values in force. `wanted` is set by SIGHUP."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -61,19 +61,19 @@ class ReloadCoordinator:
             self.failed(f"the files were not read within {PATIENCE:g} s; nothing was changed")
 
     def begin(self, now: float) -> None:
-        """The files are being read: the service manager is told, once (sd_notify(3), RELOADING=1)."""
+        """The front reads the files: notify the service manager once (sd_notify(3), RELOADING=1)."""
         if self._until == inf:
             since = self._loop.clock.now()
             self._loop.parts.notifier.send(RELOADING="1", MONOTONIC_USEC=f"{since * 1e6:.0f}")
         self._until = now + PATIENCE
 
     def failed(self, why: str) -> None:
-        """The old values stay in force, and everybody is told why."""
+        """Keep the old values in force, and report the reason `why` to all clients."""
         self._loop.say.event("error", "RELOAD_REFUSED", why)
         self._end(f"the last reload was refused: {why}")
 
     def front_lost(self) -> None:
-        """Whoever read the files is gone."""
+        """Fail the reload: the front that read the files is gone."""
         if self._until < inf:
             self.failed("the front was lost while it read the files; reload again")
 
@@ -149,7 +149,10 @@ class ReloadCoordinator:
 
 
 def at_rest(loop: Loop) -> tuple[Finding, ...]:
-    """Why nothing of the robot may change now: it moves, is judged, may have torque, or a device is asked."""
+    """Return why limits and gains may not change now, as a BUSY finding; empty: they may.
+
+    Reasons: a motion or procedure runs, a trajectory is judged, torque may be on, or a bus serves a request.
+    """
     why = None
     if loop.procedures.rank is not None:
         why = f"{loop.procedures.rank.name.lower()} is under way: wait for its end"
@@ -173,7 +176,10 @@ def at_rest(loop: Loop) -> tuple[Finding, ...]:
 
 
 def _not_known(loop: Loop) -> str:
-    """Of whom nobody can say that the torque is off: by the limits of before it may have been left."""
+    """Return why torque is not known to be off: a bus has no reader, or joints have not answered.
+
+    Torque may have been left on by the limits in force before.
+    """
     port = next((port for port in loop.hardware.ports if port.reader is None), None)
     if port is None:
         return "torque is not known to be off: wait until everybody has answered"

@@ -1,4 +1,4 @@
-"""What the loop tells its front: the state every tick, the rest ten times a second."""
+"""Messages of the loop to its front: the state every tick, the rest ten times a second."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class StatePublisher:
         )
 
     def status(self) -> str:
-        """One line for the service manager: how it is, and the first thing that is wrong."""
+        """Return one line for the service manager: the state, and the first problem."""
         loop = self._loop
         heard, rate = int(loop.measured.heard.sum()), 1.0 / loop.period
         said = (
@@ -86,7 +86,8 @@ class StatePublisher:
         return "; ".join(part for part in (said, self._wrong(), loop.reloads.told) if part)
 
     def _wrong(self) -> str:
-        """What keeps clients away, is latched, keeps from arming, or was found on; "": nothing."""
+        """Return the first problem: no front, a latched or arming-blocking finding, a bus problem, torque
+        found on; "": none."""
         loop = self._loop
         if loop.link.no_front:
             return f"no client can be served: {loop.link.no_front}"
@@ -101,7 +102,8 @@ class StatePublisher:
         return "torque was found on" if loop.inherited else ""
 
     def overview(self, now: float) -> link.Overview:
-        """What changes slowly."""
+        """Build the slowly changing part of the state: latencies, buses, lease, faults, temperature, voltage,
+        torque."""
         loop = self._loop
         slow, latency = loop.hardware.slow, loop.health.total
         whole = now >= self._whole
@@ -130,7 +132,7 @@ class StatePublisher:
         )
 
     def _faulty(self) -> list[Finding]:
-        """What is latched, and why else nobody may arm now, each once."""
+        """Return the latched findings and all other reasons that prevent arming now, each once."""
         loop = self._loop
         lost = () if loop.unreachable is None else (loop.unreachable,)
         found = (*lost, *loop.latches.values(), *loop.identity.troubles, *loop.parts.guard.bars)
@@ -150,7 +152,7 @@ class StatePublisher:
         return [("total", health.total), *health.hops.items()]
 
     def lease(self, now: float) -> link.LeaseInfo | None:
-        """Who may command now."""
+        """Return the holder of the lease at `now` (s); None: the lease is free."""
         held = self._loop.lease.info(now)
         return None if held is None else link.LeaseInfo(held.holder, held.uid, held.expires_in)
 

@@ -60,7 +60,7 @@ PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon
 
 @dataclass(frozen=True, slots=True)
 class LoopParts:
-    """What a loop is made of; put together in `assembly`."""
+    """Parts of a loop; `assembly` puts them together."""
 
     clock: Clock
     period: float  # s
@@ -186,7 +186,7 @@ class Loop:
     # ------------------------------------------------------------------------------- the per-tick gate
 
     def guard(self, reference: Reference | None, target: JointState, now: float) -> Floats | None:
-        """What may be written this tick: the goal, the last goal again, or nothing."""
+        """Return what may be written this tick: the goal, the last goal again, or nothing (None)."""
         judgement = self.parts.guard.judge(facts(self, reference, target, now))
         return react(self, judgement, reference, now)
 
@@ -243,10 +243,10 @@ class Loop:
                 self.procedures.own(Priority.DISARM, lambda: arming.give_up(self))
 
     def inhibit(self, finding: Finding, now: float) -> None:
-        """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays.
+        """Write nothing until the servos' own watchdogs have ended the motion; torque stays.
 
-        A way down ends by it: to go on would write, to let go would drop the robot. Torque that is going on
-        or off already is left to go off.
+        A way down ends by it: to go on would write, to release would drop the robot. Torque that is being
+        switched on or off already is left to go off.
         """
         self.inhibited = True
         self.latch(finding)  # first: what is ended by it says so
@@ -261,7 +261,7 @@ class Loop:
 
     @property
     def state(self) -> RobotState:
-        """Of the robot and its bus."""
+        """State of the robot and its bus."""
         return self.condition.state
 
     @property
@@ -283,7 +283,7 @@ class Loop:
 
     @property
     def energised(self) -> bool:
-        """Torque may be on: on, or of a device on an open bus that has not said yet."""
+        """True if torque may be on: it is on, or a device on an open bus has not reported it yet."""
         return self.torque_on or bool((self.hardware.slow.torque[self.hardware.open] != 0).any())
 
     @property
@@ -304,7 +304,7 @@ class Loop:
     # ------------------------------------------------------------------------------- judging
 
     def snapshot(self, client: int, now: float) -> gate.GateSnapshot:
-        """What the gate must know, now."""
+        """Collect the values that the gate needs, as of `now` (s)."""
         live = self.mode is Mode.LIVE
         target = self.measured if live else self.simulated
         still = np.zeros(len(self.joints))
@@ -353,7 +353,7 @@ class Loop:
             self.executor.stop("aborted", (finding,))
 
     def _observe(self, now: float, read: float) -> None:
-        """What the exchange brought: devices, health, outcomes; `read` is when it was over (s)."""
+        """Process the result of the exchange: devices, health, outcomes. `read`: s, end of the exchange."""
         if self.hardware.clamped is not None:
             error = self.hardware.clamped
             self.fail(Finding(ReasonCode.WIRE_CLAMP, value=float(error.value), message=str(error)), now)
@@ -369,7 +369,7 @@ class Loop:
         self.stops.answer()
 
     def _follow(self, goal: Floats | None, before: JointState, at: float) -> None:
-        """How far the last command has come: `goal` left `at` that time (s), `before` is whom it went to."""
+        """Trace the last command: `goal` left at time `at` (s); `before` is the joint state before it."""
         live = self.mode is Mode.LIVE
         if goal is None:
             self.way.silence()

@@ -44,7 +44,7 @@ RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
 
 @dataclass(frozen=True, slots=True)
 class SettleProfile:
-    """How a robot is lowered."""
+    """Settings of how a robot is lowered."""
 
     speed: float = SPEED  # share of every limit on the way, when there is time for it
     way: float = WAY  # s for the way, more where the limits need it
@@ -76,7 +76,7 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
 
 
 def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
-    """Done, unless there is a bus that nobody could ask."""
+    """Answer a disarm: success, unless a bus is closed and the torque on it is not known."""
     closed = [port for port in loop.hardware.ports if port.reader is None]
     if loop.mode is Mode.LIVE and closed:
         message = f"{closed[0].trouble or 'the bus is not open'}; whether torque is on there is not known"
@@ -86,7 +86,7 @@ def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
 
 
 def fault(loop: Loop, now: float, why: tuple[Finding, ...] = ()) -> Procedure:
-    """What cannot be held is settled, or damped, and let go. A latched state stays until a reset."""
+    """Settle or damp a robot that cannot be held, then release it. A latched state stays until a reset."""
     latched = next(iter(why or loop.latches.values()), Finding(ReasonCode.FAULT_LATCHED, message="a fault"))
     loop.change_if(RobotEvent.SETTLE, now)
     yield from _down(loop, latched)
@@ -203,7 +203,10 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
 
 
 def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
-    """Nobody is taken over with joints (n,) past their hard limits. Raises BusError where all is to stay."""
+    """Report that joints (n,) past their hard limits are not taken over: to hold them would be a step.
+
+    Raises BusError where the whole robot is wanted and it is not armed.
+    """
     message = f"to hold {named(loop, stepped)} inside the hard limits would be a step"
     if manner.whole and not loop.armed:
         raise BusError(message)
@@ -216,7 +219,10 @@ def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
 
 
 def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
-    """Those (n,) get no goal: it could be a turn away. Raises BusError where the whole robot is wanted."""
+    """Report that joints (n,) of unknown place get no goal: it could be a turn away.
+
+    Raises BusError where the whole robot is wanted and it is not armed.
+    """
     message = f"nobody knows where {named(loop, nowhere)} is"
     if manner.whole and not loop.armed:
         raise BusError(message)
@@ -227,7 +233,10 @@ def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
 
 
 def _looked_for(loop: Loop) -> Procedure:
-    """Who is heard, and whose turn nobody has looked at yet, is waited for a moment: a daemon just begins."""
+    """Wait at most `KNOWN` s for the turn check of joints that answered within the last `HEARD` s.
+
+    Such joints are still unchecked when the daemon has just begun.
+    """
     until = loop.clock.now() + KNOWN
     while some(loop.identity.verified.unjudged & (loop.measured.age <= HEARD)) and loop.clock.now() < until:
         yield
@@ -263,8 +272,10 @@ def _rejoined(loop: Loop) -> Procedure:
 
 
 def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
-    """Where (n,) to hold from, as measured, as near as a goal may be; and whose place is known. The rest pose
-    stands for those who were never heard, or whose turn nobody knows: it is not sent to them."""
+    """Return where to hold from (n,), as measured, as near as a goal may be; and which places are known.
+
+    The rest pose stands for joints that never answered, or whose turn is unknown: it is not sent to them.
+    """
     position = loop.measured.position
     known = np.isfinite(position)
     return loop.hardware.reachable(np.where(known, position, loop.rest)), known
@@ -322,7 +333,8 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
 
 
 def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
-    """Every joint is heard, near its rest pose, and slow for a while; False when it is not by `until`."""
+    """Wait until every joint answers, is near its rest pose, and is slow for a while; False if not by `until`
+    (s)."""
     now = quiet_since = loop.clock.now()
     while now < until and loop.soft_since is None:
         state = loop.measured

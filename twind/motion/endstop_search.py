@@ -34,7 +34,7 @@ SPARE = 5.0  # s beyond the planned time, twice of it
 
 
 class HomingPhase(StrEnum):
-    """What the joint is doing."""
+    """Phase of an end-stop search."""
 
     APPROACHING = "approaching"
     BACKING = "backing off"
@@ -44,7 +44,7 @@ class HomingPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class HomingParameters:
-    """What is sought, and how carefully. Counts and raw efforts."""
+    """Direction, expected place, speed and effort limits of one end-stop search. Counts and raw efforts."""
 
     way: int  # +1 or -1: towards the stop, in counts
     expected: float  # count of the stop by what is known so far
@@ -92,7 +92,7 @@ class EndstopSearch:
     """Approach, stop, back off, so many times. `failed` says why it ended; then nothing may be written."""
 
     def __init__(self, search: HomingParameters, start: float, now: float) -> None:
-        """`start`: the count that the servo was told to hold, read back."""
+        """`start`: the count of the servo's hold goal, read back."""
         self.search, self.goal = search, start
         self.phase = HomingPhase.APPROACHING
         self.captures: list[float] = []
@@ -114,7 +114,7 @@ class EndstopSearch:
 
     @property
     def done(self) -> bool:
-        """Nothing more is to be written: found, or failed."""
+        """True when the stop was found or the search failed: no more goals are to be written."""
         return self.phase in (HomingPhase.FOUND, HomingPhase.FAILED)
 
     def step(self, look: HomingSample, now: float) -> float:
@@ -149,7 +149,8 @@ class EndstopSearch:
             self._fail(self._held_back(look) if ahead >= search.lead else self._no_stop(look))
 
     def _back(self, look: HomingSample, now: float, passed: float) -> None:
-        """To the place beside the last capture, at the same speed; there the joint follows, or it is held."""
+        """Move to the place beside the last capture, at the same speed. The joint must follow there;
+        otherwise it is held."""
         search = self.search
         place = self.captures[-1] - search.way * search.back
         left = (self.goal - place) * search.way

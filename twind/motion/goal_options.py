@@ -1,4 +1,4 @@
-"""What a goal asks for beside its path: tolerances, its end, and how a late or jumping start is mended."""
+"""Options of a goal beside its path: tolerances, its end, and how a late or jumping start is corrected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
 
 @dataclass(frozen=True, slots=True)
 class GoalTolerances:
-    """How far measured may be from reference, (n,) each; inf: not checked."""
+    """Largest allowed difference of measured and reference, (n,) each; inf: not checked."""
 
     path: Floats  # rad, while the goal runs
     goal: Floats  # rad, at its end
@@ -58,7 +58,7 @@ class GoalTolerances:
 
 @dataclass(frozen=True, slots=True)
 class GoalOutcome:
-    """How a goal ended. The setpoint stream reports itself with an empty id."""
+    """Result of a goal. The setpoint stream reports itself with an empty id."""
 
     id: str
     phase: str  # succeeded, cancelled, replaced, aborted
@@ -66,7 +66,7 @@ class GoalOutcome:
 
 
 def off(code: ReasonCode, out: Bools, error: Floats, bound: Floats, time: float) -> tuple[Finding, ...]:
-    """What is said of the joints (n,) that are `out`, `time` s after the start."""
+    """Build one finding with `code` for each joint (n,) that is `out` of bound, `time` s after the start."""
     return tuple(
         Finding(code, joint, time=time, value=float(error[joint]), bound=float(bound[joint]))
         for joint in np.flatnonzero(out).tolist()

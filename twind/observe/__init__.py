@@ -1,1 +1,1 @@
-"""Who looks on: recordings, the viewer, metrics, pictures. Clients of the socket, and verbs of `twindctl`."""
+"""Observers: recordings, the viewer, metrics, pictures. Clients of the socket, and verbs of `twindctl`."""

@@ -1,4 +1,4 @@
-"""What each joint's actuator bears: voltage, heat, current. Beside `Limits`, which says what it may do."""
+"""Ratings of each joint's actuator: voltage, heat, current. `Limits` states what the joint may do."""
 
 from dataclasses import dataclass
 from math import inf
@@ -25,7 +25,8 @@ class ActuatorRatings:
 
     @classmethod
     def unknown(cls, count: int) -> "ActuatorRatings":
-        """Of `count` joints of which nothing is known, but that they may be legs."""
+        """Build the ratings of `count` joints whose models are unknown: no bound is ever reached, and each
+        may be a leg."""
         never, above = frozen([-inf] * count), frozen([inf] * count)
         always = np.ones(count, np.bool_)
         return cls(never, never, never, above, above, above, above, above, frozen([1.0] * count), always)

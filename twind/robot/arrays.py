@@ -12,7 +12,8 @@ Bools = NDArray[np.bool_]
 
 
 def every(flags: Bools) -> bool:
-    """All are set. Of a few dozen this is five times as fast as `flags.all()`; so is `some`."""
+    """Check that all flags are set. With a few dozen this is five times as fast as `flags.all()`; so is
+    `some`."""
     return bool(np.count_nonzero(flags) == flags.size)
 
 
@@ -35,13 +36,13 @@ def same(array: NDArray[Any], before: bytes) -> bool:
 
 
 def frozen(array: Floats | list[float]) -> Floats:
-    """A float64 copy that nobody can write to."""
+    """Return a float64 copy that is not writable."""
     copy = np.array(array, np.float64)
     copy.setflags(write=False)
     return copy
 
 
 def corners(lower: Floats, upper: Floats) -> Floats:
-    """Of the box lower..upper (k,): (2**k, k)."""
+    """Return the corners (2**k, k) of the box lower..upper (k,)."""
     ends = np.meshgrid(*zip(lower.tolist(), upper.tolist(), strict=True), indexing="ij")
     return np.stack(ends, axis=-1).reshape(-1, len(lower))

@@ -23,7 +23,7 @@ UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class Attitude:
-    """Of one body. `quaternion`: w x y z, from its axes (x forward, y left, z up) to the world's."""
+    """Attitude of one body. `quaternion`: w x y z, from its axes (x forward, y left, z up) to the world's."""
 
     def __init__(self) -> None:
         self.quaternion = UPRIGHT
@@ -67,7 +67,8 @@ def up(quaternion: Quaternion) -> tuple[float, float, float]:
 
 
 def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: float) -> Quaternion:
-    """It turns at `rate` (rad/s, in its own axes) for so long; of unit length."""
+    """Return the attitude after turning at `rate` (rad/s, in the body's own axes) for `seconds`; of unit
+    length."""
     w, x, y, z = quaternion
     half = hypot(*rate) * seconds / 2.0
     share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
@@ -101,7 +102,8 @@ def conjugate(quaternion: Quaternion) -> Quaternion:
 
 
 def unit(quaternion: Quaternion) -> Quaternion:
-    """Of length 1; one that has no length, or is not finite, is UPRIGHT."""
+    """Scale a quaternion to length 1; return UPRIGHT for one of length zero or with a value that is not
+    finite."""
     w, x, y, z = quaternion
     size = sqrt(w * w + x * x + y * y + z * z)
     return (w / size, x / size, y / size, z / size) if 0.0 < size < float("inf") else UPRIGHT

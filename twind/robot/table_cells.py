@@ -96,11 +96,11 @@ class CellIndex:
                 self._squares.setdefault(square, []).append(cell)
 
     def near(self, wanted: list[float]) -> Sequence[TableCell]:
-        """Of finite joint angles; of others nobody."""
+        """Return the cells that may hold the joint angles `wanted`; empty if one of these is not finite."""
         return self._squares.get(self._square(wanted), ()) if all(map(isfinite, wanted)) else ()
 
     def _square(self, wanted: list[float]) -> tuple[int, ...]:
-        """Beyond the grid the nearest one."""
+        """Return the grid square of joint angles; beyond the grid the nearest one."""
         places = zip(wanted, self._low, self._per, strict=True)
         return tuple(int(min(max((q - low) * per, 0.0), self._most - 1.0)) for q, low, per in places)
 

@@ -23,7 +23,7 @@ MOST_CONDITION = 100.0  # beyond it one per cent of an actuator's angle or torqu
 
 
 class Transmission(Protocol):
-    """What drives k joints by k actuators. Two are equal when they do the same."""
+    """Relation of k actuators and the k joints that they drive. Two are equal when they do the same."""
 
     def forward(self, actuators: Floats) -> Floats:
         """Joint angles (k,) at actuator angles (k,); NaN where they are not known."""
@@ -92,7 +92,7 @@ class Differential:
 
     @property
     def places(self) -> Floats:
-        """Any: the matrix is the same everywhere."""
+        """One arbitrary place, zeros (1, k): the matrix is the same everywhere."""
         return np.zeros((1, len(self.rows)))
 
     @property
@@ -111,24 +111,27 @@ class MappedTransmission:
     upper: Floats
 
     def position(self, angles: Floats) -> None:
-        """Of a bus (m,), in place: what its actuators stand at becomes where its joints are."""
+        """Convert actuator angles of a bus (m,), rad, to joint angles, in place."""
         angles[self.rows] = self.law.forward(angles[self.rows])
 
     def angles(self, position: Floats) -> None:
-        """Of a bus (m,), in place: the other way round."""
+        """Convert joint angles of a bus (m,), rad, to actuator angles, in place: inverse of `position`."""
         position[self.rows] = self.law.inverse(position[self.rows])
 
     def speeds(self, angles: Floats, velocity: Floats) -> None:
-        """Of a bus (m,), in place: what its joints turn at becomes its actuators', standing at `angles`."""
+        """Convert joint speeds of a bus (m,) to actuator speeds, in place, at the actuator angles `angles`
+        (m,), rad."""
         jacobian = self.law.jacobian(angles[self.rows])
         velocity[self.rows] = np.linalg.solve(jacobian, velocity[self.rows])
 
     def velocity(self, angles: Floats, speeds: Floats) -> None:
-        """Of a bus (m,), in place: what its actuators turn at, standing at `angles`, becomes its joints'."""
+        """Convert actuator speeds of a bus (m,) to joint speeds, in place, at the actuator angles `angles`
+        (m,), rad."""
         speeds[self.rows] = self.law.jacobian(angles[self.rows]) @ speeds[self.rows]
 
     def effort(self, angles: Floats, efforts: Floats) -> None:
-        """Of a bus (m,), in place: what its actuators give, standing at `angles`, becomes its joints'."""
+        """Convert actuator efforts of a bus (m,) to joint efforts, in place, at the actuator angles `angles`
+        (m,), rad."""
         efforts[self.rows] = np.linalg.solve(self.law.jacobian(angles[self.rows]).T, efforts[self.rows])
 
 
@@ -154,7 +157,7 @@ def back(law: Transmission) -> Floats:
 
 
 def fair(share: Floats, bound: Floats, own: Floats) -> Floats:
-    """What each joint (k,) may at most, so that all at once ask no actuator for more than `bound` (k,).
+    """Return the most that each joint (k,) may do, so that all at once need no actuator above `bound` (k,).
 
     share @ result <= bound and result <= `own` (k,): each joint as much as it may alone, all less in one
     proportion. NaN bounds give NaN.

@@ -25,7 +25,7 @@ def stamp(time_ns: int) -> dict[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class JointStateLayout:
-    """Where the numbers stand in the bytes of a JointState, and in all others like it."""
+    """Places of the numbers in the bytes of a JointState, valid for all messages of the same layout."""
 
     names: tuple[str, ...]
     columns: tuple[tuple[int, int], ...]  # (first byte, how many) of position, velocity, effort
@@ -34,7 +34,7 @@ class JointStateLayout:
 
     @classmethod
     def of(cls, data: bytes) -> "JointStateLayout":
-        """Of one message. Raises CdrError."""
+        """Read the layout of one JointState message. Raises CdrError."""
         source, fixed, columns = CdrReader(data), [], []
         try:
             source.numbers("I", 4, 2)

@@ -1,4 +1,4 @@
-"""What each bus brought: rules R06, R07, R08 and R23. Pure."""
+"""Rules R06, R07, R08 and R23: the traffic of each bus. Pure."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ ROUNDING = 1e-9  # of a share
 
 
 class BusErrorHistory:
-    """What one bus did lately. A good bus costs nothing to remember."""
+    """Recent errors of one bus. A bus without errors costs nothing to remember."""
 
     def __init__(self) -> None:
         self.bad_in_a_row = self.full_in_a_row = self.foreign = 0
@@ -29,7 +29,7 @@ class BusErrorHistory:
         self._foreign: deque[tuple[float, int]] = deque()  # s and packets, within the window
 
     def add(self, traffic: BusTraffic, now: float) -> None:
-        """One more tick. A bus that was not asked says nothing about itself."""
+        """Add one tick. A bus without a request in it gives no information about itself."""
         if traffic.asked:
             self.bad_in_a_row = self.bad_in_a_row + 1 if traffic.bad else 0
             if traffic.bad:
@@ -67,7 +67,7 @@ class BusRules:
         self._records = tuple(BusErrorHistory() for _ in names)
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """What is wrong with the buses. `facts.traffic` is in the order of their names."""
+        """Yield the faults of the buses. `facts.traffic` is in the order of their names."""
         if facts.discarded:
             message = "bytes that were no answer of ours were dropped"
             yield RuleResult(Finding(ReasonCode.RX_SHAPE, value=float(facts.discarded), message=message))
@@ -108,7 +108,7 @@ class BusRules:
         return Finding(ReasonCode.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
     def _foreign(self, facts: GuardInput, bus: int, count: int) -> Iterator[RuleResult]:
-        """R08: somebody else talks. Nothing more is written, since two masters cannot both be obeyed."""
+        """R08: another master sends. Nothing more is written, since two masters cannot both be obeyed."""
         bound = self._bounds.foreign
         if count < bound:
             return

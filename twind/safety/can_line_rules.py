@@ -1,6 +1,6 @@
-"""How each CAN bus is with its wire: rule R24. Pure.
+"""Rule R24: the state of each CAN bus on its wire. Pure.
 
-A serial bus has no controller that could tell, so it is judged by its answers alone (`bus_rules`).
+A serial bus has no controller that could report this, so it is judged by its answers alone (`bus_rules`).
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -13,7 +13,7 @@ ROUNDING = 1e-9  # s
 
 
 class LineRules:
-    """Remembers of each bus how many exchanges in a row nobody answered."""
+    """Rule R24 for the CAN buses. Counts for each bus the exchanges in a row without an answer."""
 
     def __init__(
         self, names: Sequence[str], can: Collection[str], free: bool, bounds: GuardThresholds
@@ -24,7 +24,7 @@ class LineRules:
         self._unanswered = [0] * len(self._names)
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """What is wrong with the lines. `facts.traffic` is in the order of their names."""
+        """Yield the faults of the CAN lines. `facts.traffic` is in the order of the bus names."""
         for bus in self._judged:
             traffic = facts.traffic[bus]
             if traffic.line >= OFF:
@@ -38,10 +38,10 @@ class LineRules:
                 yield self._gone(facts, bus, silent, self._bounds.line_silent, "s that nobody there answers")
 
     def _silent(self, facts: GuardInput, bus: int, traffic: BusTraffic) -> float | None:
-        """Seconds that nobody has answered, where that is a fault: each lost answer counts one period.
+        """Return the seconds without an answer, if they are a fault: each lost answer counts one period.
 
-        What had no room in the port was not answered either. A bus that is not asked, or holds nobody up,
-        begins anew.
+        A request that had no room in the port counts as lost too. The count begins anew on a bus that is not
+        queried, or that holds no actuator up.
         """
         missed = traffic.full > 0 or (traffic.asked and not traffic.answered)
         self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and _ours(facts, traffic) else 0
@@ -60,7 +60,8 @@ class LineRules:
         )
 
     def _gone(self, facts: GuardInput, bus: int, value: float, bound: float, what: str) -> RuleResult:
-        """Nobody hears us there: what waits must not leave later, and nobody follows our goals."""
+        """Build the result of a bus without a receiver: waiting frames must not leave later, and goals are
+        not followed."""
         message = (
             f"CAN bus {self._names[bus]}: {what}: check the actuators' power, termination, bit rate and "
             "wiring; it is emptied and everybody on it asked anew; then disarm, reset, arm"
@@ -73,6 +74,8 @@ class LineRules:
 
 
 def _ours(facts: GuardInput, traffic: BusTraffic) -> bool:
-    """Our torque holds somebody there, or is about to. One that was given up before is lost already: to give
-    it up again would stop the others on their way down."""
+    """Check that our torque holds an actuator on this bus, or is about to.
+
+    A bus given up before is lost already: to give it up again would stop the others on their way down.
+    """
     return ours(facts) and not traffic.left_out

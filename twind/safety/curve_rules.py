@@ -159,7 +159,8 @@ def judge(
 
 
 def _foremost(doubtful: Bools, hull: Floats) -> Bools:
-    """Of each joint the few doubtful segments that reach furthest: the worst is nearly always there."""
+    """Select for each joint the few doubtful segments whose hull reaches furthest: the worst is nearly always
+    there."""
     if np.count_nonzero(doubtful) <= FEW * hull.shape[1] or len(hull) <= FEW:
         return doubtful.copy()
     reach = np.where(doubtful, hull, -np.inf)

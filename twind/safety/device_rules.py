@@ -1,4 +1,4 @@
-"""What the servos say of themselves: rules R09 to R12. Pure."""
+"""Rules R09 to R12: the states that the servos report. Pure."""
 
 from collections.abc import Collection, Iterator
 from math import inf
@@ -48,7 +48,7 @@ class DeviceRules:
         self._tripped: list[int] = []
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """What is wrong with the servos."""
+        """Yield the faults of the servos."""
         if some(facts.alerts) and facts.mode is not Mode.SIM:
             yield from self._alerts(facts)
         if not same(facts.health_time, self._ticked):
@@ -71,11 +71,12 @@ class DeviceRules:
         yield from self._torque(facts)
 
     def _rest(self, facts: GuardInput) -> Reaction:
-        """What the others do when one joint may have gone limp."""
+        """Return the reaction of the other joints when one joint may have gone limp."""
         return Reaction.SETTLE if self._free else hold(facts)
 
     def _limp(self, facts: GuardInput, joint: int) -> Reaction:
-        """What the others do when one joint has gone limp: on a leg less the robot is falling already."""
+        """Return the reaction of the other joints when one has gone limp: without one leg the robot is
+        falling already."""
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
     def _alerts(self, facts: GuardInput) -> Iterator[RuleResult]:
@@ -156,8 +157,10 @@ class DeviceRules:
             self._suspect = some(self._disagreed) or some(self._unwatched)
 
     def _forget(self, now: float) -> None:
-        """What was read before says nothing of an armed servo. It is told by the clock, not by which reading
-        was the last: a status has two halves, and a new one of the one may come with an old one of the other.
+        """Discard what was read before: it does not describe an armed servo.
+
+        The clock decides, not which reading was the last: a status has two halves, and a new one of the one
+        may come with an old one of the other.
         """
         self._refreshed[:] = now
         if self._suspect:

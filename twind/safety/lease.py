@@ -1,6 +1,7 @@
-"""Who may command: one connection at a time, until a time. No clock: `now` is an argument, s monotonic.
+"""Lease: the right to command, held by one connection at a time, until a time.
 
-An unknown or backward time counts as too late. A lease that has been seen lapsed does not come back.
+No clock: `now` is an argument, s monotonic. An unknown or backward time counts as too late. A lease that has
+once been found lapsed does not come back.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ STREAMING = 0.25  # s, while setpoints are streamed
 
 @dataclass(frozen=True, slots=True)
 class LeaseHolder:
-    """Who holds the lease, and for how long yet."""
+    """Holder of the lease, and the time until it lapses."""
 
     client: int
     holder: str
@@ -20,7 +21,7 @@ class LeaseHolder:
 
 
 class Lease:
-    """At most one holder. `epoch` grows with every change of hands, and never shrinks."""
+    """Lease with at most one holder. `epoch` grows with every change of holder, and never shrinks."""
 
     def __init__(self) -> None:
         self.epoch = 0
@@ -30,7 +31,7 @@ class Lease:
         self._seen = 0.0  # s, the last time anybody asked
 
     def acquire(self, client: int, holder: str, uid: int, now: float, *, take: bool = False) -> bool:
-        """Take it if it is free or one's own, with `take` from anybody. False: another holds it.
+        """Take the lease if it is free or one's own; with `take` from any holder. False: another holds it.
 
         Clients are numbers above 0; the caller holds the motion before a lease changes hands.
         """
@@ -45,25 +46,25 @@ class Lease:
         return True
 
     def renew(self, client: int, now: float, *, streaming: bool = False) -> bool:
-        """Another term for the one who holds it; False for everybody else, and after it lapsed."""
+        """Begin another term for the holder; False for any other client, and after the lease lapsed."""
         if not self.held_by(client, now):
             return False
         self._renewed, self._term = now, STREAMING if streaming else TRAJECTORY
         return True
 
     def release(self, client: int) -> bool:
-        """Give it back; False when it was not this client's."""
+        """Give the lease back; False when this client did not hold it."""
         if client == 0 or self._client != client:
             return False
         self._drop()
         return True
 
     def gone(self, client: int) -> bool:
-        """A connection closed: its lease dies with it. True when it had one."""
+        """Drop the lease of a connection that closed. True when it had one."""
         return self.release(client)
 
     def front_lost(self) -> None:
-        """The front died, and with it every connection."""
+        """Drop the lease: the front process died, and with it every connection."""
         self._drop()
 
     def pin(self, client: int, name: str) -> None:
@@ -72,7 +73,7 @@ class Lease:
             self._pins.add(name)
 
     def unpin(self, client: int, name: str) -> None:
-        """It ended: a last term begins."""
+        """Remove the pin of a trajectory that ended; a last term begins."""
         if client != 0 and self._client == client and name in self._pins:
             self._pins.remove(name)
             self._renewed, self._term = self._seen, TRAJECTORY
@@ -92,11 +93,11 @@ class Lease:
         return self.holds(now) and self._client == client
 
     def holder_client(self, now: float) -> int:
-        """The client who holds it now; 0: nobody."""
+        """Number of the client that holds the lease at `now` (s); 0: none."""
         return self._client if self.holds(now) else 0
 
     def info(self, now: float) -> LeaseHolder | None:
-        """Who holds it now."""
+        """Return the holder of the lease at `now` (s); None: it is free or has lapsed."""
         if not self.holds(now):
             return None
         left = self._term if self._pins else self._renewed + self._term - now

@@ -18,20 +18,26 @@ _REBOOT = "switch its power off and on"
 
 
 def chosen(raw: Ints, turns: TurnRange) -> Ints:
-    """The whole turns (n,), in ticks, that bring counts as read into their bands; 0 of who has none."""
+    """Return the whole turns (n,), in ticks, that bring counts as read into their bands; 0: no band."""
     whole = np.where(turns.known, turns.whole, 1)
     shift: Ints = np.where(turns.known, -((raw - turns.band) // whole) * whole, 0)
     return shift
 
 
 def inside(count: Ints, turns: TurnRange) -> Bools:
-    """Whose calibrated count (n,) lies in its travel, or as near as it may hang; all who have none."""
+    """Mark joints (n,) whose calibrated count is in their travel, or beyond it by at most `turns.slack`.
+
+    The slack is how far a limp joint may hang beyond the travel. Joints without a travel are marked too.
+    """
     within = (count >= turns.first - turns.slack) & (count <= turns.last + turns.slack)
     return within | ~turns.known
 
 
 def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequence[Finding]:
-    """Who cannot be told, or not be commanded, on the turn (n,) chosen. `energised` (n,): with torque on."""
+    """Return a finding for each joint whose turn is ambiguous, or not commandable, on the turn chosen.
+
+    `shift` (n,): the turns chosen, in ticks. `energised` (n,): with torque on.
+    """
     count = raw + shift
     wide = turns.last - turns.first >= turns.whole
     another = (count - turns.whole >= turns.first - turns.slack) | (
@@ -54,20 +60,20 @@ def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequenc
 
 
 def strayed(raw: Ints, shift: Ints, turns: TurnRange, told: Bools) -> Sequence[Finding]:
-    """Who of `told` (n,) has left its travel since its turn was chosen."""
+    """Return a finding for each joint of `told` (n,) that has left its travel since its turn was chosen."""
     outside = np.flatnonzero(told & ~inside(raw + shift, turns)).tolist()
     return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
 
 
 def expected(raw: Ints, turns: TurnRange) -> Ints:
-    """What readings (n,) become at torque-on: who knows one turn alone reads that one then."""
+    """Return what readings (n,) become at torque-on: a device that knows only one turn reads that one."""
     whole = np.where(turns.falls, turns.whole, 1)
     anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
     return anew
 
 
 class _TurnRow:
-    """One joint, in words. Values and bounds are ticks."""
+    """Turn data of one joint, from which its findings are made. Values and bounds are ticks."""
 
     def __init__(self, joint: int, raw: int, shift: int, turns: TurnRange) -> None:
         self.joint, self.raw, self.shift, self.count = joint, raw, shift, raw + shift

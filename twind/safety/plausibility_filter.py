@@ -36,7 +36,7 @@ class PlausibilityFilter:
         self._whole = -inf  # s, when the last exchange was asked for; -inf: not all of it fitted
 
     def usual(self, position: Ints, sent: float, received: float) -> bool:
-        """The healthy case: all were heard, now and before, and none went further than it can."""
+        """Accept the healthy case: all answered, now and before, and none moved further than it can."""
         if not inf > received - self._whole >= self._least:
             return False
         if not every(np.abs(position - self._place) <= self._near):
@@ -45,10 +45,11 @@ class PlausibilityFilter:
         return True
 
     def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
-        """Who (m,) was heard with a position that can be; `jumps` and `leaps` say who was not.
+        """Mark motors (m,) that answered with a plausible position; `jumps` and `leaps` describe the others.
 
-        The time between two readings is at most from the question for one to the end of the other. `limp`
-        (m,): torque is read back off, so a hand may be faster than the motor: believed, and told.
+        The time between two readings is at most from the request of one to the end of the other. `limp` (m,):
+        torque is read back off, so a hand may move the joint faster than the motor. Such a reading is
+        accepted, and reported.
         """
         if self._whole > -inf:
             self._at[:] = self._whole

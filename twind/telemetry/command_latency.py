@@ -45,7 +45,7 @@ class _PendingCommand:
 
 @dataclass(frozen=True, slots=True)
 class _MoveRequest:
-    """A goal asked a joint for a visible move."""
+    """Visible move of one joint that a goal commands."""
 
     joint: int
     forward: bool
@@ -54,7 +54,7 @@ class _MoveRequest:
 
 @dataclass(slots=True, eq=False)
 class _MotionOnsetWatch:
-    """Joints that stand and were written to, and which of them was asked to move."""
+    """Joints that stand and were written to, and which of them is commanded to move."""
 
     joints: Bools
     begin: Floats  # rad, the reference
@@ -72,13 +72,13 @@ class CommandLatencyTracer:
         self._watch: _MotionOnsetWatch | None = None
 
     def take(self, received: float | None, now: float, bound: float | None = None) -> StartedCommand:
-        """The loop begins with a command that was `received` then; None: nobody knows."""
+        """Register a command that the loop begins with. `received`: time of the call, s; None: not known."""
         received = nan if received is None else received
         self._health.hop("received", now - received, now, bound)
         return StartedCommand(received, now, bound)
 
     def judge(self, taken: StartedCommand, now: float) -> None:
-        """It has its verdict."""
+        """Record the time until the verdict on a command."""
         self._health.hop("gated", now - taken.taken, now, taken.bound)
 
     def accept(self, taken: StartedCommand, id: str, joints: Bools, before: Reference, now: float) -> None:
@@ -87,7 +87,7 @@ class CommandLatencyTracer:
         self._accepted = _PendingCommand(id, taken, now, standing, before.position)
 
     def end(self, id: str) -> None:
-        """It ended or was replaced: if none of its goals has left yet, none will."""
+        """Drop a command that ended or was replaced: if none of its goals has left yet, none will."""
         if self._accepted is not None and self._accepted.id == id:
             self._accepted = None
 
@@ -107,7 +107,7 @@ class CommandLatencyTracer:
             self._aim(self._watch, goal, at, state)
 
     def silence(self) -> None:
-        """No goal left: if a joint moves now, nobody says why."""
+        """End the watch: no goal left, so the cause of a move from now on is not known."""
         self._watch = None
 
     def forget(self) -> None:
@@ -127,7 +127,8 @@ class CommandLatencyTracer:
             self._watch = None
 
     def _aim(self, watch: _MotionOnsetWatch, goal: Floats, at: float, state: JointState) -> None:
-        """Whom this goal asks to move; nobody any longer, once it leads back or too much time has passed."""
+        """Choose the joint that this goal moves visibly. Ends the watch once the goal leads back or
+        `PATIENCE` s have passed."""
         way = goal - watch.begin
         if watch.asked is not None:
             if not _gone(way, watch.asked):
@@ -144,6 +145,6 @@ class CommandLatencyTracer:
 
 
 def _gone(way: Floats, asked: _MoveRequest) -> bool:
-    """So far (n,), rad, is the visible move that was asked for."""
+    """Check that the way (n,), rad, contains the visible move that was commanded."""
     one = float(way[asked.joint])
     return (one if asked.forward else -one) >= VISIBLE

@@ -1,7 +1,7 @@
-"""How long something took, time after time: the last 100 values, and the whole run as histograms.
+"""Statistics of repeated durations: the last 100 values, and the whole run as histograms.
 
-Adding a value costs about a microsecond; statistics are worked out when somebody asks. Times are seconds.
-An unknown (NaN, inf) or negative duration is never averaged away: it counts as a violation and as too late.
+Adding a value costs about a microsecond; statistics are computed on reading. Times are seconds. An unknown
+(NaN, inf) or negative duration is never averaged away: it counts as a violation and as too late.
 """
 
 from array import array
@@ -44,7 +44,7 @@ class RollingStats:
         self._counts = np.frombuffer(self._bins, np.int64)
 
     def add(self, value: float, now: float = nan, bound: float | None = None) -> None:
-        """One more value, at `now` (needed for `at`). `bound`: in place of the threshold."""
+        """Add a value, at time `now` (needed for `at`). `bound`: used in place of the threshold."""
         place, self.count, self.at = self.count % SIZE, self.count + 1, now
         if not 0.0 <= value < inf:
             self.now = self._ring[place] = nan
@@ -69,7 +69,7 @@ class RollingStats:
 
     @property
     def mean(self) -> float:
-        """Of the window's known values."""
+        """Mean of the window's known values."""
         return self._worked_out().mean
 
     @property
@@ -79,12 +79,12 @@ class RollingStats:
 
     @property
     def min(self) -> float:
-        """Of the window's known values."""
+        """Smallest of the window's known values."""
         return self._worked_out().min
 
     @property
     def max(self) -> float:
-        """Of the window's known values."""
+        """Largest of the window's known values."""
         return self._worked_out().max
 
     @property
@@ -98,7 +98,7 @@ class RollingStats:
         return self._worked_out().p99
 
     def _worked_out(self) -> "_RollingFigures":
-        """All figures as of the last value: worked out once, however many are asked for."""
+        """Return all figures as of the last value; they are computed once, however many are read."""
         if self._figures is None or self._figures.values != self.count:
             self._figures = self._work_out()
         return self._figures
@@ -144,7 +144,7 @@ class RecentValues:
 
 
 class _RollingFigures(NamedTuple):
-    """Of a window that has had so many values."""
+    """Statistics of a window at the time when `values` values had been added."""
 
     values: int
     mean: float

@@ -1,4 +1,4 @@
-"""How late things are: the way of a reading and of a command, hop by hop; and whether anybody still answers.
+"""Latencies: the way of a reading and of a command, hop by hop; and whether any device still answers.
 
 Times are seconds.
 """
@@ -19,15 +19,15 @@ SILENT = 2.0  # s without an answer: disconnected
 
 
 class ExchangeTiming(Protocol):
-    """What the hardware tells of the timing of its last exchange."""
+    """Timing of the last exchange, as the hardware layer reports it."""
 
     @property
     def hops(self) -> tuple[float, float]:
-        """Request to first byte, first to last byte, s; NaN: nobody answered."""
+        """Request to first byte, first to last byte, s; NaN: no device answered."""
 
     @property
     def trips(self) -> Sequence[float]:
-        """Request to last byte of each bus, s; NaN: nobody on it answered."""
+        """Request to last byte of each bus, s; NaN: no device on it answered."""
 
 
 class TimingMonitor:
@@ -46,7 +46,7 @@ class TimingMonitor:
         self._alerts: list[LatencyAlert] = []
 
     def warn_above(self, threshold: float) -> None:
-        """From now on this is too late, s; but not for a motor to move, which takes its time."""
+        """Set the threshold, s, of all windows except "moved": a motor takes its time to move."""
         hops = [window for name, window in self.hops.items() if name != "moved"]
         for window in (self.total, *self.buses, *hops):
             window.threshold = threshold
@@ -84,7 +84,7 @@ class TimingMonitor:
             self._tell(self._alarms[name].judge(duration, bound, now))
 
     def alerts(self) -> list[LatencyAlert]:
-        """What is to be told since the last call."""
+        """Return the latency alerts raised since the last call."""
         alerts, self._alerts = self._alerts, []
         return alerts
 
@@ -97,7 +97,7 @@ class TimingMonitor:
         return self._recent.p95(now)
 
     def connected(self, now: float) -> bool:
-        """Somebody answered within the last 2 s."""
+        """True if a device answered within the last 2 s."""
         return now - self._time <= SILENT
 
     def _tell(self, alert: LatencyAlert | None) -> None:

@@ -23,7 +23,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """How the robot stands: the bodies of the feet on the floor, the lowest first; empty: nobody can say."""
+    """Stance of the robot: the bodies of the feet on the floor, the lowest first; empty: not known."""
 
     feet: tuple[int, ...]
     margin: float  # m, from the centre of mass to the edge of what the feet span, < 0 outside; NaN unknown
@@ -56,11 +56,12 @@ class Balance:
 
     @property
     def known(self) -> bool:
-        """There is something to stand on."""
+        """True if the robot has feet to stand on."""
         return bool(self._feet)
 
     def soles(self) -> list[tuple[int, Floats]]:
-        """Of each foot its body and, in that body's frame (3,), m, the middle of what touches the floor."""
+        """Return for each foot its body and the middle of the points that touch the floor, (3,), m, in that
+        body's frame."""
         found = []
         for foot in self._feet:
             heights = foot.corners @ foot.normal - foot.radius

@@ -1,4 +1,4 @@
-"""What holds the base of a body that stands freely while its legs are limp: a crane, or somebody's hands.
+"""Support of the base of a freely standing body while its legs are limp: a simulated crane, or hands.
 
 Runs in `twind-virtual` (and in tests). A weld to the world, switched on and off; the rest is left to the
 legs. Pushes are here too: both are done to a base.
@@ -29,7 +29,7 @@ def hang(spec: mujoco.MjSpec, base: str, step: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class BaseHold:
-    """How a free body is to be held."""
+    """Settings of how a free body is held."""
 
     base: str  # the body with the free joint
     legs: tuple[int, ...]  # rows of the motors that carry it
@@ -37,10 +37,10 @@ class BaseHold:
 
 
 class BaseSupport:
-    """Of one body, which it sets on the floor."""
+    """Support of the base of one body. The constructor sets the body on the floor."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, how: BaseHold) -> None:
-        """The model has been through `hang`. Raises ValueError: no such way to hold it."""
+        """The model has been through `hang`. Raises ValueError: `how.hold` is not one of `HOLDS`."""
         if how.hold not in HOLDS:
             raise ValueError(f"hold: {how.hold!r} is none of {', '.join(HOLDS)}")
         self._model, self._data, self._name = model, data, how.base
@@ -59,16 +59,17 @@ class BaseSupport:
 
     @property
     def held(self) -> bool:
-        """Does it hold the base now?"""
+        """True while the base is held."""
         return bool(self._data.eq_active[self._weld])
 
     @property
     def place(self) -> Floats:
-        """Of the base: x, y, z (m) in the world, quaternion w x y z. A copy."""
+        """Pose of the base: x, y, z (m) in the world, quaternion w x y z. A copy."""
         return np.array(self._data.qpos[self._qpos : self._qpos + 7])
 
     def told(self) -> dict[str, object]:
-        """What is true of the base, past all buses: held, place (m), w x y z, speeds (m/s, rad/s, world)."""
+        """Return the true state of the base, not read over a bus: held, place (m), w x y z, speeds (m/s,
+        rad/s, world)."""
         velocity = self._data.qvel[self._dof : self._dof + 6]
         turning = self._data.xmat[self._base].reshape(3, 3) @ velocity[3:]
         place = self.place.tolist()
@@ -89,12 +90,15 @@ class BaseSupport:
         self._grasp()
 
     def let_go(self) -> None:
-        """From now on the base is free."""
+        """Free the base from now on."""
         self._data.eq_active[self._weld] = 0
         self._since, self._carried = np.inf, False
 
     def watch(self, on: Bools, now: float) -> None:
-        """Let go of a body whose legs have had torque, catch a limp one; `on`: of the motors, at `now`."""
+        """Release a body whose legs have had torque for `PATIENCE` s, and hold a limp one again.
+
+        `on`: torque of the motors, at `now` (s).
+        """
         if not self._auto:
             return
         legs = on[self._legs]

@@ -29,7 +29,7 @@ _UNMEASURED = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF)
 
 
 class CollisionSettings(Protocol):
-    """What a robot file says of it."""
+    """Part of a robot file that the collision model needs."""
 
     @property
     def path(self) -> Path:
@@ -41,15 +41,15 @@ class CollisionSettings(Protocol):
 
     @property
     def gate(self) -> GateSettings:
-        """With which bodies are judged, and how near they may come."""
+        """Settings that state which bodies are judged, and how near they may come."""
 
 
 class JointBinding(Protocol):
-    """What is asked of a binding; who only draws has no whole one."""
+    """Part of a binding that the collision model needs; a viewer only draws and has no complete binding."""
 
     @property
     def robot(self) -> CollisionSettings:
-        """Its file."""
+        """Collision settings of the robot file."""
 
     @property
     def model(self) -> Any:
@@ -71,7 +71,7 @@ class GeomPair:
 
     @property
     def name(self) -> str:
-        """As a message says it."""
+        """Name of the pair, as messages contain it."""
         return " and ".join(self.bodies)
 
 

@@ -73,7 +73,8 @@ class Dynamics:
         return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
 
     def _sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
-        """Torque (n,) in N·m, NaN where nobody can say; how far inside its feet the robot stands, m."""
+        """Return the torque (n,) in N·m, NaN where not known, and how far inside its feet the robot stands,
+        m."""
         data = self._data
         data.qpos[self._place] = position
         data.qvel[self._speed] = velocity
@@ -86,7 +87,7 @@ class Dynamics:
         return self._carried(torque, stance), stance.margin
 
     def _carried(self, torque: Floats, stance: Stance) -> Floats:
-        """The same with the robot's weight on its feet. On two feet nobody knows how the legs share it.
+        """Return the torque with the robot's weight on its feet; on two feet each leg's share is not known.
 
         What is pushed is the same for a joint above both legs (a waist), whichever foot it goes through.
         """
@@ -101,13 +102,13 @@ class Dynamics:
         return np.where(shared, 0.0, torque)
 
     def _jacobian(self, body: int) -> Floats:
-        """Of a body's origin: (6, nv)."""
+        """Return the Jacobian of a body's origin: (6, nv)."""
         rows = np.zeros((6, self._model.nv))
         mujoco.mj_jacBody(self._model, self._data, rows[:3], rows[3:], body)
         return rows
 
     def _excess(self, time: Floats, torque: Floats, standing: Floats) -> "list[_Excess]":
-        """Every joint that needs too much: since when, and how much at worst."""
+        """Return every joint that needs too much torque: since when, and how much at worst."""
         size, bound = np.abs(torque), self._bound
         known = ~np.isnan(bound)
         over = known & ~(size <= bound)  # NaN is over

@@ -67,7 +67,7 @@ class MujocoPhysics:
         self._time = now
 
     def imu(self) -> Imu:
-        """What the base feels now. Raises ValueError: nothing feels there."""
+        """Return the current reading of the base's IMU. Raises ValueError: this body has none."""
         if self._felt is None:
             raise ValueError("this body has no inertial sensor")
         return self._felt.at(self._time)
@@ -100,7 +100,7 @@ class MujocoPhysics:
         self._loops.block(self._everyone, held)
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """Where hands take limp joints, encoder ticks, ticks/s; NaN: nobody."""
+        """Set where hands hold limp joints, encoder ticks, ticks/s; NaN: not held."""
         self._loops.grip(self._everyone, place, speed)
 
     def lay(self, base: str) -> None:
@@ -205,7 +205,7 @@ class CanBusPhysics:
         self._loops.block(self._at, held)
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """Where hands take limp shafts (rad, rad/s; NaN: nobody); `drive` must follow."""
+        """Set where hands hold limp shafts (rad, rad/s; NaN: not held); `drive` must follow."""
         self._loops.grip_shaft(self._at, place, speed)
         self._gains[:] = np.nan
 
@@ -267,7 +267,7 @@ def _groups(robot: RobotFile) -> list[MotorGroup]:
 
 
 def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
-    """Of the joints that the model bounds, rad, by joint."""
+    """Return the ranges (lower, upper) of the joints that the model bounds, rad, by joint name."""
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     found = {joint.name: model.joint(joint.model_joint).id for joint in robot.joints}
     return {

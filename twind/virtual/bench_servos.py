@@ -36,12 +36,12 @@ USB = (
 
 
 class VirtualRobotSpecError(Exception):
-    """What is asked for is something that virtual servos cannot be."""
+    """The requested servos or nodes cannot be simulated."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusTiming:
-    """How the buses run, whatever hangs on them."""
+    """Timing of the buses, independent of the devices on them."""
 
     wire_timing: bool = True
     adapter: SerialAdapter = field(default_factory=SerialAdapter)
@@ -148,7 +148,8 @@ def virtual_bus(
     now: float,
     sensor: VirtualSensor | None = None,
 ) -> VirtualBus:
-    """One bus; `sensor` hangs there too. Raises SpecimenError for a model that cannot be simulated."""
+    """Build one bus; `sensor` is on it too. Raises VirtualRobotSpecError for a model that cannot be
+    simulated."""
     try:
         return VirtualBus(
             name,
@@ -174,7 +175,7 @@ def can_bus(
     bitrate: int = BITRATE,
     now: float = 0.0,
 ) -> VirtualCanBus:
-    """One CAN bus. Raises SpecimenError for a family or model that is not simulated."""
+    """Build one CAN bus. Raises VirtualRobotSpecError for a family or model that is not simulated."""
     try:
         return VirtualCanBus(
             name,
@@ -194,7 +195,7 @@ Spec = TypeVar("Spec")
 
 
 def by_bus(servos: Sequence[tuple[str, Spec]]) -> Mapping[str, list[Spec]]:
-    """In the order given."""
+    """Group the servos by bus, in the order given."""
     found: dict[str, list[Spec]] = {}
     for bus, spec in servos:
         found.setdefault(bus, []).append(spec)

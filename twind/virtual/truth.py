@@ -1,7 +1,7 @@
-"""What is true of one virtual robot and stands in no file of it: what a calibration has to find out.
+"""True values of one virtual robot that are in no file of it: a calibration has to find them out.
 
-`--truth FILE` is a mapping `joints:` of joint names to the keys of `JointTruth`; what is left out is as the
-robot file describes it. In process the same as these dataclasses.
+`--truth FILE` is a mapping `joints:` of joint names to the keys of `JointTruth`. Keys left out are as the
+robot file describes them. In process the same data are these dataclasses.
 """
 
 import math
@@ -61,7 +61,7 @@ class JointTruth:
         return made | dict(self.registers)
 
     def said(self) -> list[str]:
-        """The keys that say something else than the default."""
+        """Return the keys whose values differ from the default."""
         return [each.name for each in fields(self) if getattr(self, each.name) != getattr(PLAIN, each.name)]
 
 
@@ -70,12 +70,12 @@ PLAIN = JointTruth()
 
 @dataclass(frozen=True)
 class Truth:
-    """By joint; what is not there is plain."""
+    """Truth of each joint, by name; a joint that is not in it is plain."""
 
     joints: Mapping[str, JointTruth] = field(default_factory=dict)
 
     def of(self, name: str) -> JointTruth:
-        """Of one joint."""
+        """Return the truth of one joint; the plain one if the file does not name it."""
         return self.joints.get(name, PLAIN)
 
     def holder(self, name: str) -> str:
@@ -170,7 +170,7 @@ def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
 
 
 def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float, float]]:
-    """Where joints end, rad: by the truth, else as described, else the model's range."""
+    """Return the ends of the joints, rad: by the truth, else as described, else the model's range."""
     found = dict(ranges_of(robot))
     for joint in robot.joints:
         free = (-math.inf, math.inf)  # a slot of a transmission ends where its joints do
@@ -182,9 +182,9 @@ def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float
 
 
 def random_truth(robot: RobotFile, seed: int) -> Truth:
-    """Another specimen off the line: zeros anywhere on the encoder, its own stops, friction, play, turns.
+    """Return the truth of a random robot: zeros anywhere on the encoder; own stops, friction, play, turns.
 
-    Signs and ids are right. In position mode the travel keeps on one turn: nobody could use it else.
+    Signs and ids are right. In position mode the travel keeps on one turn: it would be unusable otherwise.
     """
     random = np.random.default_rng(seed)
     return Truth({joint.name: _random(joint, random) for joint in robot.joints})

@@ -82,14 +82,14 @@ class VirtualRobotSpec:
         return [joint for joint in self.wired.joints if joint.bus == bus]
 
     def hinge(self, joint: str) -> Hinge:
-        """Of a joint."""
+        """Return the hinge of a joint, by joint name."""
         every = [spec.hinge for on in self.servos.values() for spec in on]
         every += [spec.hinge for on in self.nodes.values() for spec in on]
         return next(hinge for hinge in every if hinge is not None and hinge.joint == joint)
 
     @property
     def shown(self) -> Mapping[str, int]:
-        """What the position registers show at joint angle 0, after a boot in the rest pose, by joint."""
+        """Values of the position registers at joint angle 0, after a boot in the rest pose, by joint."""
         return {name: self.frames[name].shown(zero) for name, zero in self.zeros.items()}
 
 
@@ -244,7 +244,8 @@ def buses(
 def body_for(
     made: VirtualRobotSpec, *, base: str = UPRIGHT, hold: str = BY_TORQUE, now: float = 0.0
 ) -> MujocoPhysics:
-    """All of it as it is wired, rubbing and ending where the truth says. `base`, `hold`: see `body_of`."""
+    """Build the whole body as it is wired, with friction and stops of the truth. `base`, `hold`: see
+    `body_of`."""
     rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
     friction = {name: value for name, value in rubbing.items() if value is not None}
     alone = [joint.name for joint in made.robot.joints if not joint.transmission]
@@ -256,7 +257,7 @@ def body_for(
 def _muscles(
     made: VirtualRobotSpec, bus: BusSpec, body: MujocoPhysics | None, now: float, beside: list[float]
 ) -> ServoPhysics:
-    """Those of one bus; `beside`: ticks where servos stand that belong to no joint."""
+    """Build the servo physics of one bus; `beside`: ticks of the servos that belong to no joint."""
     if body is not None:
         return body.part(_places(made, bus))
     muscles = FirstOrderPhysics(np.array([*map(float, _start(made, bus)), *beside]), now=now)
@@ -282,7 +283,7 @@ def fence(muscles: FirstOrderPhysics | FirstOrderCanPhysics, hinges: Sequence[Hi
 
 
 def _places(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:
-    """Of the joints of a bus, in joint order."""
+    """Return the indices of the joints of a bus, in joint order."""
     return [at for at, joint in enumerate(made.robot.joints) if joint.bus == bus.name]
 
 

@@ -132,7 +132,7 @@ class VirtualBusServer:
     # --------------------------------------------------------------------------------- faults
 
     def obey(self, order: Order) -> Order:
-        """One order of the faults socket. Raises OrderError, KeyError, ValueError."""
+        """Execute one order of the faults socket. Raises FaultCommandError, KeyError, ValueError."""
         if order.get("query") == "state":
             return self._state()
         if order.get("query") == "history":
@@ -172,7 +172,7 @@ class VirtualBusServer:
         return {"ok": True}
 
     def _body(self, order: Order) -> Order:
-        """What is done to the whole body; it is of no bus."""
+        """Apply an order that acts on the whole body and belongs to no bus. Raises FaultCommandError."""
         name, given = arguments(order, BODY_FAULTS)
         for bus, _ in self._pairs:
             bus.advance(self._clock.now())
@@ -187,7 +187,7 @@ class VirtualBusServer:
         return {"ok": True}
 
     def _sensor(self) -> VirtualSensor:
-        """The inertial sensor of the robot. Raises OrderError: it has none."""
+        """Return the inertial sensor of the robot. Raises FaultCommandError: it has none."""
         found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
         if not found:
             raise FaultCommandError("imu: this robot has none: `sensors` in its robot file")

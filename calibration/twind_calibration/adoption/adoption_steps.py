@@ -1,4 +1,4 @@
-"""A chosen servo becomes a joint's: the steps in their order, and what is told of them. Blocks."""
+"""Assigns a chosen servo to a joint: the steps in their order, and their description. Blocks."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -16,7 +16,7 @@ TORQUE = "torque_enable"
 
 @dataclass(frozen=True, slots=True)
 class AdoptionPlan:
-    """What is to be done with one servo, before anything is. `hand` holds it."""
+    """Planned changes of one servo, computed before any of them is made. `hand` holds the servo."""
 
     chosen: AdoptionCandidate
     firmware: int
@@ -26,11 +26,11 @@ class AdoptionPlan:
 
     @property
     def nothing(self) -> bool:
-        """It stands at its place and holds what it must."""
+        """True when the servo answers at the joint's id and rate and has all required settings."""
         return not self.steps and self.chosen.place == self.chosen.home
 
     def lines(self) -> list[str]:
-        """For a person who is to agree: who, what is written, and what becomes of the calibration."""
+        """Return the confirmation text: the servo, the values to write, the effect on the calibration."""
         chosen, joint = self.chosen, self.chosen.joint
         said = [
             f"{chosen.found.model_name}, firmware {self.firmware}, {chosen.place}, torque off",
@@ -44,7 +44,7 @@ class AdoptionPlan:
         return [*said, *(f"  {line}" for line in self.entry.lines())]
 
     def told(self, state: str) -> dict[str, Any]:
-        """The same for programs. `state`: planned, adopted or there."""
+        """Return the plan as data for programs. `state`: planned, adopted or there."""
         chosen = self.chosen
         return {
             "state": state,
@@ -59,9 +59,9 @@ class AdoptionPlan:
         }
 
     def carry_out(self) -> None:
-        """Write, read back, look at the whole again where it then stands. Raises Rejected, PortError.
+        """Write, read back, and verify the whole servo at its final id and rate. Raises Rejected, PortError.
 
-        Whenever it is interrupted, the same once more finds the servo and ends it.
+        After an interruption at any point, a repeated adoption finds the servo and completes the steps.
         """
         joint, known = self.chosen.joint, self.hand.table
         self.entry.strike_out()
@@ -77,10 +77,10 @@ class AdoptionPlan:
 def prepare(
     chosen: AdoptionCandidate, at: Callable[[int], WritableProber], entry: CalibrationEntryStatus
 ) -> AdoptionPlan:
-    """Read the servo and work out what must be written; nothing is. Raises Rejected, PortError.
+    """Read the servo and compute the necessary writes; writes nothing. Raises Rejected, PortError.
 
-    Refused too: a servo at its place whose joint is calibrated. It is that joint's own, as far as anybody can
-    tell, and to adopt it would cost its calibration.
+    Also rejected: a servo at the final id and rate whose joint is calibrated. It is presumably the servo of
+    that joint, and adoption would discard its calibration.
     """
     model, firmware = chosen.found.model, chosen.found.firmware
     assert model is not None  # `choose` lets no other pass

@@ -1,8 +1,8 @@
-"""Where a new servo may answer, and which servo on the wire is to become which joint.
+"""Ids and baud rates at which a new servo may answer, and assignment of found servos to joints.
 
-A servo is given its settings where it stands as delivered, then its id, then the bus's rate. So whenever that
-was interrupted it stands at one of three places, and at each of them it is known again. The id comes first:
-as delivered most have id 1, which at the bus's rate may be a joint's.
+A servo gets its settings at its factory id and rate, then its id, then the rate of the bus. After an
+interruption it is therefore at one of three locations, and each is recognised. The id is written first: most
+servos are delivered with id 1, which at the rate of the bus may be the id of a joint.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ Heard = Mapping[str, Sequence[BaudRateScan]]  # by bus: what each rate that was 
 
 @dataclass(frozen=True, slots=True)
 class ServoLocation:
-    """Where a servo answers."""
+    """Id and baud rate at which a servo answers."""
 
     id: int
     baud: int  # bit/s
@@ -37,7 +37,7 @@ class ServoLocation:
 
 @dataclass(frozen=True, slots=True)
 class AdoptionCandidate:
-    """A servo on the wire, and the joint that it is meant for."""
+    """A servo on the wire, and the joint that it is intended for."""
 
     joint: JointSpec
     bus: BusSpec
@@ -46,12 +46,12 @@ class AdoptionCandidate:
 
     @property
     def home(self) -> ServoLocation:
-        """Where it will answer."""
+        """Id and rate of the servo after adoption."""
         return ServoLocation(self.joint.id, self.bus.baud)
 
 
 def delivered(joint: JointSpec) -> ServoLocation:
-    """Where a servo of this joint's model answers as it comes from the factory (`registers.rule`)."""
+    """Return the factory id and baud rate of the servo model of this joint (`registers.rule`)."""
     registers = table(number_of(joint.type.device))
     id, rate = (registers[key].rule.default for key in ("id", "baud_rate"))
     if id is None or rate is None:
@@ -62,9 +62,9 @@ def delivered(joint: JointSpec) -> ServoLocation:
 
 
 def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
-    """Every place at which the new servo of `joint` may stand: as delivered, half-way, home.
+    """Return every location of the new servo of `joint`: factory settings, intermediate, final.
 
-    What is another joint's place is none, and so is id 1 at the bus's rate where a joint has id 1.
+    Excluded are the locations of other joints, and id 1 at the rate of the bus where a joint has id 1.
     """
     fresh, baud = delivered(joint), robot.bus(joint.bus).baud
     others = {each.id for each in robot.joints if each.bus == joint.bus and each.name != joint.name}
@@ -78,7 +78,7 @@ def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
 
 
 def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
-    """Rate -> ids to look for: at the bus's rate the joints', where its models are delivered everybody."""
+    """Map each rate to the ids to search: the joints' ids at the bus's rate, all ids at factory rates."""
     fresh = [delivered(joint) for joint in robot.joints if joint.bus == bus.name]
     ids = [joint.id for joint in robot.joints if joint.bus == bus.name]
     known = range(max([*ids, *(each.id for each in fresh)], default=0) + 1)
@@ -86,14 +86,14 @@ def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
 
 
 def look(at: Callable[[int], Prober], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
-    """Who is on a bus, as far as adopting asks. Writes nothing. Raises PortError."""
+    """Scan a bus at the rates and ids that adoption needs (`lookout`). Writes nothing. Raises PortError."""
     return [each for baud, ids in lookout(robot, bus).items() for each in scan(at, [baud], ids)]
 
 
 def joint_of(robot: RobotFile, name: str) -> JointSpec:
-    """The joint of that name, or that sits on the actuator of that name.
+    """Return the joint of that name, or the joint of the actuator of that name.
 
-    Raises Rejected: no such joint (the nearest is named), or no serial servo's.
+    Raises Rejected: no such joint (the message names the nearest), or a joint without serial servo.
     """
     joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
     if joint is None:
@@ -111,7 +111,7 @@ def joint_of(robot: RobotFile, name: str) -> JointSpec:
 
 
 def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
-    """Those that a servo can be adopted on. Raises Rejected where there is none."""
+    """Return the buses that support adoption. Raises Rejected where there is none."""
     found = tuple(bus for bus in robot.buses if bus.kind != CAN)
     if not found:
         raise Rejected(
@@ -121,11 +121,11 @@ def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
 
 
 def choose(robot: RobotFile, heard: Heard, name: str | None) -> AdoptionCandidate | None:
-    """The new servo and its joint; None: every joint of these buses has its servo.
+    """Choose the new servo and its joint; None: every joint of these buses has its servo.
 
-    `heard` is that of `look`. `name`: the joint, else the one that is missing. Raises Rejected,
-    with thing and remedy: several joints missing, two new servos or none, another model, torque on, a
-    hardware error, an id that answers twice.
+    `heard` is the result of `look`. `name`: the joint; without it, the missing one. Raises Rejected, with
+    cause and remedy: several joints missing, two new servos or none, another model, torque on, a hardware
+    error, an id that answers twice.
     """
     for bus, lines in heard.items():
         _require_quiet(bus, lines)
@@ -147,7 +147,7 @@ def choose(robot: RobotFile, heard: Heard, name: str | None) -> AdoptionCandidat
 
 
 def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
-    """The joints of these buses that nobody answers for at the bus's rate, in order."""
+    """Return the joints of these buses whose servos do not answer at the bus's rate, in order."""
     there = {
         (bus, each.id, each.baud) for bus, lines in heard.items() for line in lines for each in line.found
     }
@@ -166,7 +166,7 @@ def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
 
 
 def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation:
-    """Where the one servo stands that may be meant."""
+    """Return the location of the only candidate servo."""
     bus, fresh = robot.bus(joint.bus), delivered(joint)
     home, candidates = (
         ServoLocation(joint.id, bus.baud),
@@ -209,7 +209,10 @@ def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
 
 
 def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[ServoLocation]) -> str:
-    """Who was begun and not ended."""
+    """Return a hint that names another joint whose adoption was started and not completed.
+
+    One of the unexpected locations shows it. Empty where there is none.
+    """
     begun = [
         each.name
         for each in robot.joints

@@ -1,4 +1,4 @@
-"""A calibration file and the numbered ones beside it: which there are, and what each of them says."""
+"""A calibration file and its numbered predecessors: listing and reading."""
 
 import re
 from collections.abc import Sequence
@@ -15,13 +15,16 @@ CURRENT = "current"
 
 @dataclass(frozen=True, slots=True)
 class CalibrationArchive:
-    """Of one individual: `path`, and `NAME.0001.yaml` and up beside it."""
+    """Calibration files of one individual robot: `path`, and `NAME.0001.yaml` and up beside it."""
 
     path: Path
     robot: RobotFile
 
     def numbers(self) -> Sequence[int]:
-        """Of the earlier files, the latest last. Raises Rejected: the folder cannot be read."""
+        """Return the numbers of the earlier files, the latest last.
+
+        Raises Rejected: the folder is unreadable.
+        """
         numbered = re.compile(re.escape(self.path.stem) + r"\.(\d{4,9})\.yaml")
         try:
             names = [each.name for each in self.path.parent.iterdir()]
@@ -32,7 +35,10 @@ class CalibrationArchive:
         return sorted(int(found[1]) for name in names if (found := numbered.fullmatch(name)))
 
     def file(self, which: str) -> Path:
-        """Of a number, of `current`, or of a path that has a slash or ends in .yaml. Raises Rejected."""
+        """Return the path of a file that is given by number, by `current`, or by path.
+
+        A path has a slash or ends in .yaml. Raises Rejected where no file has that number.
+        """
         if which == CURRENT:
             return self.path
         if "/" in which or which.endswith(".yaml"):
@@ -44,7 +50,7 @@ class CalibrationArchive:
         return self.path.with_name(f"{self.path.stem}.{int(which):04d}.yaml")
 
     def read(self, which: str) -> Calibration:
-        """What that file says. Raises Rejected: there is none, or it is no calibration of this robot file."""
+        """Load that file. Raises Rejected: it does not exist, or is no calibration of this robot file."""
         file = self.file(which)
         try:
             return load_calibration(file, self.robot)

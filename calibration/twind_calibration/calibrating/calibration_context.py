@@ -1,7 +1,7 @@
-"""What every step of a calibration stands on: the daemon, its robot file, and whose calibration file.
+"""Basis of every calibration step: the daemon, its robot file, and the calibration file.
 
-The daemon says which robot file it read and where it looks for the calibration, so that a step without
-options writes what the daemon will read.
+The daemon reports the robot file that it has read and the path of the calibration. A step without options
+therefore writes the file that the daemon will read.
 """
 
 import argparse
@@ -27,7 +27,7 @@ TOOL = f"twind {__version__}"
 
 @dataclass(frozen=True, slots=True)
 class CalibrationContext:
-    """The robot as its daemon describes it, and its calibration file, which need not be there yet."""
+    """The robot as its daemon describes it, and its calibration file, which need not exist yet."""
 
     robot: RobotFile
     path: Path  # of the calibration file
@@ -36,11 +36,14 @@ class CalibrationContext:
 
     @property
     def individual(self) -> str:
-        """Whose calibration it is: the file's name."""
+        """Name of the individual robot that the calibration belongs to: the file's name without suffix."""
         return self.path.stem
 
     def calibration(self) -> Calibration | None:
-        """What the file says now; None: there is none. Raises Rejected: it cannot be used, and why."""
+        """Load the current file; None: there is none.
+
+        Raises Rejected with the reason where it is unusable.
+        """
         try:
             return load_calibration(self.path, self.robot)
         except ConfigError as error:
@@ -54,9 +57,9 @@ class CalibrationContext:
             ) from None
 
     def chosen(self, names: Sequence[str], known: Sequence[str]) -> list[str]:
-        """The actuators that were named, each once and in the robot's order; all where none was.
+        """Return the named actuators, each once and in the order of the robot; all where none is named.
 
-        Raises Rejected for a name that is none of `known`.
+        Raises Rejected for a name that is not in `known`.
         """
         for name in names:
             if name not in known:
@@ -67,7 +70,10 @@ class CalibrationContext:
 
 
 def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
-    """Asked of the daemon. Raises Rejected (its robot file was changed since, or is another), ClientError."""
+    """Query the daemon for the context.
+
+    Raises Rejected (robot file changed since, or another), ClientError.
+    """
     told = client.call("GetRobot")["robot"]
     parameters = client.call("GetParameters")["parameters"]
     robot = _robot(told)
@@ -85,7 +91,7 @@ def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
 
 
 def _robot(told: dict[str, Any]) -> RobotFile:
-    """The file that the daemon read. Raises Rejected: it is not as it was."""
+    """Load the robot file that the daemon has read. Raises Rejected: it has changed since."""
     try:
         robot = read_robot(Path(told["path"]))
     except ConfigError as error:
@@ -96,7 +102,10 @@ def _robot(told: dict[str, Any]) -> RobotFile:
 
 
 def scanned(client: Client, bus: str) -> dict[int, dict[str, Any]]:
-    """Who answers on a bus, by id, with what identification reads of it. Raises Rejected, ClientError."""
+    """Return the devices that answer on a bus, by id, with their identification data.
+
+    Raises Rejected, ClientError.
+    """
     try:
         return {int(found["id"]): found for found in client.stream("Scan", bus=bus)}
     except CallError as error:
@@ -106,5 +115,5 @@ def scanned(client: Client, bus: str) -> dict[int, dict[str, Any]]:
 
 
 def now() -> str:
-    """UTC, as a calibration file has it."""
+    """Return the current UTC time in the format of a calibration file."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,8 +1,8 @@
-"""Values that others measured, folded into entries of ours without a count lost. Pure.
+"""Conversion of measurements from other tools to calibration entries, without loss of counts. Pure.
 
-Present Position = actual + Homing Offset (e-manual, X series): a count that was told under one offset is
-another one under another, by their difference. Whatever homing offset a servo has is kept and recorded, and
-the zero counts in what it tells with it. Of a Feetech servo the sign is the other one, the encoder another.
+Present Position = actual + Homing Offset (e-manual, X series): counts under two offsets differ by the
+difference of the offsets. The homing offset of a servo is kept and recorded, and the zero refers to the
+positions that the servo reports with it. A Feetech servo has the opposite sign, and another encoder.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ Convention = int | None  # count at joint angle 0, as the source counts; None: t
 
 @dataclass(frozen=True, slots=True)
 class ForeignCalibration:
-    """What somebody else says of one actuator, in counts under `homing_offset`."""
+    """Calibration of one actuator from another tool, in counts under `homing_offset`."""
 
     travel: Ticks | None  # None: nobody measured it
     homing_offset: int
@@ -37,7 +37,7 @@ class ForeignCalibration:
 
 @dataclass(frozen=True, slots=True)
 class ImportResult:
-    """The entry that follows, or what speaks against one."""
+    """The resulting entry, or the reasons against one."""
 
     slot: CalibrationActuator
     entry: JointCalibration | None
@@ -46,14 +46,14 @@ class ImportResult:
 
 
 def of_motor(motor: LeRobotMotor, make: str | None) -> ForeignCalibration:
-    """Of a LeRobot file."""
+    """Convert one motor entry of a LeRobot file."""
     return ForeignCalibration((motor.range_min, motor.range_max), motor.homing_offset, motor.drive_mode, make)
 
 
 def of_registers(slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks | None) -> ForeignCalibration:
-    """Of a servo's own registers: a sweep that was made of it as it is, else its position limits.
+    """Convert the registers of a servo: a sweep made with its present settings, else its position limits.
 
-    Limits as delivered, one whole turn, are nobody's travel.
+    Factory limits, which span one whole turn, do not count as a travel.
     """
     if sweep is not None:
         return ForeignCalibration(sweep, device.homing_offset_ticks, swept=True)
@@ -72,7 +72,10 @@ def fold(
     *,
     wide: bool = False,
 ) -> ImportResult:
-    """The entry of an actuator whose servo is now as `device` says. `wide`: its travel may be too long."""
+    """Build the entry of an actuator whose servo now has the settings `device`.
+
+    `wide`: its travel may be too long.
+    """
     refused = _refused(slot, source, device)
     if refused or source.travel is None:
         return ImportResult(slot, None, (refused,))
@@ -94,7 +97,7 @@ def fold(
 
 
 def _refused(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
-    """Why nothing of it can be taken; "": it can."""
+    """Return the reason why none of the values is usable; "" where they are."""
     joint, now = slot.joint, device.homing_offset_ticks
     if not isinstance(joint.type, ServoType):
         return f"is a {joint.type.device} on CAN: registers and files like these say nothing of it"
@@ -117,7 +120,7 @@ def _refused(slot: CalibrationActuator, source: ForeignCalibration, device: Devi
 
 
 def _moved(source: ForeignCalibration, now: int) -> str:
-    """Why a count under another homing offset cannot be folded in; "": it can."""
+    """Return the reason why a count under another homing offset cannot be converted; "" where it can."""
     was = source.homing_offset
     if was == now:
         return ""

@@ -27,7 +27,7 @@ HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "o
 
 
 def _place(options: argparse.Namespace) -> CalibrationContext:
-    """Whose files: as a daemon that runs says, unless they are named; else as the settings do."""
+    """Locate the calibration files: by the running daemon, unless options name them; else by the settings."""
     named = options.robot or options.config or options.port
     if not named:
         try:
@@ -126,7 +126,7 @@ def _lines(found: Sequence[CalibrationChange]) -> list[str]:
 
 
 def _rollback(options: argparse.Namespace) -> int:
-    """Put an earlier file back; the one that it replaces becomes the latest earlier one."""
+    """Restore an earlier file; the file that it replaces becomes the latest earlier one."""
     require_somebody(options)
     place = _place(options)
     archive = _archive(place)
@@ -159,7 +159,7 @@ def _rollback(options: argparse.Namespace) -> int:
 
 
 def _bytes(place: CalibrationContext) -> bytes:
-    """What is in force, whatever it is; empty where nobody can read it."""
+    """Return the raw content of the file in force, valid or not; empty where it is unreadable."""
     try:
         return place.path.read_bytes()
     except OSError:
@@ -167,7 +167,10 @@ def _bytes(place: CalibrationContext) -> bytes:
 
 
 def _fenced_since(archive: CalibrationArchive, earlier: Calibration) -> list[str]:
-    """Whose position limits the file that is in force records otherwise; `limits` puts that right."""
+    """Return the joints whose recorded position limits differ between `earlier` and the file in force.
+
+    `twindctl calibrate limits` corrects them. Empty where the file in force is unusable.
+    """
     try:
         now = archive.read(CURRENT).by_name
     except Rejected:
@@ -181,7 +184,7 @@ def _fenced_since(archive: CalibrationArchive, earlier: Calibration) -> list[str
 
 
 def _against_now(archive: CalibrationArchive, earlier: Calibration, place: CalibrationContext) -> list[str]:
-    """What it changes; a file that cannot be read is no reason against."""
+    """Return the differences from the file in force; an unreadable file in force is no obstacle."""
     try:
         return _lines(changes(archive.read(CURRENT), earlier, slots(place.robot)))
     except Rejected as error:
@@ -189,7 +192,7 @@ def _against_now(archive: CalibrationArchive, earlier: Calibration, place: Calib
 
 
 def _within(step: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """What a refusal says to type is typed for the same daemon."""
+    """Wrap a command so that the commands in its refusals carry the options of the same daemon."""
 
     def run(options: argparse.Namespace) -> int:
         try:

@@ -1,4 +1,4 @@
-"""`twindctl calibrate import`: read the source and the servos, show what follows, ask, write. Blocks."""
+"""`twindctl calibrate import`: read the source and the servos, show the result, confirm, write. Blocks."""
 
 import argparse
 import json
@@ -32,7 +32,10 @@ from twind_calibration.command_hint import again
 
 
 def take(options: argparse.Namespace) -> int:
-    """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
+    """Return exit code 0 when the file has all requested actuators.
+
+    Raises Rejected, UsageError, ClientError.
+    """
     if (options.kind == "lerobot") != (options.file is not None):
         raise UsageError("--from lerobot takes a --file FILE, --from servo none")
     if options.map is not None and options.file is None:
@@ -65,7 +68,7 @@ def _take(options: argparse.Namespace, client: Client) -> int:
 def _motors(
     options: argparse.Namespace, every: Sequence[CalibrationActuator]
 ) -> dict[str, lerobot_file.LeRobotMotor] | None:
-    """Of the file, by actuator; None: the servos themselves are asked."""
+    """Read the motors of the LeRobot file, by actuator; None: no file given, the servos are read."""
     if options.file is None:
         return None
     try:
@@ -81,7 +84,7 @@ def _motors(
 def _zeros(
     options: argparse.Namespace, place: CalibrationContext, names: Sequence[str]
 ) -> dict[str, Convention]:
-    """Where each actuator's angle 0 was said to be."""
+    """Return the stated position of angle 0 of each actuator."""
     said: dict[str, Convention] = dict(options.zero_at)
     place.chosen([name for name in said if name], names)
     return {name: said.get(name, said.get("")) for name in names if name in said or "" in said}
@@ -110,7 +113,7 @@ def _fold(
 
 
 def _limits(source: ForeignCalibration, changed: Sequence[str]) -> str:
-    """What a person is told of a travel that was not swept."""
+    """Return the note about a travel that was not swept."""
     if source.swept:
         return ""
     without = f"; not what was swept, its servo is not as it was then: {', '.join(changed)}"
@@ -124,7 +127,7 @@ def _write(
     draft: drafts.CalibrationDraft,
     folded: Sequence[ImportResult],
 ) -> int:
-    """Show, ask, write, say what comes next; the exit code."""
+    """Show, confirm, write, print the next step; return the exit code."""
     width = max((len(each.slot.name) for each in folded), default=0)
     for each in folded:
         print(json.dumps(_told(each)) if options.json else _line(each, width), flush=True)

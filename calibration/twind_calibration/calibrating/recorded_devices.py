@@ -1,4 +1,4 @@
-"""What is on the wire now, as a calibration records it, and in what it differs from what was recorded."""
+"""Devices on the wire in the form that a calibration records, and their differences from the records."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
@@ -32,9 +32,10 @@ def records(
     slots: Sequence[CalibrationActuator],
     known: Mapping[str, DeviceRecord] = MappingProxyType({}),
 ) -> dict[str, DeviceRecord]:
-    """By actuator, of those who answer. `known`: what was recorded of them; who had a tag is asked for it.
+    """Return a record of each actuator that answers, by actuator name.
 
-    Raises Rejected: one that does not tell its settings; ClientError.
+    `known`: the earlier records; where one has a tag, the tag is read again. Raises Rejected: a device does
+    not report its settings; ClientError.
     """
     found: dict[str, DeviceRecord] = {}
     for bus in robot.buses:
@@ -62,12 +63,12 @@ def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool)
 
 
 def of_file(calibration: Calibration | None) -> dict[str, DeviceRecord]:
-    """What a calibration recorded of each device, by actuator."""
+    """Return the device records of a calibration, by actuator."""
     return {} if calibration is None else {each.name: each.device for each in calibration.joints}
 
 
 def differences(then: DeviceRecord, now: DeviceRecord, but: Collection[str] = ()) -> list[str]:
-    """In what a device is another than it was, fields `but` left out, in words; [] for nothing."""
+    """Describe the differences of a device from its record, fields `but` left out; [] for none."""
     return [
         f"{NAMES.get(each.name, each.name)} is {getattr(now, each.name)}, was {getattr(then, each.name)}"
         for each in fields(DeviceRecord)

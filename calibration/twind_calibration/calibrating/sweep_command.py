@@ -1,4 +1,7 @@
-"""`twindctl calibrate sweep`: the daemon's readings, the person at the robot, and the draft. Blocks."""
+"""`twindctl calibrate sweep`: reads the daemon while the joints are moved by hand, and writes the draft.
+
+Blocks.
+"""
 
 import argparse
 import json
@@ -31,7 +34,7 @@ HEAD = "by hand, slowly, to both ends, half a second at each"
 
 
 def sweep(options: argparse.Namespace) -> int:
-    """Exit code 0: all that were asked for have a travel. Raises Rejected, ClientError."""
+    """Return exit code 0 when all requested actuators have a travel. Raises Rejected, ClientError."""
     try:
         with operator(options) as client:
             return _sweep(options, client, MonotonicClock())
@@ -78,7 +81,7 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
 
 
 class SweepSession:
-    """One sweep: what is known of everybody, what was told, and what is in the draft."""
+    """State of one sweep: the progress of every actuator, the printed messages, the content of the draft."""
 
     def __init__(
         self,
@@ -99,7 +102,10 @@ class SweepSession:
         self._begun, self._drawn, self._told = clock.now(), 0.0, dict.fromkeys(asked, 0.0)
 
     def begin(self) -> None:
-        """Say what is to be done."""
+        """Print the instructions and discard earlier travels of these joints.
+
+        Raises Rejected: a joint is absent.
+        """
         absent = [name for name in self._asked if name not in self.records]
         if absent:
             raise Rejected(
@@ -111,7 +117,7 @@ class SweepSession:
         self._say(f"move {count} {HEAD}{ends}")
 
     def take(self, reading: RawReading) -> bool:
-        """One reading; whether the sweep is over."""
+        """Process one reading; return whether the sweep is over."""
         for news in self._travels.take(reading.samples):
             self._news(news)
         self._show(reading.time)
@@ -119,14 +125,17 @@ class SweepSession:
         return late or self._entered() or self._travels.over
 
     def save(self, *, at_once: bool) -> None:
-        """What is done goes into the draft. `at_once`: also what fits without having rested at its ends."""
+        """Write the completed travels to the draft.
+
+        `at_once`: also those that fit although the joint has not rested at both ends.
+        """
         for name in self._asked:
             found = self._travels.travel(name, at_once=at_once)
             if found is not None:
                 self._keep(name, found)
 
     def cut(self) -> None:
-        """Ctrl-C: what was done before is in the draft."""
+        """Report an interruption (Ctrl-C): travels completed before are in the draft."""
         self._draw()
         self._board.leave()
         done = sum(name in self.draft.swept for name in self._asked)
@@ -136,7 +145,7 @@ class SweepSession:
         )
 
     def close(self) -> int:
-        """Say who is done and who is not; the exit code."""
+        """Print the complete and the incomplete actuators; return the exit code."""
         left = [name for name in self._asked if name not in self.draft.swept]
         done = [name for name in self._asked if name in self.draft.swept]
         whole = not left
@@ -167,7 +176,7 @@ class SweepSession:
         return DONE if whole else REFUSED
 
     def _next(self) -> str:
-        """The command that goes on."""
+        """Return the command that continues the calibration."""
         left = [name for name in self._asked if name not in self.draft.swept]
         anew = self._options.joints or self._options.again  # what the file has of them is not enough
         names = "".join(f" {name}" for name in left) if anew else ""
@@ -180,7 +189,7 @@ class SweepSession:
         return told(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
 
     def _keep(self, name: str, travel: tuple[int, int]) -> None:
-        """Into the draft, in the frame of the calibration file."""
+        """Store a travel in the draft, in the frame of the calibration file."""
         record = self.records[name]
         swept = travel_of(self._slots[name], record, travel)
         before = self.draft.swept.get(name)
@@ -190,7 +199,7 @@ class SweepSession:
             self.draft = drafts.change(path, robot, lambda known: known.joined(name, fresh))
 
     def _forget(self, names: Iterable[str]) -> None:
-        """Out of the draft."""
+        """Remove a travel from the draft."""
         if self.draft.without(names) != self.draft:
             path, robot = self._place.path, self._place.robot
             self.draft = drafts.change(path, robot, lambda known: known.without(names))
@@ -218,7 +227,7 @@ class SweepSession:
         self._board.draw([line(self._travels.progress(name), width) for name in self._asked])
 
     def _line(self, name: str, time: float) -> None:
-        """A line of JSON of a joint that moves, now and then."""
+        """Print a line of JSON of a moving joint, at intervals."""
         if time - self._told[name] < TELL:
             return
         progress = self._travels.progress(name)

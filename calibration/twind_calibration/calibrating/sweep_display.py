@@ -1,4 +1,4 @@
-"""What a person sees of a sweep: a line an actuator on a terminal, drawn anew; elsewhere only what is new."""
+"""Display of a sweep: on a terminal one redrawn line per actuator; elsewhere only changes."""
 
 import sys
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ MARK = {
 
 
 def line(progress: SweepProgress, width: int) -> str:
-    """One actuator: bar, travel beside the described range, the ends that it rested at."""
+    """Format one actuator: bar, travel beside the described range, the ends at which it has rested."""
     judged = progress.judged
     ends = "".join("●" if end else "○" for end in progress.ends)
     return (
@@ -28,7 +28,7 @@ def line(progress: SweepProgress, width: int) -> str:
 
 
 def bar(share: float) -> str:
-    """As long as the share of the described range, whose end is marked."""
+    """Format a bar as long as the share of the described range, whose end is marked."""
     eighths = min(round(max(share, 0.0) * FULL * 8), WIDTH * 8)
     full, part = divmod(eighths, 8)
     cells = list(("█" * full + (PARTS[part] if part else "")).ljust(WIDTH))
@@ -38,7 +38,7 @@ def bar(share: float) -> str:
 
 
 class SweepDisplay:
-    """Lines that are drawn over what they were before. `live` False: nothing is drawn."""
+    """Block of terminal lines that is redrawn in place. `live` False: nothing is drawn."""
 
     def __init__(self, out: TextIO | None = None, *, live: bool, rows: int = 24, columns: int = 80) -> None:
         self._out = out or sys.stdout
@@ -46,7 +46,7 @@ class SweepDisplay:
         self._drawn: list[str] = []
 
     def draw(self, lines: Sequence[str]) -> None:
-        """These lines instead of those before; as many as the terminal has room for. Only news is written."""
+        """Replace the previous lines, as many as fit the terminal. Writes only changes."""
         if not self._live:
             return
         room = max(1, self._rows - 2)
@@ -63,11 +63,11 @@ class SweepDisplay:
         self._drawn = shown
 
     def leave(self) -> None:
-        """What is drawn stays."""
+        """Leave the drawn lines on the terminal: later output does not overwrite them."""
         self._drawn = []
 
     def say(self, text: str) -> None:
-        """A line that stays, above the others. The others are drawn anew next time."""
+        """Print a permanent line above the redrawn lines, which are redrawn by the next `draw`."""
         self._out.write(f"{self._back()}{text}\n")
         self._out.flush()
         self._drawn = []

@@ -1,4 +1,4 @@
-"""Every actuator of a sweep, reading by reading: who moves, how far, who is done. Pure."""
+"""Progress of every actuator of a sweep, reading by reading: motion, travel, completion. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ALL = 0.9  # of the way between its limits: below it a rest may be one half-way,
 
 
 class SweepStage(StrEnum):
-    """Of one actuator."""
+    """Stage of one actuator in a sweep."""
 
     STILL = "still"  # not moved yet
     MOVING = "moving"
@@ -23,7 +23,7 @@ class SweepStage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SweepProgress:
-    """One actuator now."""
+    """Present progress of one actuator."""
 
     name: str
     stage: SweepStage
@@ -34,7 +34,7 @@ class SweepProgress:
 
 @dataclass(frozen=True, slots=True)
 class SweepEvent:
-    """Something that a person should know at once. `what`: done, wrong, lost or strayed."""
+    """Event to report at once. `what`: done, wrong, lost or strayed."""
 
     what: str
     name: str
@@ -42,7 +42,7 @@ class SweepEvent:
 
 
 class SweepTracker:
-    """`asked`: the actuators that are to be swept. The others are watched, for who moves instead."""
+    """Progress of all actuators. `asked`: those to sweep; the others are watched for unexpected motion."""
 
     def __init__(
         self, slots: Sequence[CalibrationActuator], asked: Sequence[str], *, wide: bool = False
@@ -56,7 +56,7 @@ class SweepTracker:
         self._wide = wide
 
     def take(self, readings: Mapping[str, EncoderSample]) -> list[SweepEvent]:
-        """One reading of everybody who was heard."""
+        """Process one reading of all actuators that answered."""
         news = [each for name, sample in readings.items() for each in self._one(name, sample)]
         stray = self._stray()
         if stray is not None and not self._told.issuperset(stray.moved):
@@ -65,7 +65,7 @@ class SweepTracker:
         return news
 
     def progress(self, name: str) -> SweepProgress:
-        """How far one is."""
+        """Return the progress of one actuator."""
         slot, track = self._slots[name], self._tracks[name]
         low, high = self._kept.get(name, (track.low, track.high))
         span = max(track.span, high - low)
@@ -73,7 +73,10 @@ class SweepTracker:
         return SweepProgress(name, self._stages[name], self._judge(slot, span), ends, slot.range)
 
     def travel(self, name: str, *, at_once: bool = False) -> tuple[int, int] | None:
-        """Lowest and highest count of one that is done; `at_once`: of one whose travel fits, rested or no."""
+        """Return lowest and highest count of a completed actuator.
+
+        `at_once`: of any whose travel fits, whether or not it has rested at the ends.
+        """
         if name in self._kept:
             return self._kept[name]
         track = self._tracks[name]
@@ -83,7 +86,7 @@ class SweepTracker:
 
     @property
     def over(self) -> bool:
-        """Nobody who was asked for is left."""
+        """True when all requested actuators are complete."""
         return all(self._stages[name] in (SweepStage.DONE, SweepStage.WRONG) for name in self.asked)
 
     def _one(self, name: str, sample: EncoderSample) -> list[SweepEvent]:
@@ -100,7 +103,7 @@ class SweepTracker:
         return self._ended(name, before)
 
     def _ended(self, name: str, before: SweepStage) -> list[SweepEvent]:
-        """It rested at both ends of the travel that it has now."""
+        """Return whether the actuator has rested at both ends of its present travel."""
         track = self._tracks[name]
         judged = self._judge(self._slots[name], track.span)
         if judged.good and judged.radians >= ALL * (self._slots[name].upper - self._slots[name].lower):
@@ -138,6 +141,6 @@ class SweepTracker:
 
 
 def told(judged: TravelVerdict) -> str:
-    """A travel that does not fit, in words: what is wrong, and the likely causes."""
+    """Describe a travel that does not fit: the error, and its likely causes."""
     wide = "; `--wide` takes it as it is" if judged.wide else ""
     return f"{judged.wrong}; likely: {', or '.join(judged.causes)}{wide}"

@@ -1,4 +1,4 @@
-"""Is a travel the one that the robot file describes? Pure. A verdict with its likely causes, in words."""
+"""Comparison of a travel with the robot file. Pure. The verdict lists likely causes as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ NAMED = 3  # joints that are named as the one it may be
 
 @dataclass(frozen=True, slots=True)
 class TravelVerdict:
-    """A travel beside the described one."""
+    """Comparison of a measured travel with the described one."""
 
     radians: float  # at the joint
     share: float  # of the described range
@@ -23,12 +23,15 @@ class TravelVerdict:
 
     @property
     def good(self) -> bool:
-        """It may be kept."""
+        """True when the travel is acceptable."""
         return not self.wrong
 
 
 def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActuator] = ()) -> TravelVerdict:
-    """Of `span` ticks; `others` are the joints that it may be taken for."""
+    """Compare a travel of `span` ticks with the described range.
+
+    `others`: the joints that the actuator may be confused with.
+    """
     radians = span * abs(slot.rad_per_tick)
     share = radians / slot.range
     low, high = PLAUSIBLE_SWEEP
@@ -65,14 +68,14 @@ def _causes(
 
 
 def _like(slot: CalibrationActuator, radians: float, other: CalibrationActuator) -> bool:
-    """The travel is what the other one should have."""
+    """Return whether the travel matches the described range of the other joint."""
     there = radians * slot.joint.ratio / other.joint.ratio
     return abs(there / other.range - 1.0) <= LIKE
 
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedMotion:
-    """Somebody moved though others were asked for, and one who was asked for did not."""
+    """Motion of joints that were not requested, while a requested joint stood still."""
 
     asked: tuple[str, ...]
     moved: tuple[str, ...]
@@ -88,10 +91,10 @@ UNMOVED, MOVED = 0.05, 0.30  # shares of the described range
 
 
 def strayed(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:
-    """Who moved instead of whom, by the share of its range that each actuator went; None: nobody did.
+    """Detect motion of the wrong joints; None: there is none.
 
-    A limp robot's joints follow each other by their weight: who went far while the one asked for stood still
-    is told, nobody else.
+    `shares`: the share of its range that each actuator has moved. The joints of a limp robot follow each
+    other by their weight. Only joints that moved far while a requested joint stood still are reported.
     """
     still = tuple(name for name in asked if shares.get(name, 0.0) < UNMOVED)
     moved = tuple(name for name, share in shares.items() if name not in asked and share >= MOVED)

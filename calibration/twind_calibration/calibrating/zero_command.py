@@ -1,4 +1,4 @@
-"""`twindctl calibrate zero`: readings of a robot that is held still, and the entries that follow. Blocks."""
+"""`twindctl calibrate zero`: reads a robot that is held still, and writes the resulting entries. Blocks."""
 
 import argparse
 import json
@@ -39,7 +39,7 @@ SPARE = 5  # times as many readings as are asked for may pass until everybody wa
 
 @dataclass(frozen=True, slots=True)
 class RecordedTravel:
-    """What is known of an actuator's travel, from the draft or from the calibration file."""
+    """Known travel of an actuator, from the draft or from the calibration file."""
 
     device: DeviceRecord
     sweep: tuple[int, int]
@@ -47,7 +47,7 @@ class RecordedTravel:
 
 @dataclass(frozen=True, slots=True)
 class ZeroResult:
-    """One actuator: its new entry, or what speaks against one."""
+    """Result for one actuator: its new entry, or the reasons against one."""
 
     slot: CalibrationActuator
     entry: JointCalibration | None
@@ -56,11 +56,11 @@ class ZeroResult:
 
     @property
     def spread(self) -> float | None:
-        """Of its zero, ticks; None: nobody knows."""
+        """Spread of the zero, ticks; None: unknown."""
         return None if self.entry is None else spread(self.entry)
 
     def line(self, width: int) -> str:
-        """For a person."""
+        """Return the result as one line of text."""
         if self.entry is None:
             return f"NOT  {self.slot.name}: {'; '.join(self.wrong)}"
         where = "by the ends of its travel" if self.angle is None else f"held at {self.angle:+.3f} rad"
@@ -72,7 +72,7 @@ class ZeroResult:
         )
 
     def told(self) -> dict[str, Any]:
-        """One line of JSON."""
+        """Return the result as one line of JSON."""
         one = self.entry
         return {
             "joint": self.slot.name,
@@ -87,7 +87,10 @@ class ZeroResult:
 
 
 def zero(options: argparse.Namespace) -> int:
-    """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
+    """Return exit code 0 when the file has all requested actuators.
+
+    Raises Rejected, UsageError, ClientError.
+    """
     try:
         with operator(options) as client:
             return _zero(options, client)
@@ -126,7 +129,7 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
 
 
 def travels_of(draft: drafts.CalibrationDraft, calibration: Calibration | None) -> dict[str, RecordedTravel]:
-    """By actuator; the draft is newer than the file."""
+    """Return the travels by actuator; the draft takes precedence over the file."""
     known = () if calibration is None else calibration.joints
     found = {each.name: RecordedTravel(each.device, each.sweep_ticks) for each in known}
     return found | {name: RecordedTravel(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
@@ -139,7 +142,7 @@ def _chosen(
     draft: drafts.CalibrationDraft,
     swept: Mapping[str, RecordedTravel],
 ) -> list[CalibrationActuator]:
-    """Raises Rejected: nobody was swept, or one who was named was not."""
+    """Return the selected actuators. Raises Rejected: none has a sweep, or a named one has none."""
     names = place.chosen(options.joints, [slot.name for slot in every])
     unswept = [name for name in names if name not in swept]
     if options.joints and unswept:
@@ -160,7 +163,10 @@ def _chosen(
 def _angles(
     options: argparse.Namespace, place: CalibrationContext, chosen: Sequence[CalibrationActuator]
 ) -> dict[str, float]:
-    """Rad of each actuator that is read. Raises Rejected: no such pose, no such joint, outside its limits."""
+    """Return the angle (rad) of each actuator to be read.
+
+    Raises Rejected: no such pose, no such joint, or an angle outside its limits.
+    """
     poses = place.robot.poses
     if options.pose is not None and options.pose not in poses:
         raise Rejected(f"{place.robot.name} has no pose {options.pose!r}; it has {', '.join(poses)}")
@@ -181,7 +187,7 @@ def _angles(
 
 
 def _turned(robot: RobotFile, slot: CalibrationActuator) -> Sequence[str]:
-    """The joints that an actuator turns."""
+    """Return the joints that an actuator turns."""
     for each in robot.transmissions:
         if slot.joint.name in each.joints:
             return each.joints
@@ -204,7 +210,10 @@ def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -
 def captured(
     client: Client, rate: float, chosen: Sequence[CalibrationActuator], count: int, keep: Callable[[], None]
 ) -> dict[str, JointCapture]:
-    """So many readings of each, as they were heard. `keep` keeps them limp; called at every reading."""
+    """Take this number of readings of each actuator.
+
+    `keep` keeps the actuators limp; it is called at every reading.
+    """
     heard: dict[str, list[int]] = {slot.name: [] for slot in chosen}
     stamps = dict.fromkeys(heard, float("-inf"))
     with readings(client, rate) as stream:
@@ -226,7 +235,10 @@ def place_slot(
     read: JointCapture | None,
     angle: float | None,
 ) -> ZeroResult:
-    """Its entry, or what speaks against one. `angle`: rad that it was read at; None: by its travel's ends."""
+    """Return the new entry of an actuator, or the reasons against one.
+
+    `angle`: its angle (rad) during the readings; None: the zero is set by the ends of its travel.
+    """
     if device is None:
         return ZeroResult(slot, None, ("nobody answers there",), angle)
     changed = differences(known.device, device)
@@ -250,13 +262,13 @@ def place_slot(
 
 
 def _ends(slot: CalibrationActuator) -> tuple[float | None, float | None]:
-    """Angles (rad) of the ends of the travel: stops that are described, else the limits."""
+    """Return the angles (rad) of the ends of the travel: described stops, else the limits."""
     stops = slot.joint.stops
     return (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
 
 
 def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
-    """Two ends that tell zeros too far apart."""
+    """Describe two ends whose zeros are too far apart; "" where they are near enough."""
     apart = 2.0 * at.sigma * abs(slot.rad_per_tick)
     if apart <= 2.0 * TOLERANCE:
         return ""
@@ -267,7 +279,7 @@ def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
 
 
 def _coarse(placed: Sequence[ZeroResult]) -> str:
-    """How good zeros by the ends of the travel are."""
+    """Describe the accuracy of zeros that are set by the ends of the travel."""
     good = [each for each in placed if each.entry is not None]
     known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
     one = [each.slot.name for each in good if each.spread is None]
@@ -283,7 +295,7 @@ def _write(
     draft: drafts.CalibrationDraft,
     placed: Sequence[ZeroResult],
 ) -> int:
-    """Show, ask, write, say what comes next; the exit code."""
+    """Show, confirm, write, print the next step; return the exit code."""
     width = max(len(each.slot.name) for each in placed)
     for each in placed:
         print(json.dumps(each.told()) if options.json else each.line(width), flush=True)

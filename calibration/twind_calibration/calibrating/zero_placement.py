@@ -1,4 +1,4 @@
-"""Where a joint's zero lies, by a pose it is held in or by the ends of its travel; and does it fit. Pure."""
+"""Zero position of a joint, from a held pose or from the ends of its travel, and its plausibility. Pure."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -16,7 +16,7 @@ Ticks = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class ZeroOffset:
-    """Where joint angle 0 is, in the frame of the travel."""
+    """Position of joint angle 0, in the frame of the travel."""
 
     ticks: int
     sigma: float  # ticks
@@ -25,23 +25,23 @@ class ZeroOffset:
 
 
 def travel_of(slot: CalibrationActuator, device: DeviceRecord, seen: Ticks) -> Ticks:
-    """Lowest and highest count as they were seen -> in the frame of the calibration file."""
+    """Convert lowest and highest count as read to the frame of the calibration file."""
     return framed(*seen, slot.start + device.homing_offset_ticks, slot.joint.type.ticks_per_turn)
 
 
 def by_pose(
     slot: CalibrationActuator, sweep: Ticks, mean: float, sigma: float, captures: int, angle: float
 ) -> ZeroOffset:
-    """Of a joint that stands at `angle` (rad) and reads `mean`, on whatever turn."""
+    """Compute the zero of a joint that stands at `angle` (rad) and reads `mean` ticks, on any turn."""
     band = turn_band(sweep, slot.joint.type.ticks_per_turn)
     turn = on_turn(round(mean), band) - round(mean)
     return ZeroOffset(round(mean + turn - angle / slot.rad_per_tick), sigma, captures, "jig")
 
 
 def by_ends(slot: CalibrationActuator, sweep: Ticks, lower: float | None, upper: float | None) -> ZeroOffset:
-    """Of a joint whose travel ends at these angles (rad); None: where that end is, nobody knows.
+    """Compute the zero of a joint from the angles (rad) of the ends of its travel; None: unknown end.
 
-    Two ends give the mean of two zeros, and half their difference for its spread; of one nobody knows it.
+    Two ends give the mean of two zeros, and half their difference as the spread. One end gives no spread.
     Raises ValueError: no end is known.
     """
     ends = sweep if slot.rad_per_tick > 0.0 else (sweep[1], sweep[0])
@@ -53,14 +53,14 @@ def by_ends(slot: CalibrationActuator, sweep: Ticks, lower: float | None, upper:
 
 
 def spread(entry: JointCalibration) -> float | None:
-    """Of its zero, ticks; None: one capture tells none."""
+    """Return the spread of the zero of an entry, ticks; None: a single capture gives no spread."""
     return entry.zero_sigma_ticks if entry.captures > 1 else None
 
 
 def misfits(
     slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks, zero: int, stands: int | None = None
 ) -> list[str]:
-    """What speaks against a zero, with the likely cause; [] for nothing. `stands`: where it is, ticks."""
+    """Return the objections to a zero, with likely causes; [] for none. `stands`: present position, ticks."""
     spare = slot.ticks(TOLERANCE)
     first, last = tick_range(slot.joint, zero, slot.lower, slot.upper)
     found = []
@@ -78,7 +78,7 @@ def misfits(
 
 
 def _why(slot: CalibrationActuator, sweep: Ticks, zero: int, spare: int) -> str:
-    """The other sign mirrors the limits about the zero."""
+    """Return the likely cause of a misfit: a wrong sign mirrors the limits about the zero."""
     first, last = tick_range(slot.joint, zero, -slot.upper, -slot.lower)
     if max(sweep[0] - first, last - sweep[1]) <= spare:
         return f"with sign {-slot.joint.sign} they would fit: is its sign wrong, or its pose mirrored?"
@@ -109,7 +109,7 @@ def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int
 def whole(
     slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks, zero: ZeroOffset
 ) -> JointCalibration:
-    """The entry of the calibration file; nothing is proved of it."""
+    """Build the entry of the calibration file, without any proof."""
     joint = slot.joint
     return JointCalibration(
         name=slot.name,
@@ -128,9 +128,9 @@ def whole(
 
 
 def fence(slot: CalibrationActuator, zero: int) -> Ticks | None:
-    """What its Min and Max Position Limit should be: the joint's limits rounded inwards.
+    """Return the Min and Max Position Limit that the servo should have: the joint's limits rounded inwards.
 
-    None: its mode knows no such limits. Limits that leave the servo's counts are told by `misfits`.
+    None: its mode has no such limits. `misfits` reports limits outside the range of the servo.
     """
     joint = slot.joint
     if not joint.type.fenced(joint.mode):

@@ -1,6 +1,6 @@
-"""One question on a serial bus, its answer as soon as it is there: how long it took, and what was garbled.
+"""One transaction on a serial bus, read as soon as it arrives: delay and garbled bytes.
 
-Pings and reads only: there is no way to write through it.
+Pings and reads only: it cannot write.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ PATIENCE = 0.02
 
 
 class ProbeReply(NamedTuple):
-    """Of one question to one servo."""
+    """Reply of one servo to one ping or read."""
 
     data: bytes | None  # None: it did not answer, or with an error alone
     error: int  # error byte; bit 7: alert
@@ -27,21 +27,21 @@ class ProbeReply(NamedTuple):
 
 
 class BusProbe:
-    """One port at the rate it has now. Every method may raise PortError."""
+    """One port at its present baud rate. Every method may raise PortError."""
 
     def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
-        """`timer` (s): the adapter's latency timer, which every answer may be later by."""
+        """`timer` (s): the adapter's latency timer, by which every answer may be late."""
         self._transport, self._clock = transport, clock
         self._line = HalfDuplexTransactor(
             transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=PATIENCE + timer
         )
 
     def ping(self, id: int) -> ProbeReply:
-        """Model number (2 bytes) and firmware (1) of one."""
+        """Ping one servo: model number (2 bytes) and firmware (1)."""
         return self._ask(packet.ping(id), StatusReply((id,), 3))
 
     def read(self, id: int, address: int, size: int) -> ProbeReply:
-        """`size` bytes from `address` of one."""
+        """Read `size` bytes from `address` of one servo."""
         return self._ask(packet.read(id, address, size), StatusReply((id,), size))
 
     def _ask(self, request: bytes, reply: StatusReply) -> ProbeReply:

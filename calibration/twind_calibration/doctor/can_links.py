@@ -22,7 +22,7 @@ UP = 0x1  # IFF_UP (linux/if.h)
 
 @dataclass(frozen=True, slots=True)
 class CanNetworkInterface:
-    """One network interface. None: nobody can say (a virtual CAN has no bit rate and no controller)."""
+    """One network interface. None: unknown (a virtual CAN has no bit rate and no controller)."""
 
     name: str
     kind: int  # ARPHRD_…; 280 is CAN
@@ -35,7 +35,7 @@ class CanNetworkInterface:
 
 
 def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
-    """An interface as the kernel has it; None: there is none of that name."""
+    """Read an interface from the kernel; None: there is none of that name."""
     folder = host.sys / "class/net" / name
     kind, queue = host.number(folder / "type"), host.number(folder / "tx_queue_len")
     flags = host.text(folder / "flags")
@@ -50,7 +50,7 @@ def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
 
 
 def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:
-    """`link` with what `ip -details -json link show` says of its controller (iproute2's iplink_can.c)."""
+    """Add the controller data of `ip -details -json link show` to `link` (iproute2's iplink_can.c)."""
     try:
         (entry,) = json.loads(text)
         about: dict[str, Any] = entry.get("linkinfo", {}).get("info_data", {})
@@ -70,7 +70,7 @@ def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:
 
 
 def links(x: CheckContext) -> Iterator[DoctorFinding]:
-    """CAN_LINK_…: every interface that a bus of this robot goes through."""
+    """CAN_LINK_…: check every interface that a bus of this robot uses."""
     for bus, name in _wanted(x):
         link = read_link(x.host, name)
         if link is None or link.kind != CAN_TYPE:
@@ -86,7 +86,10 @@ def links(x: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Iterator[DoctorFinding]:
-    """What is wrong with one interface that is there."""
+    """Yield the findings on one existing interface.
+
+    Checks bit rate, link and controller state, queue length and restart time.
+    """
     name, again = link.name, f"sudo ip link set {link.name} down\n{_up(link.name, bitrate)}"
     if link.up:  # down, it takes the goals from who is armed: the actuators run into their watchdogs
         again = f"twindctl disarm\n{again}"
@@ -110,7 +113,7 @@ def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Itera
 
 
 def _wanted(x: CheckContext) -> list[tuple[str, str]]:
-    """Bus and interface of every socketcan port. Raises NothingThere."""
+    """Return bus and interface of every socketcan port. Raises CheckNotApplicable."""
     robot, found = x.need_robot(), []
     for bus, port in x.ports.items():
         if port is not None and robot.bus(bus).kind == CAN:

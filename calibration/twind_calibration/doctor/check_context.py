@@ -1,4 +1,4 @@
-"""All that a check may look at, gathered once and passed in. A check fetches nothing by itself."""
+"""Input of all checks, gathered once and passed in. A check fetches nothing by itself."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -43,26 +43,32 @@ class CheckContext:
     surveys: dict[str, Any] = field(default_factory=dict)  # what was looked up once, for every check
 
     def need_robot(self) -> RobotFile:
-        """The robot. Raises CannotLook where its file is refused."""
+        """Return the robot. Raises CheckUnavailable where its file is rejected."""
         if self.robot is None:
             raise CheckUnavailable("the robot file cannot be read")
         return self.robot
 
     def need_daemon(self) -> DaemonInspector:
-        """The daemon. Raises NothingThere where none can be reached."""
+        """Return the daemon. Raises CheckNotApplicable where none can be reached."""
         if self.daemon is None:
             raise CheckNotApplicable("no daemon runs")
         return self.daemon
 
     @property
     def sim(self) -> bool:
-        """Is it in mode sim, which opens no port and needs no calibration? As it runs, else as it is set."""
+        """Whether the mode is sim, which opens no port and needs no calibration.
+
+        Taken from the running daemon, else from the settings.
+        """
         if self.daemon is not None:
             return bool(self.daemon.status["mode"] == "sim")
         return self.settings is not None and self.settings.mode == "sim"
 
     def about(self) -> dict[str, Any]:
-        """Whom this is about: robot, unit, ports and ids by bus; daemon (socket, version, …) or None."""
+        """Return the subject of the report.
+
+        Robot, unit, ports and ids by bus; daemon (socket, version, …) or None.
+        """
         daemon = None
         if self.daemon is not None:
             daemon = {"socket": self.daemon.path}
@@ -74,11 +80,14 @@ class CheckContext:
         return {"robot": name, "unit": self.unit, "ports": dict(self.ports), "ids": ids, "daemon": daemon}
 
     def bus(self, name: str) -> BusSpec:
-        """A bus of the robot. Raises CannotLook where there is no robot, KeyError for an unknown name."""
+        """Return a bus of the robot.
+
+        Raises CheckUnavailable where there is no robot, KeyError for an unknown name.
+        """
         return self.need_robot().bus(name)
 
     def close(self) -> None:
-        """Let go of ports and of the daemon."""
+        """Close the ports and the connection to the daemon."""
         for line in self.lines.values():
             line.close()
         for channel in self.can_lines.values():

@@ -1,4 +1,4 @@
-"""Everything the checks look at, gathered from the options as the daemon would take them. Opens no port."""
+"""Gathers the input of the checks from the options, as the daemon would interpret them. Opens no port."""
 
 import argparse
 import os
@@ -28,7 +28,7 @@ from twind_drivers.clock import Clock
 
 
 def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> CheckContext:
-    """One look at files and daemon. Raises UsageError for options that make no sense as written."""
+    """Gather files and daemon once. Raises UsageError for options that are invalid as written."""
     wrong: list[ConfigError] = []
     own = _settings(options, host, None, wrong)
     place = _place(options, own, host)
@@ -72,7 +72,7 @@ def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> C
 
 
 def unit_of(settings: DaemonSettings | None, host: HostInspector) -> str:
-    """The service of these settings: twind@NAME.service for /etc/twind/NAME.yaml, else twind.service."""
+    """Return the service: twind@NAME.service for settings in /etc/twind/NAME.yaml, else twind.service."""
     source = Path(settings.source) if settings is not None else Path("defaults")
     name = source.stem if source.parent == host.etc / "twind" else SERVICE
     return f"{SERVICE}.service" if name == SERVICE else f"{SERVICE}@{name}.service"
@@ -81,7 +81,12 @@ def unit_of(settings: DaemonSettings | None, host: HostInspector) -> str:
 def _settings(
     options: argparse.Namespace, host: HostInspector, source: Path | None, wrong: list[ConfigError]
 ) -> DaemonSettings | None:
-    """Of --config, of the file that the daemon read, of this user, or of the service: the first there is."""
+    """Load the daemon settings from the first source that exists.
+
+    Order: --config, the file that the daemon has read, the settings of this user, those of the service.
+    Appends a configuration error to `wrong` and returns None. Raises UsageError: the error is in the command
+    line.
+    """
     service = host.etc / "twind" / f"{SERVICE}.yaml"
     file = Path(options.config) if options.config else source or settings_of(options.socket, service.parent)
     try:
@@ -102,7 +107,7 @@ def _settings(
 
 
 def _place(options: argparse.Namespace, settings: DaemonSettings | None, host: HostInspector) -> str | None:
-    """The folder of the sockets, if one was named: here, or in the settings that were."""
+    """Return the folder of the sockets, if an option or the settings name one."""
     if options.socket is None and options.config and settings is not None:
         return sockets_of(options.config, str(settings.socket_dir), host.etc / "twind")
     place: str | None = options.socket
@@ -110,8 +115,10 @@ def _place(options: argparse.Namespace, settings: DaemonSettings | None, host: H
 
 
 def _daemon(place: str | None, host: HostInspector) -> tuple[DaemonInspector | None, NoDaemon | None, str]:
-    """The daemon of these sockets, or why none can be reached, and the stopped service that a connection
-    would start ("": none). Starts none."""
+    """Return the daemon of these sockets, or the reason why it is unreachable. Starts none.
+
+    Also returns the stopped service that a connection would start ("": none).
+    """
     refused: NoDaemon | None = None
     for name in ("observe", "control"):
         client = Client(place, name=name, timeout=PATIENCE)
@@ -128,7 +135,7 @@ def _daemon(place: str | None, host: HostInspector) -> tuple[DaemonInspector | N
 
 
 def _source(daemon: DaemonInspector) -> Path | None:
-    """The settings file that a daemon read; None: it read none, or nobody can say."""
+    """Return the settings file that a daemon has read; None: it has read none, or this is unknown."""
     try:
         source = str(daemon.parameters.get("source") or "defaults")
     except CheckUnavailable:
@@ -137,7 +144,7 @@ def _source(daemon: DaemonInspector) -> Path | None:
 
 
 def _same_ports(options: argparse.Namespace, daemon: DaemonInspector) -> bool:
-    """Are the ports of the command line among the daemon's? Without any: yes."""
+    """Return whether the ports of the command line are among the daemon's; True without any."""
     try:
         its = {real_port(bus["port"]) for bus in daemon.status["buses"]}
     except CheckUnavailable:
@@ -146,7 +153,7 @@ def _same_ports(options: argparse.Namespace, daemon: DaemonInspector) -> bool:
 
 
 def real_port(port: str) -> str:
-    """A port by the name that the kernel has for its device; of a CAN port, of what its channel names."""
+    """Return a port with the kernel's name of its device; for a CAN port, of the device of its channel."""
     scheme, start, path = port.partition(":/") if port.startswith("can:") else ("", "", port)
     if not start:
         return os.path.realpath(path) if path else port
@@ -156,7 +163,7 @@ def real_port(port: str) -> str:
 def _robot(
     settings: DaemonSettings | None, daemon: DaemonInspector | None, wrong: list[ConfigError]
 ) -> RobotFile | None:
-    """The file of the daemon's robot as it is now, else that of the settings."""
+    """Load the robot file of the daemon as it is now, else that of the settings."""
     name = None if settings is None else settings.robot
     if daemon is not None:
         with suppress(
@@ -192,7 +199,10 @@ def _ports(
     daemon: DaemonInspector | None,
     wrong: list[ConfigError],
 ) -> Mapping[str, str | None]:
-    """By bus: the daemon's, else those that it would take. Raises UsageError: the command line is wrong."""
+    """Return the ports by bus: those of the daemon, else those that it would use.
+
+    Raises UsageError: the command line is wrong.
+    """
     if daemon is not None:
         with suppress(CheckUnavailable):
             return {bus["name"]: bus["port"] or None for bus in daemon.status["buses"]}

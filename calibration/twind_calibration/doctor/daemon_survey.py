@@ -1,7 +1,7 @@
-"""Looks at buses through the running daemon: what it says of each joint, and registers.
+"""Inspection of buses through the running daemon: its report on each joint, and registers.
 
-Reading methods alone. Most registers come with its scan; the others are read one by one, each in a
-tick's spare time, so that the loop keeps its rate: seconds for a whole robot.
+Uses reading methods alone. The scan of the daemon delivers most registers. The others are read one by one,
+each in the spare time of a tick, so that the loop keeps its rate: seconds for a whole robot.
 """
 
 import math
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 
 def operator(daemon: DaemonInspector) -> Client:
-    """A connection that may read registers. Raises CannotLook: this user is no operator."""
+    """Open a connection that may read registers. Raises CheckUnavailable: this user is no operator."""
     client = Client(Path(daemon.path).parent, timeout=PATIENCE)
     try:
         client.connect()
@@ -48,7 +48,7 @@ def operator(daemon: DaemonInspector) -> Client:
 
 
 def survey_serial(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
-    """One serial bus. Raises CannotLook: it is not open, or the daemon does not answer."""
+    """Inspect one serial bus. Raises CheckUnavailable: it is not open, or the daemon does not answer."""
     port, servos, missing = _bus(daemon, spec, robot, _servo)
     imu = robot.imu if robot.imu is not None and robot.imu.bus == spec.name else None
     found = tuple(sorted(servos, key=lambda servo: servo.id))
@@ -56,7 +56,7 @@ def survey_serial(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> S
 
 
 def _inertial(daemon: DaemonInspector, imu: ImuSpec) -> SurveyedImu:
-    """What the daemon heard of it last. Raises CannotLook."""
+    """Return the daemon's last reading of the inertial sensor. Raises CheckUnavailable."""
     with operator(daemon) as client:
         try:
             told = client.call("Monitor", topics=["state"]).get("imu")
@@ -68,7 +68,7 @@ def _inertial(daemon: DaemonInspector, imu: ImuSpec) -> SurveyedImu:
 
 
 def survey_can(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> CanSurvey:
-    """One CAN bus. Raises CannotLook as above."""
+    """Inspect one CAN bus. Raises CheckUnavailable as `survey_serial` does."""
     port, nodes, missing = _bus(daemon, spec, robot, _node)
     return CanSurvey(spec, port, nodes, tuple(filter(asked, missing)))
 
@@ -79,7 +79,7 @@ def _bus(
     robot: RobotFile,
     look: Callable[[Client, JointSpec, Told, Told], T],
 ) -> tuple[str, tuple[T, ...], tuple[JointSpec, ...]]:
-    """Its port, who of its joints answers, and who does not."""
+    """Return the port of a bus, its joints that answer, and those that do not."""
     port = _open(daemon, spec)
     joints = [joint for joint in robot.joints if joint.bus == spec.name]
     told = {joint["name"]: joint for joint in daemon.joints}
@@ -101,7 +101,11 @@ def _open(daemon: DaemonInspector, spec: BusSpec) -> str:
 
 
 def _scan(client: Client, bus: str) -> dict[int, Told]:
-    """Who answers, of the ids that the daemon knows; nobody is an answer too."""
+    """Return the scan of the daemon, by id: the devices that answer among the ids that the daemon knows.
+
+    Empty where all are silent. Raises CheckUnavailable: the bus failed otherwise, or the daemon does not
+    answer.
+    """
     try:
         return {int(found["id"]): found for found in client.stream("Scan", bus=bus)}
     except CallError as error:
@@ -124,7 +128,7 @@ def _servo(client: Client, joint: JointSpec, found: Told, told: Told) -> Surveye
 
 
 def _present(told: Told) -> dict[str, int]:
-    """What the daemon reads all the time, in the register's own counts."""
+    """Return the values that the daemon reads continuously, in the counts of the register."""
     found = {
         "present_input_voltage": (told.get("voltage"), 10),
         "present_temperature": (told.get("temperature"), 1),
@@ -135,7 +139,7 @@ def _present(told: Told) -> dict[str, int]:
 def _values(
     client: Client, joint: JointSpec, table: ControlTable, known: Mapping[str, int]
 ) -> dict[str, int]:
-    """The registers that the scan does not tell; of the map its first entry alone."""
+    """Read the registers that the scan lacks; of the indirect address map its first entry alone."""
     found: dict[str, int] = {}
     for name in (*EEPROM, *RAM, *joint.registers, f"{MAPPED}1"):
         if name in table and name not in known and name not in MEASURED:
@@ -146,7 +150,7 @@ def _values(
 
 
 def _register(client: Client, joint: JointSpec, name: str) -> int | None:
-    """None: it did not answer, or has none. Raises CannotLook: the daemon does not serve it."""
+    """Read one register; None: no answer, or no such register. Raises CheckUnavailable: not served."""
     try:
         answer = client.call("ReadRegister", bus=joint.bus, id=joint.id, name=name)
     except CallError as error:
@@ -159,7 +163,7 @@ def _register(client: Client, joint: JointSpec, name: str) -> int | None:
 
 
 def _node(_: Client, joint: JointSpec, found: Told, told: Told) -> SurveyedCanActuator:
-    """All of it comes with scan and status: a CAN bus has little time for registers beside its cycle."""
+    """Build the state of a CAN device from scan and status: a CAN bus has little time beside its cycle."""
     settings = {name: int(value) for name, value in (found.get("settings") or {}).items()}
     values = {TOLD.get(name, name): value for name, value in settings.items()}
     if told.get("voltage") is not None:

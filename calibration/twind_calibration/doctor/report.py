@@ -1,4 +1,4 @@
-"""What the doctor found, as text for people and as one JSON object for programs."""
+"""Report of the doctor, as text and as one JSON object."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ def text(
     *,
     verbose: bool = False,
 ) -> str:
-    """The report. `mended`: what `--fix` did; None: it was not asked for. `verbose`: with all looked at."""
+    """Return the text report. `mended`: result of `--fix`; None without it. `verbose`: lists all checks."""
     lines = [_about(outcome.about), ""] if outcome.about else []
     ids = outcome.about.get("ids", {})
     fixes = {id(each.found): each for each in mended or ()}
@@ -33,7 +33,7 @@ def text(
 def data(
     outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None
 ) -> dict[str, Any]:
-    """The same as one object: about, found, looked, not_looked, mended (null without `--fix`)."""
+    """Return the report as one object: about, found, looked, not_looked, mended (null without `--fix`)."""
     return {
         "about": outcome.about,
         "found": [
@@ -71,7 +71,7 @@ def data(
 
 
 def wrong(outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None) -> int:
-    """How many findings count: no notes, and not what was mended."""
+    """Count the findings, without notes and without those that were fixed."""
     gone = {id(each.found) for each in mended or () if not each.there and not each.error}
     return sum(
         complaints[found.code].severity is not Severity.NOTE and id(found) not in gone
@@ -80,12 +80,12 @@ def wrong(outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequen
 
 
 def _unseen(outcome: DoctorReport) -> list[tuple[str, str]]:
-    """What was not looked at, and why; what is not there at all where there was nothing else."""
+    """List the skipped checks with reasons; inapplicable checks only where there are no others."""
     return outcome.unseen or ([] if outcome.looked else outcome.absent)
 
 
 def _about(about: Mapping[str, Any]) -> str:
-    """Whom this is about, in one line."""
+    """Return the subject of the report in one line: robot, ports, daemon."""
     ports = ", ".join(f"{bus} on {port or 'no port'}" for bus, port in about["ports"].items())
     robot = f"robot {about['robot'] or 'unknown'}" + (f", {ports}" if ports else "")
     daemon = about["daemon"]
@@ -137,7 +137,7 @@ def _does(fix: Fix, ids: Mapping[str, Sequence[int]]) -> str:
 
 
 def _short(thing: str, ids: Mapping[str, Sequence[int]]) -> str:
-    """All servos of a bus by their first and last id: their names are the whole robot's."""
+    """Name all servos of a bus by first and last id, since a full list repeats the whole robot."""
     if not isinstance(thing, Devices) or len(thing.ids) < 2:
         return thing
     own = sorted(thing.ids)

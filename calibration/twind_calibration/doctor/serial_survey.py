@@ -1,4 +1,4 @@
-"""Looks at a serial bus on its free port: who is there, how they are set, how good the line is. Reads."""
+"""Inspection of a serial bus on its free port: devices, their settings, line quality. Reads only."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,9 +33,9 @@ ENTRIES = 28  # indirect addresses of the first row (e-manual, X series)
 def survey_port(
     line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
 ) -> SerialSurvey:
-    """Everything of one bus. Other rates are looked at where somebody is missing. Raises CannotLook.
+    """Inspect one bus completely; other rates only where a device is missing. Raises CheckUnavailable.
 
-    `ids`: those that are asked for; all of them takes about a second at each rate.
+    `ids`: the ids to ping; all of them take about a second at each rate.
     """
     try:
         return _survey(line, spec, robot, ids)
@@ -77,7 +77,7 @@ def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequ
 
 
 def _inertial(asker: BusProbe, imu: ImuSpec) -> SurveyedImu:
-    """What it feels now."""
+    """Return the present reading of the inertial sensor."""
     first, size = imu.span
     data, force = _read(asker, imu.id, first, size), imu.acceleration
     if data is None:
@@ -87,7 +87,7 @@ def _inertial(asker: BusProbe, imu: ImuSpec) -> SurveyedImu:
 
 
 class _LinkQuality:
-    """What became of the pings to those who are there."""
+    """Statistics of the pings to the devices that are present."""
 
     def __init__(self) -> None:
         self.asked = self.garbled = self.lost = 0
@@ -104,7 +104,7 @@ def _again(asker: BusProbe, baud: int, id: int) -> ScannedDevice | None:
 
 
 def _servo(asker: BusProbe, bus: str, answer: ScannedDevice, joint: JointSpec | None) -> SurveyedServo:
-    """One that answered; of two with one id no register is asked."""
+    """Inspect a servo that answered; where two share an id, no register is read."""
     values: dict[str, int] = {}
     if not answer.trouble and answer.model is not None and answer.firmware is not None:
         table = table_of(answer.model, answer.firmware)
@@ -115,7 +115,10 @@ def _servo(asker: BusProbe, bus: str, answer: ScannedDevice, joint: JointSpec | 
 
 
 def _pinged(asker: BusProbe, ids: Sequence[int], quality: _LinkQuality) -> Mapping[int, float]:
-    """The quickest answer (s) of each; in rounds, so that a moment of a busy machine is no servo's fault."""
+    """Return the quickest answer (s) of each servo.
+
+    The pings run in rounds, so that a short machine load does not count against one servo.
+    """
     quickest: dict[int, float] = {}
     for _ in range(PINGS):
         for id in ids:
@@ -129,7 +132,7 @@ def _pinged(asker: BusProbe, ids: Sequence[int], quality: _LinkQuality) -> Mappi
 
 
 def _values(asker: BusProbe, id: int, table: ControlTable, demanded: Sequence[str]) -> dict[str, int]:
-    """The registers that checks compare, by one read of each memory; what it does not tell is left out."""
+    """Read the registers that checks compare, by one read of each memory area, without unreadable ones."""
     fields = [table[name] for name in (*EEPROM, *RAM, *demanded) if name in table]
     found: dict[str, int] = {}
     for eeprom in (True, False):
@@ -148,7 +151,7 @@ def _block(asker: BusProbe, id: int, fields: Sequence[TableRegister]) -> dict[st
 
 
 def _maps(asker: BusProbe, id: int, table: ControlTable) -> dict[str, int]:
-    """The first row of indirect addresses, two bytes each (e-manual, "Indirect Address")."""
+    """Read the first row of indirect addresses, two bytes each (e-manual, "Indirect Address")."""
     if f"{MAPPED}1" not in table or "indirect_data_1" not in table:
         return {}
     first, data = table[f"{MAPPED}1"].address, table["indirect_data_1"].address
@@ -161,7 +164,7 @@ def _maps(asker: BusProbe, id: int, table: ControlTable) -> dict[str, int]:
 
 
 def _read(asker: BusProbe, id: int, address: int, size: int) -> bytes | None:
-    """None: it answers pings alone (status return level 0), or with an error."""
+    """Read registers; None: it answers only pings (status return level 0), or with an error."""
     for _ in range(TRIES):
         heard = asker.read(id, address, size)
         if heard.data is not None:
@@ -170,7 +173,7 @@ def _read(asker: BusProbe, id: int, address: int, size: int) -> bytes | None:
 
 
 def _elsewhere(line: SerialBusInspector, spec: BusSpec, ids: Sequence[int]) -> tuple[ScannedDevice, ...]:
-    """Who answers at the other rates; the port is at its own again afterwards."""
+    """Return the devices that answer at the other baud rates; restores the rate of the port afterwards."""
     timer = _timer(line)
 
     def at(baud: int) -> Prober:

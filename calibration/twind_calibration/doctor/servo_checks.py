@@ -1,4 +1,4 @@
-"""Checks of how servos are set and how they are. Over surveys, robot file and calibration."""
+"""Checks of the settings and the state of servos, from surveys, robot file and calibration."""
 
 from collections.abc import Iterator
 
@@ -47,7 +47,10 @@ def _settings(examined: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def _level(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
-    """Who answers pings alone has told no register at all."""
+    """Yield STATUS_LEVEL for a status return level (68) below 2.
+
+    A servo that answers pings alone reports no registers at all, and counts as such.
+    """
     level = servo.values.get("status_return_level")
     if level is None and not servo.values:
         yield DoctorFinding(
@@ -161,7 +164,10 @@ def _limits(examined: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
-    """In position mode alone (e-manual, addresses 48 and 52). Uncalibrated: by their width."""
+    """Check position limits, in position mode alone (e-manual, addresses 48 and 52).
+
+    Uncalibrated: by width.
+    """
     joint, least, most = servo.joint, "min_position_limit", "max_position_limit"
     assert joint is not None
     if joint.mode != "position" or least not in servo.values or most not in servo.values:
@@ -189,7 +195,7 @@ def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
 
 
 def _delivered(servo: SurveyedServo, name: str) -> str:
-    """The value of a new servo of this model, in words; "" where no page has it."""
+    """Describe the factory value of this servo model; "" where no page documents it."""
     assert servo.joint is not None
     field = table(number_of(servo.joint.type.device)).fields.get(name)
     value = None if field is None else field.rule.default
@@ -211,7 +217,7 @@ def _cap(servo: SurveyedServo) -> Iterator[DoctorFinding]:
 
 
 def _mask(servo: SurveyedServo) -> Iterator[DoctorFinding]:
-    """Silent where the robot file names the mask: then somebody wants it so (REGISTER_DIFFERS compares)."""
+    """Check the shutdown mask; silent where the robot file names it, since REGISTER_DIFFERS compares that."""
     assert servo.joint is not None
     if "shutdown" in servo.joint.registers:
         return

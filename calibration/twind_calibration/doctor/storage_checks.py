@@ -73,7 +73,10 @@ def software(x: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def outdated(requirements: list[str]) -> Iterator[DoctorFinding]:
-    """Of `name>=1.2` each that is installed older; extras and what is not installed are left out."""
+    """Yield SOFTWARE_OLD for each requirement `name>=1.2` that is missing or installed in an older version.
+
+    Extras are left out.
+    """
     for text in requirements:
         name, _, least = text.partition(";")[0].partition(">=")
         least = least.partition(",")[0].strip()

@@ -1,4 +1,4 @@
-"""As whom the daemon runs, or would run, and what this account may open. Nothing is opened here."""
+"""User account that the daemon runs as, or would run as, and its access rights. Opens no file."""
 
 import grp
 import os
@@ -12,20 +12,21 @@ from twind_calibration.doctor.check import CheckUnavailable
 
 @dataclass(frozen=True)
 class UserAccount:
-    """A user with the groups that its process has."""
+    """User with the groups that its process has."""
 
     uid: int
     gids: frozenset[int]
 
     @property
     def name(self) -> str:
-        """The user's name; its number where it has none."""
+        """Name of the user; its number where it has none."""
         return user_name(self.uid)
 
     def may(self, path: Path, want: int) -> bool:
-        """May it `want` (os.R_OK | os.W_OK | os.X_OK) there, by owner, group and mode of path and folders?
+        """Return whether it has access `want` (os.R_OK | os.W_OK | os.X_OK), by owner, group and mode.
 
-        Raises OSError: not there, or hidden from us; CannotLook: an access control list decides.
+        Checks the path and its folders. Raises OSError: missing or hidden; CheckUnavailable: an access
+        control list decides.
         """
         if self.uid == 0:
             path.stat()
@@ -42,12 +43,12 @@ class UserAccount:
 
 
 def own() -> UserAccount:
-    """Who runs the doctor."""
+    """Return the account of this process."""
     return UserAccount(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
 
 
 def of_process(proc: Path, pid: int) -> UserAccount:
-    """Who a process is, with the groups it has now. Raises CannotLook."""
+    """Return the account of a process, with its present groups. Raises CheckUnavailable."""
     try:
         lines = (proc / str(pid) / "status").read_text().splitlines()
     except OSError as error:
@@ -57,7 +58,10 @@ def of_process(proc: Path, pid: int) -> UserAccount:
 
 
 def of_service(user: str, groups: str) -> UserAccount:
-    """Who a service with User= and SupplementaryGroups= will be. Raises CannotLook: there is no such user."""
+    """Return the account of a service with User= and SupplementaryGroups=.
+
+    Raises CheckUnavailable: there is no such user.
+    """
     try:
         entry = pwd.getpwnam(user or "root")
     except KeyError:
@@ -70,7 +74,7 @@ def of_service(user: str, groups: str) -> UserAccount:
 
 
 def enrolled(uid: int, gid: int) -> bool:
-    """Is the user a member of the group by the user database, whatever its processes have?"""
+    """Return whether the user database lists the user in the group, whatever groups its processes have."""
     try:
         entry = pwd.getpwuid(uid)
     except KeyError:

@@ -1,4 +1,4 @@
-"""What a sweep showed of one joint: its load against the model, and which other joint it might be."""
+"""Comparison of the load in a sweep of one joint with the model, and with the model of other joints."""
 
 from dataclasses import dataclass, replace
 
@@ -27,7 +27,7 @@ BENT = 0.1  # rad: a neighbour that stands nearer to nought is no reason
 
 @dataclass(frozen=True, slots=True)
 class LoadComparison:
-    """Joints by their place. None is the joint itself."""
+    """Result of the comparison; joints by index. None is the joint itself."""
 
     judged: LoadVerdict
     like: tuple[int, ...] = ()  # contradicted: what was measured fits if servos are exchanged with these
@@ -38,7 +38,7 @@ class LoadComparison:
 def weigh(
     body: PosedModel, joint: int, swept: MeasuredLoads, friction: float, entry: JointCalibration | None = None
 ) -> LoadComparison:
-    """Of the joint that was swept. Its own sign and zero first; then whose servo it is.
+    """Compare the swept joint with the model: first its sign and zero, then the place of its servo.
 
     `entry`: its calibration, by which a wrong sign would have another zero; None: as if its travel was swept
     from end to end.
@@ -73,12 +73,15 @@ def weigh(
 
 
 def _few(places: list[int]) -> tuple[int, ...]:
-    """Nobody, where too many would do: next to no load fits each that bears none."""
+    """Return the joints, or none where too many match: nearly zero load fits every joint without load."""
     return tuple(places) if len(places) <= MOST_NAMED else ()
 
 
 class _LoadMatch:
-    """What own load and that of the others say of who was moved. `rooms` (n,) N·m."""
+    """Match of the measured loads of all joints with each possible place of the moved servo.
+
+    `rooms` (n,) N·m.
+    """
 
     def __init__(
         self, joint: int, swept: MeasuredLoads, expected: ExpectedLoads, right: Floats, rooms: Floats
@@ -88,7 +91,10 @@ class _LoadMatch:
         self._all, self._others = expected.all(), np.arange(len(rooms)) != joint
 
     def place(self, other: int) -> JointMatch:
-        """Has it the place of joint `other`? By its own load; where that does not tell it, by the others'."""
+        """Return whether the servo sits at joint `other`.
+
+        Decides by its own load; where that is unclear, by the loads of the other joints.
+        """
         own = by_own(
             self._swept.effort[:, self._joint],
             self._right,
@@ -103,12 +109,12 @@ class _LoadMatch:
         return own if changed is JointMatch.UNTOLD else changed
 
     def misfit(self, other: int) -> float:
-        """How far its own load is from what it would measure there, N·m."""
+        """Return the distance (N·m) of its own load from the load expected at that joint."""
         own = self._swept.effort[:, self._joint]
         return float(misfits(own, self._expected.exchanged(other)).min())
 
     def turned(self) -> JointMatch:
-        """Did the others' loads change the other way? Then its sign is wrong, or theirs are."""
+        """Return whether the others' loads changed in the opposite way: then its sign or theirs are wrong."""
         return self._changed(self._expected.all_turned())
 
     def _changed(self, otherwise: Floats) -> JointMatch:
@@ -116,13 +122,13 @@ class _LoadMatch:
 
 
 def _rooms(body: PosedModel, joint: int, friction: float, own: float) -> Floats:
-    """What the load of each may be off, (n,) N·m: those that only hold may stick all their friction."""
+    """Return the load tolerance of each joint, (n,) N·m; all its friction for a joint that only holds."""
     rooms: Floats = friction + np.array([_unit(body, place) for place in range(len(body.robot.joints))])
     rooms[joint] = own
     return rooms
 
 
 def _unit(body: PosedModel, place: int) -> float:
-    """N·m of the joint in one count of effort; 0 where it is not known."""
+    """Return the torque (N·m) of the joint in one count of effort; 0 where it is unknown."""
     spec = body.robot.joints[place]
     return float(np.nan_to_num(spec.ratio * spec.type.effort_lsb_nm))

@@ -30,7 +30,7 @@ CLEAR = 0.05  # rad that it keeps from its limits
 
 @dataclass(frozen=True, slots=True)
 class ProofPlan:
-    """How one joint is best shown. `bend` None: as the robot rests."""
+    """Best way to prove one joint. `bend` None: the rest pose."""
 
     joint: int
     base: str
@@ -40,15 +40,15 @@ class ProofPlan:
 
     @property
     def good(self) -> bool:
-        """It proves the joint, and the joint bears it."""
+        """True when the plan proves the joint without overloading it."""
         return self.foreseen.observable and not self.strains
 
 
 def best(body: PosedModel, joint: int, size: float, friction: float) -> ProofPlan | None:
-    """The simplest way that proves a joint, else the one that shows most; None: it cannot move.
+    """Return the simplest way that proves a joint, else the most informative one; None: it cannot move.
 
-    At rest before bent, itself before others, without straining it before the other. Changes how the body is
-    held.
+    Order: at rest before bent, the joint itself before others, without strain before with strain. Changes the
+    base of the body.
     """
     rest = np.array([body.robot.poses["rest"][name] for name in body.robot.names])
     found: list[ProofPlan] = []
@@ -85,7 +85,7 @@ def _middle(robot: RobotFile, joint: int) -> list[tuple[int, float]]:
 
 
 def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
-    """Every other joint, either way as far as its limits let it."""
+    """Yield every other joint, in either direction as far as its limits allow."""
     for other, spec in enumerate(robot.joints):
         for angle in (max(-BEND, spec.lower + CLEAR), min(BEND, spec.upper - CLEAR)):
             if other != joint and abs(angle) > CLEAR:
@@ -93,7 +93,7 @@ def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
 
 
 def told_plan(options: argparse.Namespace) -> int:
-    """Print it. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
+    """Print the plan. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
     robot = _robot(options)
     try:
         body = PosedModel(robot)
@@ -137,7 +137,7 @@ def _row(robot: RobotFile, place: int, way: ProofPlan | None) -> dict[str, Any]:
 
 
 def _strain(body: PosedModel, base: str, bend: str | None) -> list[str]:
-    """What is to be propped while it is held so."""
+    """Return a line that names the joints to support in this pose; [] where none is strained."""
     angles = dict(body.robot.poses["rest"])
     if bend is not None:
         name, _, angle = bend.partition("=")
@@ -148,7 +148,7 @@ def _strain(body: PosedModel, base: str, bend: str | None) -> list[str]:
 
 
 def _lines(body: PosedModel, rows: list[dict[str, Any]]) -> list[str]:
-    """One command for all joints that share base and bend, and who remains."""
+    """Return one command for all joints that share base and bend, and the remaining joints."""
     said, groups = [], dict[tuple[str, str | None], list[dict[str, Any]]]()
     for row in rows:
         if row["observable"]:

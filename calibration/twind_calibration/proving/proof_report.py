@@ -38,7 +38,10 @@ BLIND = (
 
 @dataclass(frozen=True, slots=True)
 class ProofVerdict:
-    """Everything about one joint. `weighed` None: it was not measured; `confirmed` None: nobody could say."""
+    """Result of one joint.
+
+    `weighed` None: not measured; `confirmed` None: no visual confirmation is possible.
+    """
 
     joint: str
     bus: str
@@ -53,7 +56,7 @@ class ProofVerdict:
 
     @property
     def measured(self) -> bool:
-        """It went its whole way and was heard."""
+        """True when the joint went its whole way and its readings arrived."""
         heard = self.seen is not None and self.seen.motion not in (
             EncoderResponse.UNHEARD,
             EncoderResponse.ENDED,
@@ -62,7 +65,7 @@ class ProofVerdict:
 
     @property
     def against(self) -> ProofContradiction:
-        """What contradicts."""
+        """The contradiction, if any."""
         if not self.measured or self.seen is None:
             return ProofContradiction.NOTHING
         if self.seen.motion is not EncoderResponse.FOLLOWS or self.seen.others or not came_back(self.seen):
@@ -73,7 +76,7 @@ class ProofVerdict:
 
     @property
     def proof(self) -> SignProof | None:
-        """What is known now; None: nothing was measured."""
+        """Present status of the proof; None: nothing was measured."""
         if not self.measured:
             return None
         if self.against is not ProofContradiction.NOTHING:
@@ -83,21 +86,21 @@ class ProofVerdict:
 
     @property
     def good(self) -> bool:
-        """It was measured, and nothing speaks against it. Not: it is proved."""
+        """True when it was measured without contradiction; this does not mean proved."""
         return self.proof not in (None, SignProof.CONTRADICTED)
 
     @property
     def open(self) -> bool:
-        """Gravity proves nothing here, and nothing contradicts: an eye may."""
+        """True when gravity proves nothing here and nothing contradicts: a visual check may decide."""
         return self.proof in (SignProof.UNOBSERVABLE, SignProof.PLAUSIBLE)
 
     @property
     def by_eye(self) -> bool:
-        """What is known comes from the person who watched."""
+        """True when the status rests on visual confirmation."""
         return self.proof is SignProof.CONFIRMED
 
     def record(self, at: str) -> Plain:
-        """What the calibration file keeps of it; None: this proves nothing."""
+        """Record for the calibration file; None: this proves nothing."""
         if self.proof not in (SignProof.PROVED, SignProof.CONFIRMED):
             return None
         judged = None if self.weighed is None else self.weighed.judged
@@ -111,7 +114,7 @@ class ProofVerdict:
         }
 
     def told(self) -> dict[str, Any]:
-        """One line of JSON; what is not known is null."""
+        """Return one line of JSON; unknown values are null."""
         weighed, seen = self.weighed, self.seen
         return {
             "joint": self.joint,
@@ -149,7 +152,7 @@ class ProofVerdict:
         }
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Return the verdict as text."""
         word = "not done" if self.proof is None else self.proof.value
         head = f"{word:12} {self.joint} ({self.bus} id {self.id})"
         if not self.gone.moved:

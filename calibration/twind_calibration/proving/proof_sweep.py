@@ -75,7 +75,7 @@ class MeasuredLoads:
 
 
 def swept(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
-    """Of the stays at `sweep.visits`."""
+    """Compute the measured loads from the stays at `sweep.visits`."""
     count = len(sweep.places)
     up, down = stays[2 : 2 + count], stays[3 + count : 3 + 2 * count][::-1]
     rose, fell = np.array([stay.effort for stay in up]), np.array([stay.effort for stay in down])

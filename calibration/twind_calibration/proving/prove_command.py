@@ -1,4 +1,4 @@
-"""`twindctl calibrate prove`: one joint after the other, through the daemon; what its load proves."""
+"""`twindctl calibrate prove`: moves one joint after the other through the daemon and evaluates its load."""
 
 import argparse
 import json
@@ -47,7 +47,7 @@ from twind_drivers.clock import Clock, MonotonicClock
 
 
 def prove(options: argparse.Namespace) -> int:
-    """Exit code 0: nothing contradicts. Raises Rejected, UsageError, ClientError."""
+    """Return exit code 0: nothing contradicts. Raises Rejected, UsageError, ClientError."""
     require_amounts(options, LEAST, MOST)
     if options.plan:
         return told_plan(options)
@@ -87,7 +87,7 @@ def _prove(options: argparse.Namespace) -> int:
 
 
 class ProofSession:
-    """What is known of robot and daemon while joints are proved."""
+    """State of robot and daemon while joints are proved."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
         self._options, self._client, self._clock = options, client, clock
@@ -101,7 +101,7 @@ class ProofSession:
         self._entries = self._calibrated()
 
     def require_ready(self) -> None:
-        """In live, armed, and held as stated. Raises Rejected, ClientError."""
+        """Check for mode live, armed, and the stated base. Raises Rejected, ClientError."""
         mode = self._client.call("GetStatus")["status"]["mode"]
         if mode != "live":
             raise Rejected(f"mode {mode}: only a robot that moves shows its load: `twindctl mode live`")
@@ -112,7 +112,7 @@ class ProofSession:
         require_armed(self._options, self._client)
 
     def _warn(self) -> None:
-        """Of joints that hold much, held so and in this pose."""
+        """Print a warning about joints that carry a high load, with this base and in this pose."""
         there = pose(self._client, self.names)
         for name, angle in self.goals.items():
             there[self.names.index(name)] = angle
@@ -120,12 +120,12 @@ class ProofSession:
             tell(self._options, f"held so, prop it: {'; '.join(said.values())}")
 
     def armed(self) -> bool:
-        """Still, and nothing latched."""
+        """Return whether the robot is still armed and no fault is latched."""
         status = self._client.call("GetStatus")["status"]
         return bool(status["armed"]) and not status["faults"]
 
     def one(self, name: str) -> ProofVerdict:
-        """Sweep one joint, say what it showed."""
+        """Sweep one joint, print and return the verdict."""
         verdict = self._one(name)
         if self._options.json:
             print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
@@ -166,7 +166,10 @@ class ProofSession:
         tell(self._options, f"{self._ground.path}: {'; '.join(said)}: `twindctl reload` takes it")
 
     def _calibrated(self) -> Mapping[str, JointCalibration]:
-        """By actuator. Raises Rejected: the daemon goes by another calibration than that of the file."""
+        """Return the entries by actuator.
+
+        Raises Rejected: the daemon uses another calibration than the file.
+        """
         file = self._ground.calibration()
         if names := unlike(measured(file), self._in_force):
             raise Rejected(
@@ -205,7 +208,7 @@ class ProofSession:
         return replace(verdict, confirmed=seen(self._options, name, verdict.looks))
 
     def _way(self, joint: JointSpec) -> tuple[ProofSweep | None, tuple[str, ...]]:
-        """The first way that the gate lets it go, else why not."""
+        """Return the first way that the gate permits, else the reason for its refusal."""
         home = goal_of(self._client, joint.name)
         if home is None:
             return None, ("nobody knows where it is: it was never heard",)
@@ -216,7 +219,7 @@ class ProofSession:
         return (None if at is None else ways[at]), refused
 
     def _sweep(self, place: int, way: ProofSweep) -> tuple[MoveResult, list[HoldMean] | None]:
-        """How it went, and its stays; None: they were not all heard."""
+        """Return the result of the motion, and its stays; None: readings are missing."""
         name = self.names[place]
         with (
             observer(self._options) as watching,
@@ -235,9 +238,10 @@ class ProofSession:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
     def _looks(self, place: int, way: ProofSweep, entry: JointCalibration | None) -> str:
-        """What is to be seen, and what a wrong sign would show, said before it moves.
+        """Return the expected visible motion, and print it before the joint moves; "" without a full pose.
 
-        The words are of a robot that stands.
+        Also prints the deviation that a wrong sign would show (N·m); with --json nothing. The description is
+        of a robot that stands.
         """
         there = pose(self._client, self.names)
         if not np.isfinite(there).all():
@@ -252,7 +256,7 @@ class ProofSession:
 
 
 def _body(ground: CalibrationContext, mjcf: str, base: str) -> PosedModel:
-    """The daemon's own model. Raises Rejected: the one on the disk is another by now."""
+    """Load the daemon's own model. Raises Rejected: the file on disk is another by now."""
     try:
         body = PosedModel(ground.robot, base)
     except BindingError as error:

@@ -31,7 +31,7 @@ LEFT = 0.5  # of friction that the mean of both directions may still hold
 
 
 class SignProof(StrEnum):
-    """What is known of a joint's sign."""
+    """Status of the proof of a joint's sign."""
 
     PROVED = "proved"
     PLAUSIBLE = "plausible"  # its load fits, and with the other sign it would not, but nearly
@@ -41,7 +41,7 @@ class SignProof(StrEnum):
 
 
 class ProofContradiction(StrEnum):
-    """What contradicts."""
+    """Kind of evidence against the calibration."""
 
     NOTHING = ""
     MOTION = "motion"  # the encoder, or another joint that moves with it

@@ -23,7 +23,7 @@ MOST_OFF = 0.3  # of the move: so far from home it has not come back
 
 
 class EncoderResponse(StrEnum):
-    """How the encoder of the moved joint answered."""
+    """Response of the encoder of the moved joint."""
 
     FOLLOWS = "follows"
     SHORT = "short"  # less far than the twin
@@ -36,7 +36,7 @@ class EncoderResponse(StrEnum):
 
 
 class TorqueResponse(StrEnum):
-    """How the measured torque fits that of the model."""
+    """Agreement of the measured torque with that of the model."""
 
     AGREES = "agrees"
     REVERSED = "reversed"  # it fits the joint with the other sign
@@ -47,7 +47,7 @@ class TorqueResponse(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EncoderObservation:
-    """What the encoders saw. Angles in rad, from the stay before to the far end."""
+    """Encoder readings. Angles in rad, from the stay before to the far end."""
 
     motion: EncoderResponse
     asked: float
@@ -60,7 +60,7 @@ class EncoderObservation:
 
 @dataclass(frozen=True, slots=True)
 class TorqueObservation:
-    """What the load says. N·m, of the joint, mean of both stays."""
+    """Load readings. N·m, of the joint, mean of both stays."""
 
     load: TorqueResponse
     measured: float
@@ -70,7 +70,10 @@ class TorqueObservation:
 
 
 def answer(stays: HoldMeans | None, joint: int, asked: float) -> EncoderObservation:
-    """Of a joint that was sent `asked` (rad) away and back; None: the trace has no such move."""
+    """Evaluate the encoders for a joint that was sent `asked` (rad) away and back.
+
+    `stays` None: the trace has no such move.
+    """
     nothing = EncoderObservation(EncoderResponse.UNHEARD, asked, asked, float("nan"), float("nan"))
     if stays is None:
         return nothing
@@ -108,7 +111,7 @@ def _motion(share: float) -> EncoderResponse:
 
 
 def came_back(seen: EncoderObservation) -> bool:
-    """It stands where it stood."""
+    """Return whether it is back at its first position."""
     return abs(seen.off) <= max(MOST_OFF * abs(seen.asked), COUNTS)
 
 

@@ -1,4 +1,4 @@
-"""`twindctl wiggle`: one joint after the other, through the daemon; what it shows, and what a person saw."""
+"""`twindctl wiggle`: moves one joint after the other through the daemon, and reports the measurements."""
 
 import argparse
 import json
@@ -66,7 +66,7 @@ def _wiggle(options: argparse.Namespace) -> int:
 
 
 class WiggleSession:
-    """What is known of robot and daemon while joints are wiggled."""
+    """State of robot and daemon while joints are wiggled."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
         self._options, self._client, self._clock = options, client, clock
@@ -77,7 +77,7 @@ class WiggleSession:
         self._body, self._why = _body(self._robot)
 
     def require_ready(self) -> None:
-        """Armed, in live. Raises Rejected, ClientError."""
+        """Check that the robot is armed, in mode live. Raises Rejected, ClientError."""
         if self._options.json:
             pass
         elif self.mode != "live":
@@ -88,7 +88,7 @@ class WiggleSession:
             require_armed(self._options, self._client)
 
     def one(self, name: str) -> bool:
-        """Move one joint, say what it showed; whether nothing speaks against it."""
+        """Move one joint and print the result; return whether nothing contradicts."""
         verdict = self._one(name)
         if self._options.json:
             print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
@@ -97,7 +97,7 @@ class WiggleSession:
         return verdict.good
 
     def close(self) -> None:
-        """What is left to say."""
+        """Print the closing notes: the limits of the test, and that the robot stays armed."""
         if self._options.json or self.mode != "live":
             return
         print(BLIND, flush=True)
@@ -167,7 +167,7 @@ class WiggleSession:
         return TorqueObservation(found.load, measured, model, flipped, like)
 
     def _looks(self, place: int, way: float) -> str:
-        """What is to be seen, said before it moves."""
+        """Return the expected visible motion, and print it before the joint moves; "" where it is unknown."""
         position = pose(self._client, self.names)
         if self._body is None or not np.isfinite(position).all():
             return ""
@@ -199,5 +199,5 @@ def _body(told: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
 
 
 def _unseen(motion: EncoderResponse, gone: MoveResult) -> EncoderObservation | None:
-    """Of a move that nothing was measured of; None: there was none."""
+    """Return the observation of a move without measurement; None: there was no move."""
     return EncoderObservation(motion, gone.way, nan, nan, nan) if gone.moved else None

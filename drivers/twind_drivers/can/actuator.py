@@ -1,4 +1,4 @@
-"""One actuator of a CAN bus, as whoever opens the bus describes it. Pure."""
+"""One actuator of a CAN bus, as described when the bus is opened. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class CanActuator:
-    """Who it is and what its fields span; what it tells itself at identification replaces the ranges."""
+    """Identity and field ranges of an actuator; ranges that it reports at identification replace these."""
 
     id: int
     feedback_id: int  # what it speaks on (Damiao: master id, register 7); the same as `id` for the others
@@ -17,7 +17,7 @@ class CanActuator:
 
 
 def place_of(name: str, ids: Sequence[int], id: int) -> int:
-    """Where on the bus an id is. Raises KeyError that lists the ids of this bus."""
+    """Return the index of an id on the bus. Raises KeyError that lists the ids of this bus."""
     if id not in ids:
         raise KeyError(f"{name} has no id {id}; its ids are {list(ids)}")
     return list(ids).index(id)

@@ -51,7 +51,7 @@ class FamilyRegister(NamedTuple):
 
 @dataclass(slots=True)
 class FieldRanges:
-    """What the fields of each actuator span, symmetric about 0. (k,). Read from the device where it tells."""
+    """Field ranges of each actuator, symmetric about 0. (k,). Read from the device where it reports them."""
 
     position: Floats  # rad
     velocity: Floats  # rad/s
@@ -62,7 +62,7 @@ class FieldRanges:
 
 @dataclass(frozen=True, slots=True)
 class ActuatorFeedback:
-    """What a batch of frames says of the actuators that are in it. Arrays (j,), in order of arrival."""
+    """Feedback in a batch of frames, of the actuators in it. Arrays (j,), in order of arrival."""
 
     rows: Ints  # which of the k; one may stand there several times, the last is the newest
     position: Floats  # rad; NaN: this frame does not say
@@ -100,17 +100,20 @@ class ActuatorFamily(Protocol):
     replies: Bools  # (k,) True: it answers every command with feedback
 
     def question(self) -> Frames:
-        """Asks all for where they are; moves nothing and changes no torque. May be empty."""
+        """Return frames that request the position of all; moves nothing, changes no torque. May be empty."""
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
         """One command each. Raises WireClamp naming id, field, value and range; then nothing is made."""
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """What must be told before torque, where `command` does not carry stiffness and damping (k,): them,
-        and the mode that its commands need. Empty where `command` carries all. Raises WireClamp."""
+        """Return the frames needed before torque where `command` carries no stiffness and damping (k,).
+
+        They set these, and the mode that the commands need. Empty where `command` carries all. Raises
+        WireClamp.
+        """
 
     def special(self, row: int, what: ValuelessCommand) -> Frames:
-        """One order. Raises ValueError where the family has no such order."""
+        """Return the frame of one order. Raises ValueError where the family has no such order."""
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one register. Raises ValueError where the family cannot (see each family)."""
@@ -119,21 +122,22 @@ class ActuatorFamily(Protocol):
         """Writes one register, `data` of 4 bytes; RAM alone. Raises ValueError where it cannot."""
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
-        """Of all feedback among `frames`, and which frames that were (len(frames),)."""
+        """Decode all feedback among `frames`; also return which frames were feedback (len(frames),)."""
 
     def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """All register answers among `frames`, and which frames those were."""
+        """Decode all register answers among `frames`; also return which frames those were."""
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """What identification read of one: ranges that the device tells replace those that were given.
+        """Take the identification values of one actuator: ranges from the device replace the configured ones.
 
         Raises ValueError for a range that is no positive number; then nothing is changed.
         """
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
-        """Of what identification read: 1 where it takes this family's commands, else what it says.
+        """Derive the mode from the identification values: 1 where the device takes this family's commands.
 
-        Never 1 for another mode, whatever its number (see each family); 0: it was not read.
+        Any other mode gives the value that the device reports, and never 1, whatever its number (see each
+        family). 0: it was not read.
         """
 
     def commands_to(self, frames: Frames) -> Ints:

@@ -29,7 +29,10 @@ _RAW = np.dtype((np.void, FRAME.itemsize))
 
 @dataclass(slots=True)
 class GroupFeedback:
-    """What a batch of frames says: of each actuator the newest. Arrays (m,), SI; NaN or -1: not told."""
+    """Feedback in a batch of frames: the newest of each actuator.
+
+    Arrays (m,), SI; NaN or -1: not reported.
+    """
 
     count: Ints  # frames of feedback
     position: Floats
@@ -45,7 +48,7 @@ class GroupFeedback:
 
     @classmethod
     def nothing(cls, m: int) -> "GroupFeedback":
-        """Of m actuators, all silent."""
+        """Return the feedback of m silent actuators: no frames, all values unknown."""
         return cls(
             np.zeros(m, np.int64),
             np.full(m, np.nan),
@@ -101,15 +104,15 @@ class ActuatorGroup:
         return whole
 
     def of(self, row: int) -> tuple[ActuatorFamily, int]:
-        """The family of a row, and its place there."""
+        """Return the family of a row, and its index in that family."""
         return self._of[row]
 
     def row(self, id: int) -> int:
-        """The row of an id. Raises KeyError that lists the ids of this bus."""
+        """Return the row of an id. Raises KeyError that lists the ids of this bus."""
         return place_of(self.name, self.ids, id)
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """What identification read of one: `ranges` (m,) are those told, where it tells them."""
+        """Take the identification values of one actuator; ranges that it reports enter `ranges` (m,)."""
         family, place = self._of[row]
         family.learn(place, values)
         self.ranges = self._ranges()
@@ -126,8 +129,10 @@ class ActuatorGroup:
     # --------------------------------------------------------------------------- out
 
     def question(self, rows: Bools | None = None) -> tuple[Frames, Ints]:
-        """Asks the families of `rows` (m,), None: all, for where they are; and how many frames each of the m
-        answers with."""
+        """Return frames that request the position of `rows` (m,), None: all.
+
+        Also returns the number of frames that each of the m actuators answers with.
+        """
         asked = [
             (family, own)
             for family, own in self.families
@@ -150,7 +155,7 @@ class ActuatorGroup:
         return made if rows is None else self._only(made, rows)
 
     def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
-        """What must be told beside the commands (m,): see `Family.gains`. Raises WireClamp."""
+        """Return the frames needed beside the commands (m,): see `ActuatorFamily.gains`. Raises WireClamp."""
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 
@@ -200,7 +205,7 @@ class ActuatorGroup:
     # --------------------------------------------------------------------------- in
 
     def hear(self, frames: Frames) -> GroupFeedback:
-        """What they say, the newest of each; nothing raises."""
+        """Decode received frames, the newest of each actuator; nothing raises."""
         if not len(frames):
             return self._silence
         if self._alone is not None and len(frames) == len(self.ids):
@@ -242,7 +247,7 @@ class ActuatorGroup:
 
 
 def _ordered(told: ActuatorFeedback) -> ActuatorFeedback:
-    """The same in order of the rows."""
+    """Return the feedback in order of the rows."""
     order = told.rows.argsort()
     return ActuatorFeedback(
         told.rows[order],
@@ -257,7 +262,7 @@ def _ordered(told: ActuatorFeedback) -> ActuatorFeedback:
 
 
 def joined(parts: Sequence[Frames]) -> Frames:
-    """All of them, in this order."""
+    """Concatenate frames in this order."""
     full = [part for part in parts if len(part)]
     if len(full) > 1:  # as plain bytes: numpy takes its time over the fields of a record
         whole: Frames = np.concatenate([part.view(_RAW) for part in full]).view(FRAME)

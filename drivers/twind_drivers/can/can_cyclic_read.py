@@ -1,13 +1,13 @@
-"""The cyclic reading of a CAN bus: what the next request asks of whom, and the sample that its answers make.
+"""Cyclic reading of a CAN bus: the content of the next request, and the sample from its answers.
 
-Whoever is commanded answers the command, where his family does; all others are asked. Those who stay silent
-are not waited for (`Attendance`), but go on being asked: that costs nobody a time-out.
+A commanded actuator answers the command, where its family does so; all others are requested separately.
+Silent actuators are not waited for (`DevicePresence`), but further requested: that costs no time-out.
 
-A late answer. It carries no number of its request, so that of the last cycle looks like that of this one.
-Whoever missed an answer is a suspect: not heard until three requests in a row brought exactly as many frames
-as were asked for, in time. A pile of late answers brings too many or none. What stays possible: an actuator
-whose every answer is late by the same whole number of cycles, from one day to the next; its place is then as
-old as that, and nothing in the frames tells.
+Late answers: an answer has no number of its request, so that of the last cycle looks like that of this one.
+An actuator that missed an answer is suspect. It is not believed until three requests in a row brought exactly
+the requested number of frames, in time. A pile of late answers brings too many or none. One case stays
+possible: an actuator whose every answer suddenly is late by the same whole number of cycles. Its position is
+then as old as that, and nothing in the frames shows it.
 """
 
 import numpy as np
@@ -26,12 +26,12 @@ KNOCK = 1.0  # s of silence before whoever answers commands alone is knocked at:
 
 
 class CanCyclicRead:
-    """The reading of m actuators.
+    """Cyclic reading of m actuators.
 
-    `energised` (m,): whose torque is ours. `watched` (m,): who has a watchdog that was read back armed. One
-    of these that was not heard for 0.1 s has stopped by itself and may be anywhere, so it is `barred`: no
-    command goes to it until it is prepared anew. A dead line bars everybody. `limp` (m,): who never tells his
-    torque (CubeMars), and was away so long that he may have begun anew without it.
+    `energised` (m,): actuators whose torque this bus controls. `watched` (m,): actuators whose watchdog was
+    read back armed. Such an actuator that is silent for 0.1 s has stopped by itself and may be anywhere. It
+    is then `barred`: no command goes to it until it is prepared anew. A dead line bars all. `limp` (m,):
+    actuators that never report torque (CubeMars) and were silent long enough to have restarted without it.
     """
 
     def __init__(self, fleet: ActuatorGroup, line: CanTransactor) -> None:
@@ -57,7 +57,7 @@ class CanCyclicRead:
     # --------------------------------------------------------------------------- out
 
     def next(self, commanded: Bools, now: float) -> CanTransaction:
-        """What goes beside the commands of `commanded` (m,)."""
+        """Return the request that goes beside the commands of `commanded` (m,)."""
         self._first, self.cycle = min(self._first, now), self.cycle + 1
         silent = ~(commanded & self.fleet.replies)
         if not silent.any():
@@ -65,7 +65,7 @@ class CanCyclicRead:
         return self.question(silent, now)
 
     def question(self, silent: Bools, now: float) -> CanTransaction:
-        """Asks at least the actuators `silent` (m,) where they are."""
+        """Return a request for the positions of at least the actuators `silent` (m,)."""
         if not silent.any():
             return self.nothing
         asked = self._everybody if silent.all() else CanTransaction(*self.fleet.question(silent))
@@ -81,7 +81,7 @@ class CanCyclicRead:
     # --------------------------------------------------------------------------- in
 
     def sample(self, now: float) -> BusSample:
-        """What the answers to the last request say, once the line has ended it. Zero where not heard."""
+        """Build the sample from the answers to the last, ended request. Zero where no answer is believed."""
         line, heard = self._line, self._line.heard
         if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
             believed, asked = self._everyone, self.attendance.asked
@@ -108,7 +108,7 @@ class CanCyclicRead:
         )
 
     def _whole(self, heard: GroupFeedback, now: float) -> None:
-        """The healthy reading: one answer of each, and nobody was suspected or parked before."""
+        """Update the state after a healthy reading: one answer of each, none suspect or parked before."""
         self.attendance.whole()
         if self.energised.any():
             self._bar(now)
@@ -116,7 +116,7 @@ class CanCyclicRead:
         self._line.spoke.fill(False)
 
     def _look(self, heard: GroupFeedback, now: float) -> tuple[Bools, Bools]:
-        """Who (m,) is believed, and whom the reading was waited for."""
+        """Return the actuators (m,) whose answer is believed, and those that the reading waited for."""
         expect = self._line.expect
         answered = (expect > 0) & (heard.count >= expect)
         spoke = (heard.count > 0) & ((expect == 0) | ~self.fleet.replies)  # of itself
@@ -131,7 +131,10 @@ class CanCyclicRead:
         return believed, asked
 
     def _prove(self, heard: GroupFeedback, expect: Ints, there: Bools) -> None:
-        """Whose answer (m,) is to this request? Of who has missed one, only after `SURE` clean ones."""
+        """Update which actuators (m,) are proven, i.e. answer the present request.
+
+        After a missed answer an actuator is proven only by `SURE` clean requests in a row.
+        """
         exact = there & ((heard.count == expect) | ~self.fleet.replies)
         missed = (expect > 0) & ~there
         messy = there & ~exact & (self._clean < SURE)
@@ -139,8 +142,10 @@ class CanCyclicRead:
         self.proven = self._clean >= SURE
 
     def _bar(self, now: float) -> None:
-        """Whoever was away for as long as his watchdog, as of before this reading. A late answer is no
-        reading, but he who gives one was not away."""
+        """Bar each actuator that was silent for its watchdog time before this reading.
+
+        A late answer is no reading, but its sender does not count as silent.
+        """
         if now - self._heard_at.min() >= DEAD:
             away = self.energised & (now - self._heard_at >= DEAD)
             self.barred |= away & self.watched
@@ -149,7 +154,7 @@ class CanCyclicRead:
             self.barred |= self.energised
 
     def _attend(self, believed: Bools, could: Bools, now: float) -> Bools:
-        """Whom the reading was waited for; from now on those who are there."""
+        """Return the actuators (m,) that this reading waited for; update the presence for the next one."""
         asked: Bools = self.attendance.asked & (could | believed | (self.fleet.answers > 0))
         heard = self._line.heard.count > 0
         self.attendance.missed(heard, could & self.attendance.asked, now)
@@ -163,7 +168,7 @@ class CanCyclicRead:
         return asked
 
     def note(self, heard: GroupFeedback, now: float) -> Bools:
-        """What a rare transaction brought beside its answer; who (m,) of those that are believed told it."""
+        """Take the additional feedback of a rare transaction; return the believed actuators (m,) in it."""
         told: Bools = (heard.count > 0) & self.proven
         placed = told & ~np.isnan(heard.position)
         self.place = np.where(placed, heard.position, self.place)
@@ -171,19 +176,22 @@ class CanCyclicRead:
         return told
 
     def energise(self, rows: Bools, now: float) -> None:
-        """From now on the torque of `rows` (m,) is ours, and their silence is counted from here."""
+        """Mark the torque of `rows` (m,) as controlled by this bus; their silence counts from now on."""
         self.energised, self.limp = rows.copy(), self.limp & ~rows
         self._heard_at[rows] = np.maximum(self._heard_at[rows], now)
 
 
 def alert(fault: Ints) -> Bools:
-    """Who (m,) has a fault. A lost master is none: its watchdog is for that, and reads as tripped."""
+    """Return which actuators (m,) have a fault.
+
+    A lost master does not count: the watchdog handles it, and it reads as tripped.
+    """
     faulty: Bools = (fault > 0) & (fault != SILENCE)
     return faulty
 
 
 def _raw(values: Floats, told: Bools, unit: float) -> Ints:
-    """Whole raw units (m,); 0 where it was not told."""
+    """Return whole raw units (m,); 0 where the value is unknown."""
     exact = np.rint(values * (1.0 / unit))
     whole: Ints = (exact if told.all() else np.where(told, exact, 0.0)).astype(np.int64)
     return whole

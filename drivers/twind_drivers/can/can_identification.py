@@ -1,4 +1,4 @@
-"""Who is on a CAN bus: everybody asked where he is, then what his registers say of him. A script."""
+"""Identification of the devices on a CAN bus: state of all, then their registers. A script."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -16,10 +16,10 @@ TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_
 
 
 def identify(fleet: ActuatorGroup, count: int) -> Script[tuple[IdentifiedDevice, ...]]:
-    """Devices that answer, in order of ids; registers are asked of `count` at once.
+    """Return the devices that answer, in order of ids; reads registers of `count` devices at once.
 
-    Ranges that they tell replace those described. A register that stays unanswered twice is not among the
-    settings: boards and firmwares differ in what they have.
+    Ranges that the devices report replace those described. A register that stays unanswered twice is not
+    among the settings: boards and firmwares differ in their registers.
     """
     present = yield from _present(fleet)
     values: dict[int, dict[str, float]] = {id: {} for id in present}
@@ -52,7 +52,7 @@ def _collect(ids: Sequence[int], parameter: FamilyRegister, count: int) -> Scrip
 
 
 def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> IdentifiedDevice:
-    """What is compared with the calibration, under the names that serial servos have for the same."""
+    """Build the settings to compare with the calibration, under the register names of serial servos."""
     row = fleet.row(id)
     family, place = fleet.of(row)
     known = {name: value for name, value in values.items() if isfinite(value)}

@@ -1,7 +1,8 @@
-"""A CAN network interface of the kernel: is it there, how long is its queue, and down and up to empty it.
+"""A CAN network interface of the kernel: presence, queue length, and a restart that empties the queue.
 
-Frames in the kernel's queue survive the socket that sent them and go out when somebody acknowledges again;
-only taking the interface down empties the queue (read: reports of arms that snapped back to old goals).
+Frames in the kernel's queue survive the socket that sent them, and leave when another node acknowledges
+again. Only taking the interface down empties the queue (source: reports of arms that snapped back to old
+goals).
 """
 
 import errno
@@ -20,7 +21,7 @@ CAN_TYPE = 280  # ARPHRD_CAN (linux/if_arp.h)
 
 
 def present(interface: str) -> bool:
-    """Does the kernel have it?"""
+    """Return whether the kernel has the interface."""
     return (INTERFACES / interface).exists()
 
 
@@ -30,7 +31,7 @@ def interfaces() -> list[str]:
 
 
 def long_queue(interface: str) -> str:
-    """What is wrong with the length of its queue, and the remedy; empty: nothing."""
+    """Describe a queue that is too long, and the remedy; empty: its length is right."""
     length = _number(INTERFACES / interface / "tx_queue_len")
     if length <= LONG:
         return ""
@@ -41,7 +42,10 @@ def long_queue(interface: str) -> str:
 
 
 def restart(interface: str) -> str:
-    """Down and up: its queue is empty, and a controller that left the wire is back. Why not, or empty."""
+    """Take the interface down and up; return the reason of a failure, or empty.
+
+    This empties its queue and reconnects a controller that had left the wire.
+    """
     name = interface.encode()[:15]
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:

@@ -73,7 +73,7 @@ def release(own: CanCommandEncoder) -> Script[None]:
 
 
 def _told(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
-    """Until all say that their torque is `on`. `before` (m,): where they were, rad."""
+    """Wait until all report that their torque is `on`. `before` (m,): their earlier positions, rad."""
     state, answering, mute = own.reader.registers, own.fleet.replies, own.fleet.answers == 0
     spoke = _acknowledged(own)
     for look in range(BEATS):
@@ -96,14 +96,20 @@ def _told(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[Non
 
 
 def _acknowledged(own: CanCommandEncoder) -> Bools:
-    """Who (m,) answered each order of the last transaction: one late answer alone is none."""
+    """Return which actuators (m,) answered each order of the last transaction.
+
+    A single late answer does not count.
+    """
     line = own.line
     answered: Bools = (line.expect > 0) & (line.heard.count >= line.expect) & own.cyclic.proven
     return answered
 
 
 def _off(own: CanCommandEncoder, rows: Bools) -> tuple[WriteRequest, ...]:
-    """Off, once more. Who lost his master says only that, so he has to forget it before he tells."""
+    """Return the requests that order torque off once more.
+
+    An actuator that has lost its master reports only that, so this fault is cleared before it reports torque.
+    """
     lost = rows & (own.reader.registers.fault == SILENCE)
     off = own.special(ValuelessCommand.DISABLE, rows)
     return (off, *own.clear_faults(lost), off)

@@ -113,7 +113,7 @@ class CanTransactor:
         return wire.CanErrorState.OFF if self.dead(now) else self.channel.condition.line
 
     def dead(self, now: float) -> bool:
-        """The controller is off the wire, or nobody acknowledges or answers."""
+        """Return whether the controller is off the wire, or no device acknowledges or answers."""
         return self.channel.condition.line is wire.CanErrorState.OFF or now - self._silent_since >= DEAD
 
     def void(self) -> None:
@@ -129,7 +129,11 @@ class CanTransactor:
     # --------------------------------------------------------------------------- the transaction
 
     def commanded(self, now: float) -> Bools:
-        """Whom (m,) the next request commands: nobody where an urgent order goes first, or on a dead line."""
+        """Return the actuators (m,) that the next request commands.
+
+        None where an urgent order goes first, where the goals have expired, or on a dead line; the goals are
+        then dropped.
+        """
         goals = self.goals
         if goals is not None and (len(self.urgent) or self.dead(now) or now > goals.until):
             goals = self.goals = None
@@ -166,12 +170,12 @@ class CanTransactor:
         self._begin(exchange, lead, expect, now, cyclic=goals)
 
     def _keep(self, goals: PendingCanGoals) -> None:
-        """They went out."""
+        """Record the goals that left."""
         np.copyto(self.left, goals.ticks, where=goals.rows)
         self.told |= goals.rows
 
     def _lead(self, goals: bool) -> tuple[Frames, Ints]:
-        """What goes before: an urgent order, else the goals; and how many frames command each (m,)."""
+        """Return the first frames: an urgent order, else the goals; and the commands per actuator (m,)."""
         self._leaves = None
         if len(self.urgent):
             self.goals = None
@@ -196,7 +200,7 @@ class CanTransactor:
         return CanTransaction(NOTHING, self._none)
 
     def _excuse(self, now: float) -> None:
-        """Everybody may answer late: an adapter may have kept what nobody took, and send it all the same."""
+        """Permit late answers of all: an adapter may have kept unacknowledged frames, and send them later."""
         np.maximum(self._owed, now + LATE, out=self._owed)
 
     def _thrown_away(self) -> None:
@@ -292,7 +296,7 @@ class CanTransactor:
 
     @property
     def idle(self) -> bool:
-        """Nothing was sent in this transaction, and nothing came."""
+        """Whether this transaction sent nothing and received nothing."""
         return self._sent_frames == self._count == 0
 
     def _exact(self, exchange: CanTransaction, heard: GroupFeedback) -> bool:
@@ -330,7 +334,7 @@ class CanTransactor:
     # --------------------------------------------------------------------------- what came unasked
 
     def _look_back(self, frames: Frames, now: float) -> None:
-        """What came after the last transaction had ended."""
+        """Process the frames that arrived after the end of the last transaction."""
         before, self._errors = self._errors, self.channel.condition.errors
         self.strays += max(0, self._errors - before)
         self.aside = None
@@ -359,7 +363,7 @@ class CanTransactor:
         return surplus
 
     def _short(self, exchange: CanTransaction, heard: GroupFeedback) -> Bools:
-        """Who (m,) may still answer: who has not, and who was written to."""
+        """Return the actuators (m,) that may still answer: incomplete ones, and those written to."""
         short: Bools = heard.count < self.expect
         told = _told(heard)
         short[[row for row, address in exchange.registers if (row, address) not in told]] = True

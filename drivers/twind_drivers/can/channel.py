@@ -1,7 +1,7 @@
-"""What carries frames: the seam between a CAN bus and its adapter.
+"""Transport of frames: the interface between a CAN bus and its adapter.
 
-One channel is one controller on one wire. It never blocks and has no thread: whoever drives it polls its
-descriptor, or asks when something arrives. Foreign and erroneous frames are given as they came; the bus tells
+One channel is one controller on one wire. It never blocks and has no thread: its user polls the descriptor,
+or queries the time of the next arrival. Foreign and erroneous frames are passed on unchanged; the bus tells
 them apart.
 """
 
@@ -14,7 +14,7 @@ from twind_drivers.clock import ArrivalSource
 
 
 class CanErrorState(IntEnum):
-    """How the controller is with the wire (ISO 11898-1, fault confinement)."""
+    """State of the controller on the wire (ISO 11898-1, fault confinement)."""
 
     ACTIVE = 0
     PASSIVE = 1  # many errors: told, and no more
@@ -23,7 +23,7 @@ class CanErrorState(IntEnum):
 
 @dataclass(slots=True)
 class CanChannelStatus:
-    """What is known of the line now. Whoever has no error frames (slcan) knows of full queues alone."""
+    """Known state of the line. A channel without error frames (slcan) knows of full queues alone."""
 
     line: CanErrorState = CanErrorState.ACTIVE
     refused: int = 0  # frames that the adapter did not take since the channel was opened
@@ -48,9 +48,10 @@ class CanChannel(ArrivalSource, Protocol):
         """All that has arrived, error frames not among them. Raises PortError(lost=True)."""
 
     def drive(self, owner: object) -> None:
-        """As long as `owner` lives somebody drives motors over it: a link may go down and up to be emptied.
+        """Declare that motors are driven over the channel while `owner` lives.
 
-        Who only reads never does that: there is nothing of his that could move anybody.
+        A link may then go down and up to be emptied. A pure reader never does that: its frames cannot move a
+        motor.
         """
 
     def purge(self) -> None:

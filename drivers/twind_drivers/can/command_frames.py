@@ -1,7 +1,7 @@
-"""What the actuators are told to do: goals, holds and softness as frames that have passed the last check.
+"""Commands to the actuators: goals, holds and softness as frames that have passed the last check.
 
-Stiffness and damping travel with each command, so whoever gives a goal also gives them; softness, once
-ordered, therefore lasts until strength is given back.
+Stiffness and damping travel with each command, so the source of a goal also sets them. Softness, once
+ordered, therefore lasts until strength is restored.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,10 @@ KEPT, CYCLES = 0.5, 10  # s and cycles, the longer: how long a hold is repeated 
 
 
 class CanCommandEncoder:
-    """Of m actuators: `lower`, `upper` (m,) in counts; `kp`, `kd` (m,) in N·m/rad and N·m·s/rad."""
+    """Encoder of commands to m actuators.
+
+    `lower`, `upper` (m,) in counts; `kp`, `kd` (m,) in N·m/rad and N·m·s/rad.
+    """
 
     def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
         """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
@@ -75,9 +78,10 @@ class CanCommandEncoder:
                 raise ValueError(f"{self.reader.name}: id {id}: {name} {value} is outside 0..{bound}")
 
     def _knock(self) -> None:
-        """Who tells where he is in answer to a command alone gets one without stiffness and torque.
+        """Prepare a command without stiffness and torque, to poll actuators that answer only commands.
 
-        It moves nobody. Damped, because one that was left holding a load lets it sink instead of fall.
+        It causes no motion. It is damped, so that an actuator that was left holding a load lets it sink
+        instead of fall.
         """
         rows = (self.fleet.answers == 0) & self.fleet.replies
         if rows.any():
@@ -90,10 +94,11 @@ class CanCommandEncoder:
     # --------------------------------------------------------------------------- every tick
 
     def goals(self, ticks: Ints) -> None:
-        """Goals (m,) in counts for the next request. Raises WireClamp, ValueError; then nothing is pending.
+        """Set goals (m,) in counts for the next request. Raises WireClamp, ValueError.
 
-        Speed beside them: the step from the goal of the cycle before. A step that the field cannot say is a
-        jump, and has no speed. Who is barred (`Cyclic`) is not commanded.
+        After an error nothing is pending. The speed beside them is the step from the goal of the cycle
+        before. A step beyond the field's range is a jump, and has no speed. A barred actuator
+        (`CanCyclicRead`) is not commanded.
         """
         self.line.goals = None
         self._require(ticks)
@@ -165,7 +170,7 @@ class CanCommandEncoder:
         return WriteRequest({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
 
     def clear_faults(self, rows: Bools) -> tuple[WriteRequest, ...]:
-        """Faults of `rows` (m,) forgotten, where there is such an order; the others stay, and are told."""
+        """Clear the faults of `rows` (m,), where such an order exists; others stay and are reported."""
         able = rows.copy()
         for row in _places(rows):
             try:
@@ -182,12 +187,15 @@ class CanCommandEncoder:
         )
 
     def here(self) -> Ints:
-        """Where (m,) each said that it is, as a goal: the nearest place that one may have."""
+        """Return the reported positions (m,) as goals: the nearest permitted counts."""
         place = np.where(np.isfinite(self.cyclic.place), self.cyclic.place, 0.0)
         return np.clip(counts(place), self.lower, self.upper)
 
     def cut(self, rows: Bools | None = None) -> None:
-        """Torque off for all, or for `rows` (m,), twice, in the next send; nobody's is ours from here on."""
+        """Order torque off for all, or for `rows` (m,), twice, in the next send.
+
+        From then on none of them counts as energised.
+        """
         self.line.goals = None
         if rows is None:
             self.line.urgent = self._off

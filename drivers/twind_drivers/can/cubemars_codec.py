@@ -70,7 +70,7 @@ class CubeMarsCodec:
         self._blank["size"] = BYTES
 
     def question(self) -> Frames:
-        """Nothing: they tell where they are in answer to a command alone."""
+        """Return no frames: the drives report their position only in answer to a command."""
         return NOTHING
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
@@ -81,7 +81,7 @@ class CubeMarsCodec:
         return made
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Nothing: every command carries them."""
+        """Return no frames: every command carries them."""
         return NOTHING
 
     def special(self, row: int, what: ValuelessCommand) -> Frames:
@@ -99,10 +99,10 @@ class CubeMarsCodec:
         raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK in MIT mode has no registers")
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
-        """Of frames of 6 or 8 bytes on id 0 or on the drive's own id, whose D0 is that id.
+        """Decode frames of 6 or 8 bytes on id 0 or on the drive's own id, whose D0 is that id.
 
-        Firmwares differ in the id. On its own one a reply has the id of a command: no echo of ours may come
-        here. It does not tell whether torque is on.
+        Firmwares differ in the id. A reply on its own id has the id of a command: no echo of sent frames may
+        come here. The feedback does not include the torque state.
         """
         data, size, came = frames["data"], frames["size"], frames["id"]
         rows = self._hears.take(data[:, 0])
@@ -117,14 +117,14 @@ class CubeMarsCodec:
         return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
 
     def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """None: no registers."""
+        """Return no answers: there are no registers."""
         return [], np.zeros(len(frames), np.bool_)
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Nothing: it tells no ranges."""
+        """Do nothing: the drive reports no ranges."""
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
-        """1: it cannot be asked; a drive in its servo mode does not answer at all."""
+        """Return 1: the mode is unreadable; a drive in its servo mode does not answer at all."""
         return 1
 
     def commands_to(self, frames: Frames) -> Ints:

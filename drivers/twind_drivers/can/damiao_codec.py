@@ -127,7 +127,7 @@ class DamiaoCodec:
         self._take(ranges)
 
     def _voices(self, masters: Sequence[int]) -> tuple[Table, Table]:
-        """Place by id that a frame came with; row by place + low nibble of D0, all that tells a sender."""
+        """Return the index by frame id, and the row by index + low nibble of D0, which identify a sender."""
         if len(masters) != len(self.ids):
             raise ValueError(f"{self.port}: {len(masters)} master ids for {len(self.ids)} Damiao actuators")
         places = np.zeros(STANDARD_MASK + 2, np.int64)  # the first place is nobody's
@@ -150,7 +150,7 @@ class DamiaoCodec:
         self.ranges = ranges
 
     def question(self) -> Frames:
-        """Asks each for one feedback frame (CC)."""
+        """Return frames that request one feedback frame of each (CC)."""
         return self._question
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
@@ -161,7 +161,7 @@ class DamiaoCodec:
         return made
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Nothing: every command carries them."""
+        """Return no frames: every command carries them."""
         return NOTHING
 
     def special(self, row: int, what: ValuelessCommand) -> Frames:
@@ -189,7 +189,7 @@ class DamiaoCodec:
         return rows, (rows >= 0) & (received["size"] == BYTES), data
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
-        """Of frames on a master id that are no register traffic (id high byte, order, register)."""
+        """Decode frames on a master id that are no register traffic (id high byte, order, register)."""
         rows, ours, data = self._of(frames)
         told = ours & ~(_HIGH.take(data[:, 1]) & _ORDER.take(data[:, 2]) & _REGISTER.take(data[:, 3]))
         if not told.all():
@@ -201,7 +201,7 @@ class DamiaoCodec:
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told
 
     def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """Of frames on a master id: sender in full, 33 (read) or 55 (written), register."""
+        """Decode register answers on a master id: sender in full, 33 (read) or 55 (written), register."""
         rows, found, data = self._of(frames)
         found &= ((data[:, 2] == READ) | (data[:, 2] == WRITE)) & _REGISTER.take(data[:, 3])
         found &= (data[:, 0] == self._ids.take(rows)) & (data[:, 1] == 0)  # ids end at FF

@@ -132,7 +132,7 @@ class ODriveCodec:
         self._question = frames(self._nodes | np.uint32(ESTIMATES | REMOTE))
 
     def question(self) -> Frames:
-        """Asks each for its encoder's estimates (09), by a remote frame."""
+        """Return frames that request the encoder estimates of each (09), by a remote frame."""
         return self._question
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
@@ -197,7 +197,7 @@ class ODriveCodec:
         return rows, (came & np.uint32(0x1F)).astype(np.int64), received["data"]
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
-        """Of estimates (09: place), heartbeats (01: torque and faults) and supply (17: voltage)."""
+        """Decode estimates (09: position), heartbeats (01: torque and faults) and supply (17: voltage)."""
         rows, command, data = self._of(frames)
         told = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
         if not told.all():
@@ -214,7 +214,7 @@ class ODriveCodec:
         return found, told
 
     def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """Of frames with errors, currents and supply; both halves of those with two values."""
+        """Decode frames with errors, currents and supply; both halves of those with two values."""
         rows, command, data = self._of(frames)
         found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
@@ -226,10 +226,10 @@ class ODriveCodec:
         return answers, found
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Nothing: its fields are floats."""
+        """Do nothing: its fields are floats."""
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
-        """1: it cannot be asked; `gains` sets it."""
+        """Return 1: the mode is unreadable; `gains` sets it."""
         return 1
 
     def commands_to(self, frames: Frames) -> Ints:

@@ -88,9 +88,9 @@ class PythonCanChannel:
             return -1
 
     def arrival(self) -> float:
-        """-inf: something is there, or the reading will say what is wrong; inf: nothing yet, as far as known.
+        """Return -inf: data, or an error for the next read, is available; inf: nothing yet, as far as known.
 
-        A bus without descriptor cannot tell when, so whoever waits for it asks again and again.
+        A bus without descriptor cannot tell when, so its user queries repeatedly.
         """
         if self._bus is None:
             return -inf
@@ -188,7 +188,7 @@ class PythonCanChannel:
             self._restarted, self._doubtful = self._now, False
 
     def _warn(self, text: str) -> None:
-        """Our own part of the warning; what others said of the bus stays."""
+        """Set this channel's part of the warning; parts from other sources stay."""
         others = self.warning.removeprefix(self._said).removeprefix("; ")
         self._said, self.warning = text, "; ".join(part for part in (text, others) if part)
 
@@ -255,7 +255,7 @@ def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:
 
 
 def _line(id: int, data: bytes) -> CanErrorState | None:
-    """What an error frame says of the controller; None: nothing."""
+    """Return the controller state that an error frame reports; None: none."""
     data = data.ljust(8, b"\0")
     if id & BUSOFF:
         return CanErrorState.OFF
@@ -282,7 +282,7 @@ def _full(error: Exception) -> bool:
 
 
 def _why(interface: str, channel: str, error: Exception) -> str:
-    """What is wrong with a bus that does not open, and the remedy."""
+    """Describe the reason why a bus does not open, and the remedy."""
     number = _number(error)
     if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
         return (

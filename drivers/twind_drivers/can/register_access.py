@@ -75,7 +75,7 @@ def by_address(parameters: Mapping[str, FamilyRegister], address: int) -> Family
 
 
 def state(enabled: int, fault: int) -> bytes:
-    """What a read of `STATE` brings."""
+    """Encode the result of a read of `STATE`."""
     return bytes((enabled & 0xFF, max(fault, 0), fault >= 0))
 
 
@@ -95,12 +95,12 @@ def part(parameter: FamilyRegister, value: int) -> float:
 
 
 def asks_state(query: Query) -> bool:
-    """Nothing but how somebody is: answered by feedback."""
+    """Return whether a request is for the state alone, which feedback answers."""
     return isinstance(query, PingRequest) or query.address == STATE
 
 
 def rows_of(fleet: ActuatorGroup, query: Query) -> Bools:
-    """Whom (m,) a query asks; ids that are not of this bus are nobody's."""
+    """Return the actuators (m,) that a query addresses; ids that are not on this bus are ignored."""
     ids = (query.id,) if isinstance(query, PingRequest) else query.ids
     rows = np.zeros(len(fleet), np.bool_)
     rows[[fleet.ids.index(id) for id in ids if id in fleet.ids]] = True
@@ -108,7 +108,7 @@ def rows_of(fleet: ActuatorGroup, query: Query) -> Bools:
 
 
 def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
-    """The frames that ask for a register, and what should come back; nothing of those who do not have it."""
+    """Return the frames that request a register, and the expected answers; none for devices without it."""
     asked: list[Frames] = []
     wanted: set[tuple[int, int]] = set()
     for row in np.flatnonzero(rows_of(fleet, query)).tolist():
@@ -125,7 +125,7 @@ def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
 
 
 def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
-    """The frames of an order. Raises ValueError for what a family cannot, KeyError for an id of nobody."""
+    """Return the frames of an order. Raises ValueError for an unsupported one, KeyError for an unknown id."""
     writes = (
         (order,)
         if isinstance(order, WriteRequest)

@@ -146,7 +146,7 @@ class RobStrideCodec:
         return made
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
-        """Nothing: every command carries them."""
+        """Return no frames: every command carries them."""
         return NOTHING
 
     def special(self, row: int, what: ValuelessCommand) -> Frames:
@@ -175,7 +175,7 @@ class RobStrideCodec:
         return np.where(ours, rows, NONE), came, came >> 24 & 0x1F, received["data"]
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
-        """Of feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
+        """Decode feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
         rows, came, kind, data = self._of(frames)
         whole = (rows >= 0) & (kind == TOLD)
         if whole.all():
@@ -198,7 +198,7 @@ class RobStrideCodec:
         return found, told
 
     def _whole(self, rows: Ints, came: Ints, data: Octets) -> ActuatorFeedback:
-        """Of feedback frames (2)."""
+        """Decode feedback frames (2)."""
         fields = np.ascontiguousarray(data).view(">u2").T.astype(np.float64)
         position, velocity, effort = self._scale.values(fields[:3], rows)
         heat = np.where(fields[3] < 32768.0, fields[3], fields[3] - 65536.0) / 10.0
@@ -208,7 +208,7 @@ class RobStrideCodec:
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
     def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
-        """Values read (17) without an error flag, and processors' numbers (0). Never a write."""
+        """Decode values read (17) without an error flag, and processors' numbers (0). Never a write."""
         rows, came, kind, data = self._of(frames)
         found = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
         born = kind == GET_ID
@@ -227,7 +227,7 @@ class RobStrideCodec:
         return answers, found | born
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """Nothing: it tells no ranges; those of the configuration must be confirmed by moving."""
+        """Do nothing: it reports no ranges; those of the configuration must be confirmed by moving."""
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
         """1 motion control (run_mode 0); else 100 + run_mode; 0: it was not read."""

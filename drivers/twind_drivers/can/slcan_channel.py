@@ -73,11 +73,11 @@ class SlcanChannel:
         transport.write(self._opening)
 
     def fileno(self) -> int:
-        """Of the transport; -1 where it has none."""
+        """Return the file descriptor of the transport; -1 where it has none."""
         return self._transport.fileno()
 
     def arrival(self) -> float:
-        """Of the transport, s."""
+        """Return the arrival time of the transport, s."""
         return self._transport.arrival()
 
     def send(self, frames: Frames, now: float) -> None:
@@ -114,7 +114,7 @@ class SlcanChannel:
         return found
 
     def drive(self, owner: object) -> None:
-        """Nothing: an adapter of our own is emptied in any case."""
+        """Do nothing: `purge` empties an exclusively owned adapter in any case."""
 
     def purge(self) -> None:
         """Empties the port's output, and the adapter's queue by closing and opening its channel.
@@ -194,7 +194,10 @@ class SlcanChannel:
         return found
 
     def _refuse(self, count: int, now: float) -> None:
-        """BELs. Raises PortError when the adapter has taken no frame for a second, and nobody spoke."""
+        """Handle BELs.
+
+        Raises PortError when the adapter took no frame for a second, and no device answered.
+        """
         self.condition.refused += count
         stall = self._standing.stall
         waited = stall.refused(now)
@@ -209,7 +212,7 @@ class SlcanChannel:
         self._standing.told(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
 
     def _converse(self, now: float) -> None:
-        """Opens again an adapter that has never said a byte; asks for its flags where it tells them."""
+        """Reopen an adapter that has never sent a byte; request its flags where it reports them."""
         if not self._answered and self._tries < TRIES and now - self._since >= RETRY:
             self._tries += 1
             self._asks, self._asked = True, -inf

@@ -105,10 +105,10 @@ def _standard(frames: Frames) -> bytes:
 
 
 class SlcanDecoder:
-    """What an adapter says, from bytes as they come. Holds at most PATIENCE of them; nothing raises.
+    """Decoder of the byte stream of an adapter. Holds at most PATIENCE bytes; nothing raises.
 
-    The counters only rise: `errors` lines that were nothing known, `refused` BELs, `acknowledged`. `flags`:
-    the status byte that was told last, -1 none since it was set so.
+    The counters only rise: `errors` unknown lines, `refused` BELs, `acknowledged`. `flags`: the last reported
+    status byte, -1 where none has arrived since it was set so.
     """
 
     def __init__(self) -> None:
@@ -123,7 +123,7 @@ class SlcanDecoder:
         return len(self._rest)
 
     def forget(self) -> None:
-        """What is held belongs to an earlier opening."""
+        """Discard the incomplete line, which belongs to an earlier opening of the adapter."""
         self._rest, self._lost = b"", False
 
     def take(self, data: bytes | memoryview) -> Frames:
@@ -186,7 +186,7 @@ class SlcanDecoder:
     def _hear(
         self, text: bytes, begins: NDArray[np.intp], ends: NDArray[np.intp], refused: NDArray[np.bool_]
     ) -> None:
-        """Lines that are no frames."""
+        """Process lines that are no frames."""
         for begin, end, refusal in zip(begins.tolist(), ends.tolist(), refused.tolist(), strict=True):
             line = text[begin:end]
             if refusal:

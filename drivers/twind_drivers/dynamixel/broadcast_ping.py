@@ -46,7 +46,7 @@ class BroadcastPingReply:
         return self.slots * SLOT
 
     def start(self) -> None:
-        """Forget the last one."""
+        """Discard the previous result."""
         self.heard.fill(False)
         self.error.fill(0)
         self.data.fill(0)
@@ -56,17 +56,17 @@ class BroadcastPingReply:
         self._framer.discarded = 0
 
     def room(self) -> memoryview:
-        """Where the next bytes go: always the same place, so that no babbling line grows it."""
+        """Return the buffer for the next bytes: always the same, so that a noisy line does not grow it."""
         return self._buffer
 
     def take(self, count: int) -> bool:
-        """Never done: whoever else may answer is waited for."""
+        """Process bytes; never complete: further devices may answer until the window ends."""
         for packet in self._framer.feed(self._buffer[:count]):
             self._accept(packet)
         return False
 
     def end(self) -> None:
-        """What is no status by now is stray."""
+        """Count the remaining bytes that form no status as stray."""
         self._framer.clear()
         self.strays += self._framer.discarded
         self._framer.discarded = 0

@@ -1,13 +1,14 @@
-"""Who is on a wire that nobody has described: every id at every baud rate, duplicates and strangers named.
+"""Scan of an undescribed serial bus: every id at every baud rate, with duplicates and unknown devices.
 
-For tools that own the port alone: it takes seconds. Nothing is written to any device. At each rate: is the
-line quiet, does the adapter echo, does an older protocol answer, then a roll call; single pings where the
-roll call was garbled (or `thorough`); of everybody found torque and hardware error, and whether it is alone.
+For tools that own the port alone: it takes seconds. Nothing is written to any device. At each rate it checks
+for traffic on the line, echo of the adapter and an older protocol, then sends a broadcast ping. Single pings
+follow where that was garbled (or `thorough`). Of every device found it reads torque and hardware error, and
+checks that its id is unique.
 
-Two devices with one id (fault 12) show in three ways: what overlaps is no sound status; with different return
-delays two statuses come; of one model and firmware their pings overlap bit by bit and look sound, but not
-what differs between two servos: position, time since power-up, voltage, temperature. Two that agree in all
-of that cannot be told from one.
+Two devices with one id (fault 12) show in three ways. Overlapping answers are no sound status. With different
+return delays two statuses come. With one model and firmware the pings overlap bit by bit and look sound, but
+not the values that differ between two servos: position, time since power-up, voltage, temperature. Two that
+agree in all of that cannot be told from one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +34,7 @@ REMEDY = "disconnect one, give the other a free id, then connect the first again
 
 
 class Kind(Enum):
-    """What is wrong with an id, or with a line as a whole."""
+    """Kind of fault of an id, or of a line as a whole."""
 
     CLASH = "clash"  # two devices with one id
     ECHO = "echo"
@@ -46,7 +47,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What is wrong, for programs (`kind`, `ids`) and for people (the texts)."""
+    """One fault, as data for programs (`kind`, `ids`) and as text for display."""
 
     kind: Kind
     what: str
@@ -87,14 +88,14 @@ NOISE = Trouble(
 
 
 def old_protocol(ids: Sequence[int]) -> Trouble:
-    """The devices `ids` answer an older protocol."""
+    """Return the fault that the devices `ids` answer an older protocol."""
     what = f"devices answer protocol 1.0 (ids {', '.join(map(str, ids))})"
     return Trouble(Kind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids))
 
 
 @dataclass(frozen=True, slots=True)
 class ScannedDevice:
-    """One id that answered. What could not be told is None."""
+    """One id that answered. Unknown values are None."""
 
     baud: int
     id: int
@@ -108,7 +109,7 @@ class ScannedDevice:
 
 @dataclass(frozen=True, slots=True)
 class BaudRateScan:
-    """What one baud rate gave."""
+    """Result of the scan at one baud rate."""
 
     baud: int
     found: tuple[ScannedDevice, ...]
@@ -135,7 +136,7 @@ def scan(
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
 ) -> Iterator[BaudRateScan]:
-    """Rate after rate. A rate that the adapter refuses is a trouble of that rate; a lost port raises."""
+    """Scan rate after rate. A rate that the adapter refuses is a fault of that rate; a lost port raises."""
     for baud in bauds:
         tell(baud, "asking everybody")
         try:
@@ -155,7 +156,7 @@ def scan_rate(
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
 ) -> BaudRateScan:
-    """One baud rate. Raises PortError(lost=True)."""
+    """Scan one baud rate. Raises PortError(lost=True)."""
     troubles = list(_line(prober))
     call = prober.roll_call(max(ids))
     known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}
@@ -197,7 +198,7 @@ def _singly(
 
 
 def _line(prober: Prober) -> Iterator[Trouble]:
-    """What is wrong with the line as a whole."""
+    """Yield the faults of the line as a whole: traffic, echo, older protocol."""
     if prober.listen(LISTEN):
         yield TALK
         return
@@ -236,7 +237,7 @@ def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
 
 
 def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
-    """Torque and hardware error of one id, and whether it is one device; how many answers were garbled."""
+    """Read torque and hardware error of one id, and check that it is one device; count garbled answers."""
     if answer is None:
         return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
     number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
@@ -252,7 +253,7 @@ def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple
 
 
 def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
-    """Why this seems to be more than one device, None if it does not; how many answers were garbled."""
+    """Return the evidence for more than one device, None without any; and the number of garbled answers."""
     if known is None:
         return None, 0
     fields = [known[name] for name in DIFFERING if name in known]
@@ -268,7 +269,7 @@ def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble
 
 
 def _value(prober: Prober, id: int, known: ControlTable | None, name: str) -> int | None:
-    """One register; None where it has none, or is not told (status return level 0)."""
+    """Read one register; None where it is missing, or unreadable (status return level 0)."""
     if known is None or name not in known:
         return None
     field = known[name]

@@ -1,9 +1,9 @@
-"""Torque stays, soft: what a robot that cannot be lowered gets before its torque goes off (DAMP).
+"""Soft torque (DAMP): applied to a robot that cannot be lowered, before its torque goes off.
 
-RAM registers only, for those whose goals are positions. The cap of the output comes first and the gains
-follow in the same system call: whoever hears only a part of it is weaker than before, never stronger. Values
-come from the gains of the robot file: P an eighth of it, I nothing, D as much as P was. The back-EMF of a
-driven motor brakes too. Not verified on hardware.
+Writes RAM registers only, of servos whose goals are positions. The cap of the output comes first and the
+gains follow in the same system call. A servo that receives only part of it is weaker than before, never
+stronger. Values come from the gains of the robot file: P becomes an eighth, I becomes 0, D becomes the former
+P. The back-EMF of a driven motor brakes too. Not verified on hardware.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ SOFT = 8  # P gain by this
 def damp(
     reader: DynamixelReader, servos: Iterable[ServoCommandState], pwm: Mapping[int, int]
 ) -> Script[tuple[int, ...]]:
-    """Make the servos soft; ids of those that did not confirm it. Raises nothing for who is silent.
+    """Make the servos soft; return the ids of those that did not confirm it. A silent servo raises nothing.
 
     `pwm`: PWM limit by id, counts.
     """
@@ -35,20 +35,24 @@ def damp(
 
 
 def cap_of(servo: ServoCommandState, pwm: Mapping[int, int]) -> bytes:
-    """What is left of its output, as it lies in goal PWM or, in mode 5, goal current; 1 at least."""
+    """Return the softened output cap of one servo as little-endian register bytes.
+
+    It is `SHARE` of the present cap (or of the PWM limit in `pwm`), at least 1. The register is goal PWM or,
+    in mode 5, goal current.
+    """
     whole = pwm[servo.id] if servo.cap is None else servo.cap
     return max(1, int(SHARE * whole)).to_bytes(2, "little", signed=True)
 
 
 def soft(servo: ServoCommandState) -> bytes:
-    """Its gains D, I, P as they lie in the registers, softened."""
+    """Return the softened gains D, I, P of one servo as they lie in its registers."""
     d, _, p = (int.from_bytes(servo.gains[at : at + 2], "little") for at in (0, 2, 4))
     parts = (min(servo.table["position_d_gain"].bounds[1], max(d, p)), 0, min(p, max(1, p // SOFT)))
     return b"".join(part.to_bytes(2, "little") for part in parts)
 
 
 def _differing(reader: DynamixelReader, wanted: Rows) -> Script[set[int]]:
-    """Who does not hold what was written: read back from all who answer."""
+    """Return the ids whose read-back differs from `wanted`, silent and refusing devices included."""
     bad: set[int] = set()
     for where, own in groups(wanted).items():
         left = list(own)

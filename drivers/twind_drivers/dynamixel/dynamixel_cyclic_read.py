@@ -1,18 +1,19 @@
-"""The cyclic reading: what the next request asks of whom, and the sample that its reply makes.
+"""Cyclic reading: the request of each cycle and the sample made from its reply.
 
-Healthy: one fast (or plain) read of 10 bytes of everybody, always the same packet. After a hole: plain reads
-until a reading of all who are still asked was whole.
+Healthy: one fast (or plain) read of 10 bytes from every device, always the same packet. After a missing
+answer: plain reads until a reading of all devices still in it was whole.
 
-A late answer. It carries no number of its request, so that of the last cycle looks like that of this one.
-In trouble each next request therefore asks for another length of the block (`Layout.wider`): a late answer
-has the wrong length and is dropped. Answers of one device come in order, so if it answers with a length
-that was not used since its last one, nothing older of it is under way, and all lengths are free again for it.
+Late answers. An answer carries no number of its request, so one of the last cycle looks like one of this
+cycle. In trouble each next request therefore reads another length of the block (`wider` of the layout): a
+late answer has the wrong length and is dropped. Answers of one device come in order. If it answers with a
+length not used since its last answer, nothing older is under way. All lengths are then free again for it.
 
-Nine cycles without its answer use them up. Who answers with a length used meanwhile is a suspect: not heard
-until three of its answers in a row came in time with no stray byte around. A pile of late answers has strays,
-and a steady delay meets the lengths in another order, as that changes from turn to turn; it is the same again
-after six of them. What stays possible: a steady delay of 54 cycles, or an answer some tens of cycles late if
-its pile ends in three windows that look clean, each in the length just asked for.
+Nine cycles without its answer use up all lengths. A device that answers with a length used meanwhile is a
+suspect. Its readings are dropped until three of its answers in a row came in time with no stray byte around.
+A pile of late answers has strays. A steady delay meets the lengths in another order, as that changes from
+turn to turn; it is the same again after six turns. Two errors stay possible: a steady delay of 54 cycles, and
+an answer some tens of cycles late. The latter needs a pile that ends in three windows that look clean, each
+in the length just requested.
 """
 
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ CALM = 2  # whole plain readings in a row before the fast one is tried again
 
 @dataclass(frozen=True, slots=True)
 class CyclicRequest:
-    """One way of asking."""
+    """One form of the cyclic request."""
 
     exchange: SerialTransaction
     reply: StatusReply | FastSyncReadReply
@@ -54,7 +55,7 @@ class CyclicRequest:
 
 
 class DynamixelCyclicRead:
-    """The reading of m devices, whatever their layouts. `fast`: every one of them knows fast reads."""
+    """Cyclic reading of m devices of any layouts. `fast`: every one of them supports fast reads."""
 
     def __init__(self, ids: tuple[int, ...], layouts: Sequence[DeviceLayout], *, fast: bool) -> None:
         self.ids, self.fast = ids, fast
@@ -85,19 +86,19 @@ class DynamixelCyclicRead:
         return self._layouts[place].cyclic.address, ROW.itemsize
 
     def hasten(self, on: bool) -> None:
-        """From now on fast in trouble as well: plain answers take longer than a cycle."""
+        """Use fast reads in trouble as well (`on`), since plain answers take longer than a cycle."""
         if on is not self.hasty:
             self.hasty = on
             self.rebuild()
 
     def begin_anew(self) -> None:
-        """Nothing was asked for a while, and no answer is under way: everybody is asked as at first."""
+        """Start again after a pause with no answer under way: every device is read as at first."""
         self.attendance = DevicePresence(len(self.ids))
         self.trouble, self._calm = False, 0
         self.rebuild()
 
     def rebuild(self) -> None:
-        """Somebody was parked or came back: from now on those are asked who are."""
+        """Rebuild the requests after a device was parked or came back: they go to the devices not parked."""
         self._places = np.flatnonzero(self.attendance.asked)
         self._all = len(self._places) == len(self.ids)
         self._quick, self._steady = (
@@ -108,7 +109,7 @@ class DynamixelCyclicRead:
         self._now = self._steady
 
     def next(self) -> SerialTransaction:
-        """The request of this cycle."""
+        """Return the request of this cycle."""
         self._cycle += 1
         self._now = self._troubled() if self.trouble else self._quick if self.fast else self._steady
         return self._now.exchange
@@ -127,7 +128,10 @@ class DynamixelCyclicRead:
         return self._ring[which]
 
     def sample(self, line: HalfDuplexTransactor, now: float) -> BusSample:
-        """What the reply to the last `next` says, once the line has ended it. Zero where not heard."""
+        """Return the sample from the reply to the last `next`, once the line has ended it.
+
+        Values are 0 for devices not heard.
+        """
         asked, attendance = self._now, self.attendance.asked
         reply = asked.reply
         if reply.data is not self._data:
@@ -162,13 +166,17 @@ class DynamixelCyclicRead:
         )
 
     def back(self, place: int, now: float) -> None:
-        """A parked device answered: it is in the next reading, which is a plain one."""
+        """Take back a parked device that answered: it is in the next reading, which is a plain one."""
         self.attendance.back(place, now)
         self.trouble, self._calm = True, CALM
         self.rebuild()
 
     def _prove(self, answered: Bools, strays: int) -> Bools:
-        """Whose answer (m,) is to this request? One in a length of which none can be under way is."""
+        """Return a mask (m,) of the devices whose answer is to this request, not a late one.
+
+        An answer is proven in a length of which none can be under way, or after `SURE` clean readings in a
+        row.
+        """
         if not self.trouble:  # the first hole: in the cycle before everybody who is asked was heard
             self._proven_at[self._places], self._before = self._cycle - 1, 0
         self._clean = np.where(answered & (strays == 0), self._clean + 1, 0)
@@ -200,13 +208,13 @@ class DynamixelCyclicRead:
             self.rebuild()
 
     def _spread(self, part: NDArray[T]) -> NDArray[T]:
-        """Of those who were asked -> (m,), zero for the parked."""
+        """Expand values of the devices in the request to (m,), with zero for the parked ones."""
         full = np.zeros(len(self.ids), part.dtype)
         full[self._places] = part
         return full
 
     def _question(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
-        """Read `size` bytes that begin `before` the cyclic block, of everybody who is asked."""
+        """Read `size` bytes from `before` bytes ahead of the cyclic block, of every device not parked."""
         starts = {self.ids[place]: self.block(place)[0] - before for place in self._places.tolist()}
         ids = tuple(starts)
         reply = FastSyncReadReply(ids, size) if fast else StatusReply(ids, size)

@@ -1,4 +1,4 @@
-"""Who is on a bus: identification of the devices that are expected there. A script that only reads."""
+"""Identification of the devices that are expected on a bus. A script that only reads."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -52,13 +52,13 @@ class IdentificationReader(Protocol):
 
 
 def supports_fast(stem: str, firmware: int) -> bool:
-    """Does this model answer fast sync reads from this firmware on? (e-manual, "Fast Sync Read".)"""
+    """Return True if this model answers fast sync reads with this firmware (e-manual, "Fast Sync Read")."""
     least = facts(stem).fast_from
     return least is not None and firmware >= least
 
 
 def known(number: int, firmware: int) -> ControlTable | None:
-    """The table of a model, None where the vendor's files have none."""
+    """Return the table of a model; None where the vendor's files have none."""
     try:
         return table(number, firmware)
     except KeyError:
@@ -68,12 +68,12 @@ def known(number: int, firmware: int) -> ControlTable | None:
 def identify(
     bus: IdentificationReader,
 ) -> Script[tuple[tuple[IdentifiedDevice, ...], dict[int, ControlTable], bool]]:
-    """Devices that answer, in order; their tables; whether all of them answer fast sync reads.
+    """Return the devices that answer, in order; their tables; whether all of them answer fast sync reads.
 
-    Who they are and how they are set comes in the same group reads, each a slice of a tick: the answers to a
-    broadcast ping take milliseconds an id (`roll_call`), which no tick has. Those that stay silent, and those
-    that are another model than expected, are pinged. A device that answers pings but no reads (status return
-    level 0) has no settings.
+    Identity and settings come in the same group reads, each a slice of a tick. The answers to a broadcast
+    ping take milliseconds an id (`roll_call`), longer than any tick allows. Silent devices, and devices of
+    another model than expected, are pinged. A device that answers pings but no reads (status return level 0)
+    has no settings.
     """
     expected = {id: bus.table(id) for id in bus.ids}
     found: dict[int, tuple[IdentifiedDevice, ControlTable | None]] = {}
@@ -117,7 +117,7 @@ def _ping(
 def _read(
     bus: IdentificationReader, tables: Mapping[int, ControlTable], names: Sequence[str], *, eeprom: bool
 ) -> Script[dict[int, Settings]]:
-    """The values of those who answer, by the smallest block of each table that holds the names."""
+    """Return the values of devices that answer, by the smallest block of each table that holds the names."""
     values: dict[int, Settings] = {}
     for block, ids in _blocks(tables, names, eeprom=eeprom).items():
         found: dict[int, bytes] = {}

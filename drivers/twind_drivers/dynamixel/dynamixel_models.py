@@ -1,7 +1,7 @@
-"""What a model is: its modes, its units, and what its firmware can do. Facts of the vendor's manual. Pure.
+"""Operating modes, units and firmware abilities of each Dynamixel model, from the vendor's manual. Pure.
 
 Source of a model's row: its e-manual page (`page`), the drive mode, startup, bus watchdog and operating mode
-sections that all pages share, and "Protocol 2.0" for the instructions. What no page states is None.
+sections that all pages share, and "Protocol 2.0" for the instructions. A fact that no page states is None.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,10 @@ NO_CURRENT = frozenset({1, 3, 4, 16})  # without current sensing there is neithe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCapabilities:
-    """Of one model. `..._from`: the first firmware that can do it, 0: every one, None: no page names one."""
+    """Facts of one model: modes, units, abilities of its firmware.
+
+    `..._from`: the first firmware version with that ability; 0: every version; None: no page names one.
+    """
 
     modes: frozenset[int] = ALL_SIX  # of register "operating_mode"
     counts_per_turn: int | None = 4096  # of the output; None: the sources disagree, or it is no whole number
@@ -140,14 +143,14 @@ FACTS: Mapping[str, ModelCapabilities] = {
 
 
 def base(stem: str) -> str:
-    """The model of a table's file: X330 from firmware 52 have a file of their own, the same facts."""
+    """Return the model of a table's file. X330 from firmware 52 have their own file, with the same facts."""
     return stem.removesuffix("_fw52")
 
 
 def facts(stem: str) -> ModelCapabilities:
-    """Of the model whose table is `stem` ("xm430_w350").
+    """Return the facts of the model whose table is `stem` ("xm430_w350").
 
-    Raises KeyError for a model that no page was read for.
+    Raises KeyError for a model whose page has not been read.
     """
     found = FACTS.get(base(stem))
     if found is None:

@@ -191,7 +191,7 @@ class DynamixelWriter:
             raise silent.with_traceback(None)
 
     def _prepared(self, servos: tuple[ServoCommandState, ...], goals: Rows) -> Script[None]:
-        """All of that, of these alone."""
+        """Do all steps of `prepare` on these devices alone."""
         ids = {servo.id for servo in servos}
         goal = [row for row in goals if row[0] in ids]
         yield from self._require_modes(servos)
@@ -276,8 +276,10 @@ class DynamixelWriter:
         return damping.damp(self._reader, self._servos, self._pwm)
 
     def alone(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
-        """One of them, to be driven by itself with little current; until `together` nobody else gets anything
-        but torque off. `cap`: raw current; `profile`: raw velocity. Raises ValueError: it cannot be."""
+        """Drive one device alone with little current; until `together` the others receive only torque off.
+
+        `cap`: raw current; `profile`: raw velocity. Raises ValueError: the device cannot be driven so.
+        """
         watchdog = self._watchdog[0]
         self._alone = SingleServoControl(
             self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog
@@ -286,7 +288,7 @@ class DynamixelWriter:
         return self._alone
 
     def together(self) -> None:
-        """All of them again, as before `alone`."""
+        """Drive all devices again, as before `alone`."""
         self._alone = None
         self.clear()
 
@@ -332,7 +334,7 @@ class DynamixelWriter:
     def _words(
         self, servos: Iterable[ServoCommandState], where: Callable[[ServoCommandState], RegisterBlock]
     ) -> Script[dict[int, int]]:
-        """One signed word of each, by id."""
+        """Read one signed word of each servo; return them by id."""
         found: dict[int, int] = {}
         for block, wanted in groups(rows(servos, lambda servo: (where(servo), b""))).items():
             data = yield from self._reader.collect(tuple(wanted), block.address, block.size)
@@ -340,18 +342,18 @@ class DynamixelWriter:
         return found
 
     def _lead(self, among: Bools | None) -> None:
-        """From now on goals go to these (m,) alone; None: to all."""
+        """Send goals to these devices (m,) alone from now on; None: to all."""
         self._places = None if among is None or among.all() else np.flatnonzero(among)
         self._led = self._servos if self._places is None else tuple(self._servos[row] for row in self._places)
         self.clear()
         self._fence({})
 
     def _of_led(self, each: Ints) -> Ints:
-        """Of what there is of everybody (m,), that of those who get goals."""
+        """Select from values of all devices (m,) those of the devices that get goals."""
         return each if self._places is None else each[self._places]
 
     def _goal_rows(self, ticks: Ints) -> Rows:
-        """Judged here too, so that a script's WireClamp is the script's."""
+        """Check the goals here too, so that WireClamp is raised in the script that sends them."""
         own = self._of_led(ticks)
         self._goals.encode(own)
         return [
@@ -359,7 +361,7 @@ class DynamixelWriter:
         ]
 
     def _goals_are(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
-        """Each kind of goal by its name."""
+        """Check each kind of goal by its name."""
         for name in dict.fromkeys(servo.mode.goal for servo in self._servos):
             own = {servo.id for servo in self._servos if servo.mode.goal == name}
             yield from self._same(name.replace("_", " "), [row for row in wanted if row[0] in own], verb)

@@ -1,7 +1,8 @@
-"""What stands in a new servo's registers, and how far each may go: the columns "Initial Value" and "Range".
+"""Factory values and ranges of a new servo's registers: the columns "Initial Value" and "Range".
 
-Raw units. Source: each model's e-manual page (`models.page`), as printed in the newest edition at hand. A
-value that the page leaves open ("-") is None. Ranges that a whole series shares are in `registers.py`.
+Raw units. Source: each model's e-manual page (`dynamixel_models.page`), as printed in the newest edition at
+hand. A value that the page leaves open ("-") is None. Ranges that a whole series shares are in
+`register_rules.py`.
 """
 
 from collections.abc import Mapping
@@ -13,7 +14,7 @@ UNKNOWN: Gains = (None, None, None, None, None)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FactoryDefaults:
-    """Of one model."""
+    """Register values of one model as delivered, and the ends of their ranges. Raw units."""
 
     velocity: int  # limit
     current: int | None = None  # limit, also the most it may be; None: no such register

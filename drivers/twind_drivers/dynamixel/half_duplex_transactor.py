@@ -1,6 +1,7 @@
-"""One half-duplex line: one transaction at a time, what is pending before it, its deadline.
+"""Transactions on one half-duplex line: one at a time, the packets that leave before it, its deadline.
 
-Does the I/O through a `Transport`; time is an argument. It also judges what came unasked (R08).
+Does the I/O through a `Transport`; time is an argument. It also classifies bytes that belong to no request
+(R08).
 """
 
 from collections.abc import Collection, Sequence
@@ -17,7 +18,7 @@ LATE = 1.0  # s that an answer may be late and is still known as one
 
 @dataclass(frozen=True, slots=True)
 class SerialTransaction:
-    """One request and what it should bring back."""
+    """One request and the reply expected for it."""
 
     packet: bytes
     reply: PendingReply | None  # None: never answered
@@ -77,7 +78,7 @@ class HalfDuplexTransactor:
         self._late = bytearray()
 
     def span(self, exchange: SerialTransaction, extra: int = 0) -> float:
-        """Bus time (s) that it takes, with `extra` bytes before it."""
+        """Return the bus time (s) that the transaction takes, with `extra` bytes before it."""
         return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
     def send(self, exchange: SerialTransaction, now: float, *, goals: bool = False) -> None:
@@ -160,7 +161,7 @@ class HalfDuplexTransactor:
             raise OutputQueueFull(self.name, waiting, most)
 
     def _look_back(self) -> None:
-        """What came after the last transaction had ended."""
+        """Classify bytes that came after the last transaction had ended."""
         self._judge(Framer(status=None).feed(self._late), bytes(self._late))
         self._late.clear()
         if self._told:
@@ -181,7 +182,7 @@ class HalfDuplexTransactor:
         self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
 
     def _remember(self, reply: PendingReply) -> None:
-        """Who owes an answer, and until when."""
+        """Record the ids that missed this reply, each with the time (s) until which it may come late."""
         self._owed = {id: until for id, until in self._owed.items() if until > self.sent}
         missed = [id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if not ok]
         self._owed.update(dict.fromkeys(missed, self.sent + LATE))

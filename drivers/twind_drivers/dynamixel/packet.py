@@ -71,7 +71,7 @@ REASONS: Mapping[int, str] = {
 
 
 def explain(error: int) -> str:
-    """What an error byte says, in words."""
+    """Return the meaning of an error byte, in words."""
     number = error & 0x7F
     words = REASONS.get(number, f"error number {number}") if number else "no error"
     return f"{words} (alert: hardware error, see register 70)" if error & ALERT else words
@@ -100,12 +100,12 @@ def instruction(id: int, code: int, params: Bytes = b"") -> bytes:
 
 
 def status(id: int, error: int, data: Bytes = b"") -> bytes:
-    """What a device answers."""
+    """Build a status packet: the answer of a device."""
     return instruction(id, STATUS, bytes((error,)) + data)
 
 
 def ping(id: int) -> bytes:
-    """Who is there? Answered with model number and firmware."""
+    """Build a ping of device `id` (or of all, by broadcast). The answer carries model number and firmware."""
     return instruction(id, Instruction.PING)
 
 
@@ -198,7 +198,7 @@ class Packet(NamedTuple):
 
     @property
     def data(self) -> bytes:
-        """What a status carries behind its error byte."""
+        """Bytes of a status behind its error byte."""
         return self.params[1:]
 
     @property
@@ -288,5 +288,5 @@ class Framer:
 
 
 def _tail(buffer: bytearray) -> int:
-    """How many of the last bytes may be the beginning of a header."""
+    """Return the number of last bytes that may be the beginning of a header."""
     return next((k for k in (3, 2, 1) if buffer.endswith(HEADER[:k])), 0)

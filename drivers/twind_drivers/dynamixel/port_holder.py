@@ -1,4 +1,4 @@
-"""Who has a port open? Names a process from /proc, as far as we are permitted to look. Linux only."""
+"""Name of the process that has a port open, read from /proc as far as permissions allow. Linux only."""
 
 import os
 from collections.abc import Iterator
@@ -6,14 +6,17 @@ from pathlib import Path
 
 
 def holder(path: str) -> str:
-    """Who holds the device at `path`: "pid 4711 (twind --mode live)"; "another process" where hidden."""
+    """Name the process that holds the device at `path`: "pid 4711 (twind --mode live)".
+
+    Returns "another process (not visible to this user)" where /proc hides it.
+    """
     for pid in (*_lockers(path), *_openers(path)):
         return f"pid {pid} ({command(pid)})"
     return "another process (not visible to this user)"
 
 
 def command(pid: int) -> str:
-    """Command line of a process, at most 80 characters; its short name where that is hidden."""
+    """Return the command line of a process, at most 80 characters; its short name where that is hidden."""
     for file in ("cmdline", "comm"):
         try:
             text = (
@@ -27,7 +30,10 @@ def command(pid: int) -> str:
 
 
 def _lockers(path: str) -> Iterator[int]:
-    """Pids that flocked the node. /proc/locks: `1: FLOCK ADVISORY WRITE PID MAJOR:MINOR:INODE 0 EOF`."""
+    """Yield the pids that hold a flock on the device node.
+
+    Format of /proc/locks: `1: FLOCK ADVISORY WRITE PID MAJOR:MINOR:INODE 0 EOF`.
+    """
     try:
         node = os.stat(path)
         lines = Path("/proc/locks").read_text().splitlines()
@@ -44,7 +50,7 @@ def _lockers(path: str) -> Iterator[int]:
 
 
 def _openers(path: str) -> Iterator[int]:
-    """Pids other than ours with the device open, by /proc/PID/fd."""
+    """Yield the pids, other than this process, with the device open, by /proc/PID/fd."""
     real = os.path.realpath(path)
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit() or int(entry.name) == os.getpid():

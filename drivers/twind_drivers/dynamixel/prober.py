@@ -1,4 +1,4 @@
-"""Asking on a wire of which nothing is known: one question at a time, everything that comes back. Blocks.
+"""Probing of a wire with unknown devices: one request at a time, and every byte that comes back. Blocks.
 
 For tools that own the port alone. It sends pings and reads only: there is no way to write through it.
 """
@@ -38,21 +38,21 @@ class ProbeWindow:
         self._framer = Framer(status=True)
 
     def start(self) -> None:
-        """Nothing to forget: each is used once."""
+        """Do nothing: each window is used once."""
 
     def room(self) -> memoryview:
         """Where the next bytes go."""
         return self._buffer
 
     def take(self, count: int) -> bool:
-        """Never done: whoever else may answer is waited for until the window ends."""
+        """Take `count` bytes; always False, as the window stays open for other devices that may answer."""
         if len(self.raw) < HELD:
             self.raw += self._buffer[:count]
         self.statuses += self._framer.feed(self._buffer[:count])
         return False
 
     def end(self) -> None:
-        """What is no status by now is stray."""
+        """End the window: bytes that form no status by now count as stray."""
         self._framer.clear()
         self.strays = self._framer.discarded
 
@@ -80,11 +80,11 @@ class Prober:
         return call
 
     def ping(self, id: int) -> ProbeWindow:
-        """Everybody who answers to this id."""
+        """Ping this id; return every device that answers."""
         return self._ask(packet.ping(id), 3)
 
     def read(self, id: int, address: int, size: int) -> ProbeWindow:
-        """Everybody who answers to this id, with `size` bytes from `address`."""
+        """Read `size` bytes from `address` at this id; return every device that answers."""
         return self._ask(packet.read(id, address, size), size)
 
     def old_ping(self) -> ProbeWindow:
@@ -92,7 +92,7 @@ class Prober:
         return self._ask(OLD_PING, 0)
 
     def listen(self, seconds: float) -> int:
-        """Bytes that come though nobody was asked."""
+        """Collect bytes that come without a request."""
         self.transport.drain()
         self._clock.sleep_until(self._clock.now() + seconds)
         return self.transport.drain()

@@ -1,8 +1,8 @@
-"""RAM settings of one device given back: after a restart, and after a mode that it had for a while.
+"""Restoring of the RAM settings of one device: after a restart, and after a temporary mode.
 
-RAM falls back to its defaults by a restart (e-manual, "Reboot"; what: control table pages, "RAM area"), and
-gains, profile and goal limits by a change of mode ("Operating Mode"). Torque, goals and the bus watchdog are
-not given back: whoever wants torque prepares for it anew.
+RAM falls back to its defaults by a restart (e-manual, "Reboot"; which registers: control table pages, "RAM
+area"). Gains, profile and goal limits fall back by a change of mode ("Operating Mode"). Torque, goals and the
+bus watchdog are not restored: a caller that needs torque prepares for it anew.
 """
 
 from collections.abc import Mapping
@@ -73,7 +73,7 @@ def give_back(
 
 
 def settings(servo: ServoCommandState) -> list[TableRegister]:
-    """What is restored of this model; a current that is a goal is none of it."""
+    """Return the registers that are restored for this model; a current that is a goal is not among them."""
     names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
     return [servo.table[name] for name in names]
 
@@ -96,7 +96,7 @@ def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down
 
 
 def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
-    """Off the bus and back on it."""
+    """Reboot the device and wait until it is back on the bus."""
     reply = yield RebootRequest(id)
     if id not in reply.error:
         raise NoReply(reader.name, (id,), reply.waited, "reboot")

@@ -1,7 +1,7 @@
-"""What the vendor's tables do not say: access, sign, range and default of each register. Ours, pure.
+"""Access, sign, range and default of each register, which the vendor's tables lack. Own data, pure.
 
-Source: the e-manual page of each model. What is the same for a whole series stands here, what differs from
-model to model in `factory.py`. Keys are snake case. A default that the page leaves open is None.
+Source: the e-manual page of each model. Rules that a whole series shares are here; those that differ from
+model to model are in `factory_defaults.py`. Keys are snake case. A default that the page leaves open is None.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,10 @@ from twind_drivers.dynamixel.factory_defaults import FACTORY, X_SERIES, FactoryD
 
 @dataclass(frozen=True, slots=True)
 class RegisterRule:
-    """Of one register, raw units. `limit` names the register that bounds its magnitude further (error 6)."""
+    """Access, sign, range and default of one register, raw units.
+
+    `limit` names the register that bounds its magnitude further (error 6).
+    """
 
     writable: bool = True
     signed: bool = False
@@ -115,14 +118,14 @@ def rule(stem: str, key: str) -> RegisterRule:
 
 
 def _numberless(key: str) -> str:
-    """The registers of a row have one rule: of "indirect_data_12", "indirect_data"."""
+    """Return the key that a row of registers shares: "indirect_data" for "indirect_data_12". One rule."""
     front, _, number = key.rpartition("_")
     return front if number.isdecimal() else key
 
 
 @cache
 def _rules(stem: str) -> Mapping[str, RegisterRule]:
-    """Of one model: its series' rules, and what its own page says."""
+    """Return the rules of one model by register: those of its series, changed by its own page."""
     made = FACTORY[stem]
     series = SMALL if made.slope is not None else X if stem in X_SERIES else P
     found = {**series, **_limits(made, 885 if stem in X_SERIES else 2009)}

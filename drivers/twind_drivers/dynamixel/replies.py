@@ -1,7 +1,7 @@
-"""What is expected back from one request, and finding it in untrusted bytes (R07). Pure: no I/O, no clock.
+"""Replies to requests: their form, and finding them in untrusted bytes (R07). Pure: no I/O, no clock.
 
-A reply owns one fixed buffer. Whoever does the I/O reads into `room()` and says `take(count)`; when done, or
-at the deadline, `end()`. Then `heard`, `error` and `data` hold what came, in the order of `ids`.
+A reply owns one fixed buffer. The code that does the I/O reads into `room()` and calls `take(count)`; when
+done, or at the deadline, `end()`. Then `heard`, `error` and `data` hold the answers, in the order of `ids`.
 """
 
 from collections.abc import Sequence
@@ -157,7 +157,7 @@ class StatusReply:
         return True
 
     def _take_rest(self) -> None:
-        """What came behind the last row."""
+        """Take the bytes behind the last row."""
         self.strays = self._got - self.expected
         self.unasked = tuple(self._framer.feed(self._view[self.expected : self._got]))
         self._framer.clear()
@@ -176,9 +176,10 @@ class StatusReply:
         return bool(self.answered.all())
 
     def _accept(self, packet: Packet) -> None:
-        """The exact id and length of this request, once; an error may come without data. Else stray.
+        """Accept a status of the exact id and length of this request, once; count any other packet as stray.
 
-        What comes with an error number is no reading: the device says that it did not do what was asked.
+        An error may come without data. Data that come with an error number are no reading: the error reports
+        that the device did not execute the request.
         """
         place = self._index.get(packet.id) if packet.instruction == STATUS else None
         failed = packet.error & FAILED != 0
@@ -198,8 +199,9 @@ class StatusReply:
 class FastSyncReadReply:
     """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
 
-    A missing device ends the reply, so an intact prefix is kept: its devices did answer. Who answered with an
-    error number is not heard. A whole status of somebody else in the middle of it is taken out.
+    A missing device ends the reply, so an intact prefix is kept: its devices did answer. A device that
+    answered with an error number is not heard. A whole status of another device in the middle of the reply is
+    taken out.
     """
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
@@ -266,7 +268,7 @@ class FastSyncReadReply:
             self._shift(1)  # a false head
 
     def _interrupted(self) -> bool:
-        """Somebody talks in between: a second header is there, or the last bytes may be how one begins."""
+        """True if another packet lies in between: a second header, or last bytes that may begin one."""
         begins = any(self._view[self._got - n : self._got] == HEADER[:n] for n in range(1, len(HEADER)))
         return begins or self._bytes.find(HEADER, len(HEADER), self._got) >= 0
 
@@ -284,7 +286,7 @@ class FastSyncReadReply:
         return False
 
     def _shift(self, count: int) -> None:
-        """The first `count` bytes are no part of the reply."""
+        """Drop the first `count` bytes, which are no part of the reply."""
         if count:
             self._drop(0, count)
             self._bytes[: self._got - count] = self._bytes[count : self._got]
@@ -297,7 +299,7 @@ class FastSyncReadReply:
         self.unasked = (*self.unasked, *self._framer.feed(self._view[first:end]))
 
     def _intact(self) -> int:
-        """How many devices' blocks, from the first, are there and right."""
+        """Return how many devices' blocks, from the first, are there and right."""
         there = self._bytes[9 : self.expected : self._stride] if self._got >= self.expected else b""
         # The last CRC is over all before it, the other CRCs included.
         if there == self._wanted and crc16(self._all) == int.from_bytes(self._last, "little"):
@@ -327,7 +329,7 @@ class FastSyncReadReply:
         return True
 
     def _leave_out_failed(self) -> None:
-        """Not heard, though there: whoever answered with an error number."""
+        """Mark devices that answered with an error number as not heard."""
         failed = (self.error & FAILED) != 0
         if failed.any():
             self.whole, self.answered = False, self.heard.copy()

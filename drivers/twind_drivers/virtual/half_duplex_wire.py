@@ -1,4 +1,4 @@
-"""When bytes are on a half-duplex wire: 10 bits a byte, one packet after the other (8N1)."""
+"""Timing of bytes on a half-duplex wire: 10 bits a byte, one packet after the other (8N1)."""
 
 from bisect import insort
 from collections import deque
@@ -13,7 +13,7 @@ BITS = 10  # per byte: start, 8 data, stop
 
 
 class ReplyBurst(NamedTuple):
-    """What answers one request: `data`, cut where each device's share ends, each share over at its time."""
+    """Answer to one request: `data`, cut where each device's share ends; each share ends at its own time."""
 
     start: float  # s
     ends: Sequence[float]  # s after `start`, ascending
@@ -31,10 +31,10 @@ class ReplySegment(NamedTuple):
 
 
 class HalfDuplexWire:
-    """What is under way. With `timing` off, everything arrives at once.
+    """Bytes under way on one line. With `timing` off, every byte arrives at once.
 
-    Collisions happen on order only (`collide`): what the host sends while a reply is under way goes out after
-    it. So a host whose bytes were read late (a loaded machine) is served late, not garbled.
+    Collisions happen on order only (`collide`): bytes that the host sends while a reply is under way go out
+    after it. So a host whose bytes were read late (a loaded machine) is served late, not garbled.
     """
 
     def __init__(self, baud: int, *, timing: bool = True) -> None:
@@ -45,32 +45,32 @@ class HalfDuplexWire:
         self._loose: list[ReplySegment] = []  # out of turn, by their end
 
     def span(self, size: int) -> float:
-        """Seconds that `size` bytes take."""
+        """Return the seconds that `size` bytes take."""
         return size * BITS / self.baud if self.timing else 0.0
 
     def hear(self, size: int, now: float) -> float:
-        """The host sends `size` bytes at `now`: when the last of them has arrived, s."""
+        """Take `size` bytes from the host at `now`; return when the last of them has arrived, s."""
         self._free = max(self._free, now) + self.span(size)
         return self._free
 
     def ends(self, delays: Sequence[float], sizes: Sequence[int]) -> list[float]:
-        """When each of some answers is over, s after the request: each after its return delay (s)."""
+        """Return the end of each of some answers, s after the request: each after its return delay (s)."""
         if not self.timing:
             return [0.0] * len(sizes)
         return list(accumulate(d + self.span(size) for d, size in zip(delays, sizes, strict=True)))
 
     def say(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
-        """Devices answer what the wire heard last."""
+        """Queue the devices' answer to the last request that the wire received."""
         self._bursts.append(ReplyBurst(self._free + self.lag, ends, cuts, data))
         self._free += ends[-1]
 
     def due(self) -> float:
-        """When the first answer under way is complete, s; `inf`: none is."""
+        """Return when the first answer under way is complete, s; `inf`: none is."""
         first = self._bursts[0].start + self._bursts[0].ends[-1] if self._bursts else inf
         return min(first, self._loose[0].end) if self._loose else first
 
     def take(self, now: float) -> bytes:
-        """The bytes whose time has come: whole answers, and of one that is cut short whole shares."""
+        """Return the bytes whose time has come: whole answers, and of one that is cut short whole shares."""
         if self._loose:
             return self._take_loose(now)
         out = b""
@@ -89,7 +89,7 @@ class HalfDuplexWire:
         return out
 
     def clear(self) -> None:
-        """Nothing is under way any more."""
+        """Drop everything under way."""
         self._bursts.clear()
         self._loose.clear()
         self._free = -inf
@@ -97,22 +97,23 @@ class HalfDuplexWire:
     # ------------------------------------------------------------------------------------- out of turn
 
     def free_at(self, now: float) -> float:
-        """When the host may speak without meeting an answer, s."""
+        """Return when the host may send without meeting an answer, s."""
         return max(self._free, now)
 
     def occupy(self, until: float) -> None:
-        """Somebody talks until then, s."""
+        """Occupy the line until then, s."""
         self._free = max(self._free, until)
 
     def interject(self, end: float, data: bytes) -> None:
-        """Bytes that come when they come and hold up nobody; the last of them at `end`, s."""
+        """Send bytes that delay no other sender; the last of them arrives at `end`, s."""
         if data:
             insort(self._loose, ReplySegment(end, end - self.span(len(data)), data))
 
     def collide(self, start: float, data: bytes) -> bytes | None:
-        """Somebody talks from `start` (s) on, whoever else does: what all hear of everything that overlaps.
+        """Send bytes from `start` (s) on, over any other sender; return the bytes received from the overlap.
 
-        What was under way then arrives garbled. None: nobody else talked. Without timing nothing overlaps.
+        Answers then under way arrive garbled. None: no other sender was active. Without timing nothing
+        overlaps.
         """
         self._loosen()
         end = start + self.span(len(data))
@@ -126,7 +127,7 @@ class HalfDuplexWire:
         return heard
 
     def _loosen(self) -> None:
-        """Every answer under way as shares of their own."""
+        """Split every answer under way into shares of their own."""
         for burst in self._bursts:
             cuts = [0, *burst.cuts]
             for end, first, last in zip(burst.ends, cuts, cuts[1:], strict=False):

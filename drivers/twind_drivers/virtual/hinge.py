@@ -1,6 +1,6 @@
-"""What a virtual shaft turns, and the hands of somebody who moves it.
+"""Joints at virtual shafts, and external forces (a hand) that move a limp joint.
 
-A servo knows neither its joint nor its zero; who takes the joint in his hands does.
+A servo knows neither its joint nor its zero; the code that moves a joint by hand does.
 """
 
 import math
@@ -20,7 +20,7 @@ class Hinge:
     stops: tuple[float, float] = (-math.inf, math.inf)  # rad, where it meets something hard
 
     def place(self, angle: float) -> float:
-        """Where the shaft is when the joint is at `angle` (rad)."""
+        """Return the place of the shaft when the joint is at `angle` (rad)."""
         return self.zero + angle * self.scale
 
     def ends(self) -> tuple[float, float]:
@@ -30,7 +30,7 @@ class Hinge:
 
 
 class ShaftGrip:
-    """Who holds which shaft of one bus. Rows are places in `hinges`; None: a shaft that turns no joint."""
+    """Shafts of one bus that a hand holds. Rows are places in `hinges`; None: a shaft that turns no joint."""
 
     def __init__(
         self,
@@ -48,22 +48,22 @@ class ShaftGrip:
 
     @property
     def joints(self) -> frozenset[str]:
-        """Those that hang on this bus."""
+        """Joints on this bus."""
         return frozenset(self._rows)
 
     def to(self, row: int, count: float, speed: float) -> None:
-        """Where the shaft would show `count`; `speed`: rad/s of the joint, or shaft. Raises ValueError."""
+        """Move the shaft to show `count`; `speed`: rad/s of the joint, or shaft. Raises ValueError."""
         self._go(row, self._shown(row, _finite("to", count)), speed)
 
     def angle(self, row: int, rad: float, speed: float) -> None:
-        """Where its joint is at `rad`. Raises ValueError, also for a shaft that turns no joint."""
+        """Move the joint to `rad`. Raises ValueError, also for a shaft that turns no joint."""
         hinge = self._hinges[row]
         if hinge is None:
             raise ValueError("hand: this servo turns no joint of a robot file: say `to` in its own counts")
         self._go(row, hinge.place(_finite("rad", rad)), speed)
 
     def pose(self, angles: Mapping[str, float], speed: float) -> None:
-        """Joints at angles (rad). Raises KeyError for one that does not hang here, ValueError."""
+        """Move joints to angles (rad). Raises KeyError for a joint that is not on this bus, ValueError."""
         strange = [name for name in angles if name not in self._rows]
         if strange:
             raise KeyError(f"hand: no joint {strange[0]!r} on this bus; there are {', '.join(self._rows)}")
@@ -71,7 +71,7 @@ class ShaftGrip:
             self.angle(self._rows[name], rad, speed)
 
     def leave(self, rows: Iterable[int] | None = None) -> None:
-        """These shafts are let go; None: all."""
+        """Release these shafts; None: all."""
         for row in range(len(self._hinges)) if rows is None else rows:
             self._grip(row, math.nan, 0.0)
 
@@ -84,7 +84,7 @@ class ShaftGrip:
 
 
 def _finite(what: str, value: object) -> float:
-    """Raises ValueError for what is no finite number."""
+    """Return the number. Raises ValueError if it is not finite."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"hand: {what} is {value!r}; it is a finite number")
     return float(value)

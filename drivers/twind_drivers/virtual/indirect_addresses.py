@@ -1,9 +1,9 @@
-"""Indirect addresses: where each of them lies in a model's table, and what it points at when new. Pure.
+"""Indirect addresses: their places in a model's table, and their targets in a new servo. Pure.
 
 The vendor's tables name the first entry and the first of a second row ("Write", "Read"). The X430, X540 and
-MX have two rows of 28, the X330 one row of 28 (20 from firmware 52, where the data lies nearer), the P series
-and PRO -R(A) one of 128. Source: e-manual, "Indirect Address, Indirect Data"; that the older X330 have as
-many as the room between address and data holds is our reading of the vendor's table.
+MX have two rows of 28. The X330 have one row of 28 (20 from firmware 52, where the data lies nearer), the P
+series and PRO -R(A) one of 128. Source: e-manual, "Indirect Address, Indirect Data". Own reading of the
+vendor's table: the older X330 have as many entries as the room between address and data holds.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ class IndirectRange(NamedTuple):
 
 
 def rows(table: ControlTable) -> tuple[IndirectRange, ...]:
-    """Of one model; empty where it has none."""
+    """Return the rows of indirect addresses in one model's table; empty where it has none."""
     keys = ("indirect_address_1", "indirect_data_1", "indirect_address_read", "indirect_data_read")
     if not all(key in table for key in keys):
         return ()
@@ -36,7 +36,7 @@ def rows(table: ControlTable) -> tuple[IndirectRange, ...]:
 
 
 def fields(table: ControlTable) -> Iterator[TableRegister]:
-    """Every indirect register of a model, as single registers. New, entry k points at data k."""
+    """Return every indirect register of a model as single registers. When new, entry k points at data k."""
     at, cell = (table.fields.get(key) for key in ("indirect_address_1", "indirect_data_1"))
     if at is None or cell is None:
         return

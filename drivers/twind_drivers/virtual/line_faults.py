@@ -1,4 +1,4 @@
-"""What is wrong with the line and the adapter as a whole, by name."""
+"""Faults of the line and of the adapter as a whole, by name."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ class LineFaults:
         self.stream = stream
 
     def bit_errors(self, rate: float, to_servos: bool = True, to_host: bool = True) -> None:
-        """Each bit flips with this chance, in one direction or both. Raises ValueError outside 0..0.5."""
+        """Flip each bit with this chance, in one direction or both. Raises ValueError outside 0..0.5."""
         if not 0.0 <= rate <= 0.5:
             raise ValueError(f"bit_errors: rate {rate} is outside 0..0.5")
         self.stream.to_servos = rate if to_servos else 0.0
@@ -20,7 +20,7 @@ class LineFaults:
         self.stream.look()
 
     def mangle(self, count: int, bits: int = 1, bytes: int = MOST) -> None:
-        """So many flipped bits in what the host writes, in its next writes, within the first `bytes` bytes.
+        """Flip `bits` bits in each of the host's next `count` writes, within the first `bytes` bytes.
 
         Raises ValueError.
         """
@@ -30,11 +30,11 @@ class LineFaults:
         self.stream.look()
 
     def babble(self, on: bool = True) -> None:
-        """A device talks without end: random bytes at the rate of the line, and nobody is understood."""
+        """Send random bytes without end from a device, at the line's rate: no other packet gets through."""
         self.stream.babble(on)
 
     def split(self, bytes: int) -> None:
-        """What arrives comes in pieces of 1 to `bytes` bytes, 5 us apart; 0: as it comes.
+        """Deliver arriving bytes in pieces of 1 to `bytes` bytes, 5 us apart; 0: as they come.
 
         It takes the place of `latency`. Raises ValueError outside 0..4096.
         """
@@ -45,7 +45,7 @@ class LineFaults:
         self.stream.look()
 
     def latency(self, seconds: float, payload: int = PAYLOAD) -> None:
-        """The adapter hands over what has come when `payload` bytes are full, or at its timer; 0: at once.
+        """Deliver arrived bytes when `payload` bytes are full, or at the adapter's timer; 0: at once.
 
         FTDI: 16 ms or 1 ms; 62 bytes at full speed, 510 at high speed. Raises ValueError outside 0..0.255 s.
         """
@@ -58,35 +58,35 @@ class LineFaults:
         self.stream.look()
 
     def echo(self, on: bool = True) -> None:
-        """The host hears what it sends, as on an adapter that does not mute its receiver."""
+        """Return the host's own bytes to it, as an adapter does that does not mute its receiver."""
         self.stream.adapter = replace(self.stream.adapter, echo=on)
         self.stream.look()
 
     def collide(self, on: bool = True) -> None:
-        """Who talks while another talks garbles both: the host into an answer, a late answer into the next.
+        """Garble both packets of overlapping senders: host over answer, late answer over the next one.
 
-        Off by default: the host's bytes are then served after the answer, since a loaded machine hands them
-        over late.
+        Off by default: the host's bytes are then served after the answer, since a loaded machine delivers
+        them late.
         """
         self.stream.colliding = on
         self.look()
 
     def garble(self, on: bool = True) -> None:
-        """Servos at another rate answer what they cannot understand, which the host cannot understand either.
+        """Let servos at another rate answer garbled requests; the host cannot decode those answers.
 
-        Off by default: they are silent. The e-manual does not say which.
+        Off by default: they are silent. The e-manual does not state which is right.
         """
         self.stream.garbled = on
         self.look()
 
     def stall(self, on: bool = True) -> None:
-        """The adapter takes what the host sends, up to 4096 bytes, and keeps it; off: it goes out then."""
+        """Keep the bytes that the host sends in the adapter, up to 4096; off: they go out then."""
         self.stream.stalled = on
         self.look()
 
     @property
     def stalled(self) -> bool:
-        """Does the adapter keep what the host sends?"""
+        """True while the adapter keeps the bytes that the host sends."""
         return self.stream.stalled
 
     def seed(self, number: int) -> None:
@@ -96,9 +96,9 @@ class LineFaults:
         self.stream.restart(number)
 
     def look(self) -> None:
-        """To be called after every change."""
+        """Update the stream. Must be called after every change."""
         self.stream.look()
 
     def clear(self) -> None:
-        """The line is sound again, the adapter as it is made. What a stalled one holds goes out."""
+        """Remove all faults of line and adapter. Bytes that a stalled adapter holds go out."""
         self.stream.heal()

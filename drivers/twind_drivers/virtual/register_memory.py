@@ -147,19 +147,19 @@ class RegisterMemory:
         return field.decode(self.raw[row, field.address : field.end].tobytes())
 
     def readable(self, row: int, address: int, size: int) -> bool:
-        """Is there a register in this span, and does it end inside the table? Gaps read as 0.
+        """Return True if the span has a register and ends inside the table. Gaps read as 0.
 
-        Indirect data that points at a gap is one.
+        Indirect data that points at a gap is a gap.
         """
         layout, end = self._layouts[row], address + size
         return size >= 1 and end <= layout.end and bool(layout.defined[self.where[row, address:end]].any())
 
     def read(self, row: int, address: int, size: int) -> bytes:
-        """What a read of one servo gives; indirect data is that of its target."""
+        """Return the bytes that a read of one servo gives; indirect data is that of its target."""
         return bytes(self.raw[row, self.where[row, address : address + size]])
 
     def live(self, row: int, address: int, size: int) -> int:
-        """Does the span touch registers that the servo writes itself? 0: no, 1: `LIVELIEST` only, 2: more."""
+        """Classify a span by registers that the servo writes. 0: none, 1: `LIVELIEST` only, 2: more."""
         return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 
     def block(self, rows: Sequence[int], address: int, size: int) -> "RegisterSpan":
@@ -181,7 +181,7 @@ class RegisterSpan:
         self._column = np.asarray(rows, np.intp)[:, None]
 
     def get(self) -> Bytes:
-        """What is there now."""
+        """Return the present bytes (k, size)."""
         found: Bytes
         if self._where is None:
             found = self._raw[:, self._span][self._rows]
@@ -191,7 +191,7 @@ class RegisterSpan:
 
 
 def _fields(table: ControlTable, firmware: int) -> dict[int, TableRegister]:
-    """What the firmware does not know yet is a gap: reads as 0, cannot be written."""
+    """Return the fields by address. A register newer than the firmware is a gap: reads as 0, not writable."""
     facts = table.facts
     since = {"bus_watchdog": facts.watchdog_from, "backup_ready": facts.backup_from}
     if facts.startup_from is not None:  # None: there, but no page says since when

@@ -1,4 +1,4 @@
-"""What happens to single answers on their way to the host: lost, flipped, cut, doubled, late."""
+"""Faults of single answers on their way to the host: lost, flipped, cut, doubled, late."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -10,7 +10,7 @@ from twind_drivers.virtual.half_duplex_wire import HalfDuplexWire
 
 
 class FaultedReply(NamedTuple):
-    """What is left of one answer."""
+    """Bytes and delay of one answer after its faults."""
 
     before: bytes  # comes first
     data: bytes
@@ -33,35 +33,38 @@ class ReplyFaults:
         self.active = False  # is any answer looked at one by one?
 
     def drop(self, count: int, id: int | None = None) -> None:
-        """The next answers get lost. Raises ValueError below 0, KeyError for an id that is not there."""
+        """Lose the next answers. Raises ValueError below 0, KeyError for an id that is not there."""
         self._order("drop", count, id)
 
     def corrupt(self, count: int, id: int | None = None, bits: int = 1) -> None:
-        """The next answers arrive with so many flipped bits. Raises ValueError, KeyError."""
+        """Flip so many bits in each of the next answers. Raises ValueError, KeyError."""
         if not 1 <= bits <= 64:
             raise ValueError(f"corrupt: {bits} bits are outside 1..64")
         self._order("corrupt", count, id, bits)
 
     def foreign(self, count: int, id: int | None = None) -> None:
-        """Before each of the next answers comes a sound one of a device that nobody asked."""
+        """Send a sound answer of a device without a request before each of the next answers."""
         self._order("foreign", count, id)
 
     def forge(self, count: int, id: int | None = None) -> None:
-        """Instead of each of the next answers comes a sound one of id 252, or a byte short."""
+        """Replace each of the next answers by a sound one of id 252, or by one that is a byte short."""
         self._order("forge", count, id)
 
     def duplicate(self, count: int, id: int | None = None) -> None:
-        """Each of the next answers comes twice. Raises ValueError, KeyError."""
+        """Send each of the next answers twice. Raises ValueError, KeyError."""
         self._order("duplicate", count, id)
 
     def cut(self, count: int, bytes: int, id: int | None = None) -> None:
-        """Of each of the next answers only the first `bytes` bytes come; a joint (fast) answer ends there."""
+        """Cut each of the next `count` answers after `bytes` bytes; a joint (fast) answer ends there.
+
+        Raises ValueError for a negative size.
+        """
         if bytes < 0:
             raise ValueError(f"cut: {bytes} bytes: a size is 0 or more")
         self._order("cut", count, id, bytes)
 
     def noise(self, seconds: float, count: int = 0, id: int | None = None) -> None:
-        """Random bytes for so long: now, or (count above 0) before each of the next answers.
+        """Send random bytes for so long: now, or (count above 0) before each of the next answers.
 
         Raises ValueError outside 0..10 s.
         """
@@ -74,10 +77,10 @@ class ReplyFaults:
             self.stream.look()
 
     def delay(self, seconds: float, id: int | None = None) -> None:
-        """Every answer (of one id) comes that much later, until set to 0; it holds up nobody else's.
+        """Delay every answer (of one id) by so much, until set to 0; other devices' answers are not delayed.
 
-        But for the part of a joint (fast) answer: those behind it wait.
-        Raises ValueError outside 0..10 s, KeyError.
+        Exception: behind a part of a joint (fast) answer the later parts wait. Raises ValueError outside
+        0..10 s, KeyError.
         """
         if not 0.0 <= seconds <= 10.0:
             raise ValueError(f"delay: {seconds} s is outside 0..10 s")
@@ -91,16 +94,16 @@ class ReplyFaults:
         self.look()
 
     def require(self, id: int) -> None:
-        """Somebody has this id. Raises KeyError."""
+        """Check that a device has this id. Raises KeyError."""
         raise NotImplementedError
 
     def look(self) -> None:
-        """Is any answer to be struck, or able to meet another? To be asked after every change."""
+        """Update whether any answer is to be changed, or may meet another. To call after every change."""
         self._orders = {key: value for key, value in self._orders.items() if value[0] > 0}
         self.active = bool(self._orders or self._late or self.stream.colliding)
 
     def clear(self) -> None:
-        """No answer is struck any more."""
+        """Remove all reply faults."""
         self._orders.clear()
         self._late.clear()
         self._wire.lag = 0.0
@@ -109,7 +112,7 @@ class ReplyFaults:
     def speak(
         self, ids: Sequence[int], delays: Sequence[float], pieces: Sequence[bytes], joint: bool
     ) -> None:
-        """Devices answer one after the other, each struck as ordered. Delays in s."""
+        """Send the devices' answers one after the other, each with its faults. Delays in s."""
         wire = self._wire
         at = wire.free_at(float("-inf"))
         for id, delay, piece in zip(ids, delays, pieces, strict=True):
@@ -127,7 +130,7 @@ class ReplyFaults:
         self.look()
 
     def _put(self, end: float, data: bytes, late: float) -> None:
-        """Bytes on the wire: the last of them comes at `end`, s, and `late` after that."""
+        """Put bytes on the wire: the last of them comes `late` s after `end` (s)."""
         end += late + self._wire.lag
         start = end - self._wire.span(len(data))
         if data and not (self.stream.colliding and self._wire.collide(start, data)):
@@ -144,7 +147,7 @@ class ReplyFaults:
         self.look()
 
     def _hit(self, name: str, id: int) -> float | None:
-        """The value of an order for this answer, which it then has had; None: there is none."""
+        """Return the value of an order for this answer and use it up; None: there is none."""
         for key in ((name, id), (name, None)):
             count, value = self._orders.get(key, (0, 0.0))
             if count > 0:
@@ -175,14 +178,14 @@ class ReplyFaults:
         return FaultedReply(before, data, after, late, size is not None)
 
     def _forged(self, id: int, piece: bytes) -> bytes:
-        """A status of its own with a right CRC: of an id that nobody asked, or a byte short."""
+        """Return a separate status with a right CRC: of an id without a request, or a byte short."""
         data = piece[9:-2] if piece.startswith(HEADER) else piece[2:-2]  # of a whole status, of a joint one
         if self.stream.random.random() < 0.5:
             return status(LAST_ID, 0, data)
         return status(id, 0, data[:-1])
 
     def _corrupted(self, piece: bytes, bits: int) -> bytes:
-        """One bit in the middle; several anywhere."""
+        """Return the data with flipped bits: one in the middle, or several anywhere."""
         data = bytearray(piece)
         if bits == 1:
             data[len(data) // 2] ^= 0x10

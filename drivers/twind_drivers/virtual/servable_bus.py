@@ -1,4 +1,4 @@
-"""What serves a virtual bus (a pseudo-terminal, the loopback) needs of it, whatever hangs on its wire."""
+"""Interface of a virtual bus to its servers (a pseudo-terminal, the loopback), for any kind of device."""
 
 from typing import Any, Protocol
 
@@ -6,7 +6,7 @@ from twind_drivers.virtual.reading_history import ReadingHistory
 
 
 class ServableBus(Protocol):
-    """Bytes in, bytes out, as time passes (s, never back); and what is true of its devices."""
+    """Bytes in, bytes out, as time passes (s, never back); and the true state of its devices."""
 
     name: str
     kind: str  # as the robot file has it: `dynamixel2` or `can`
@@ -14,7 +14,7 @@ class ServableBus(Protocol):
 
     @property
     def plugged(self) -> bool:
-        """Is the adapter there?"""
+        """True if the adapter is plugged in."""
 
     @property
     def backlog(self) -> int:
@@ -22,31 +22,31 @@ class ServableBus(Protocol):
 
     @property
     def history(self) -> ReadingHistory | None:
-        """What `record` keeps, in the order of `ids`; None: nothing."""
+        """Values kept by `record`, in the order of `ids`; None: nothing."""
 
     def flush(self) -> None:
-        """Those bytes are never sent."""
+        """Drop the bytes of the backlog: they are never sent."""
 
     def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the host, sent at `now`."""
+        """Take bytes from the host, sent at `now`."""
 
     def due(self) -> float:
-        """Nothing comes before this, s; `inf`: nothing is under way."""
+        """Return the time (s) before which nothing comes; `inf`: nothing is under way."""
 
     def take(self, now: float) -> bytes:
-        """Bytes that have arrived at the host by `now`."""
+        """Return the bytes that have arrived at the host by `now`."""
 
     def advance(self, now: float) -> None:
         """Let time pass without traffic."""
 
     def line(self, baud: int) -> None:
-        """The host's port is set to `baud`."""
+        """Set the host's port to `baud`."""
 
     def ids(self) -> list[int]:
-        """Of the devices, in rows."""
+        """Return the ids of the devices, in the order of rows."""
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """What is true of each device, past the bus."""
+        """Return the true state of each device at `now`, independent of the bus."""
 
     def slip(self, seconds: float) -> None:
-        """Time that the devices did not live; clocks of theirs that go on count it."""
+        """Skip time in which the devices do not run; those of their clocks that go on count it."""

@@ -1,4 +1,4 @@
-"""What is wrong with single servos and their supply, by name."""
+"""Faults of single servos and of their supply, by name."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ class ServoFaults:
         self.hands = ShaftGrip(servos.hinges, servos.power.turn, servos.power.encoder, servos.grip)
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
-        """Pull the connector of one servo or (None) of all: it hears and says nothing, keeps its power.
+        """Pull the connector of one servo or (None) of all: it receives and sends nothing, keeps its power.
 
         `clear` plugs all in. Raises KeyError.
         """
@@ -25,29 +25,32 @@ class ServoFaults:
         self._servos.changed()
 
     def damage(self, id: int, bits: int) -> None:
-        """Hardware error bits (register 70): alert, shutdown by register 63. Raises KeyError, ValueError."""
+        """Set hardware error bits (register 70): alert; shutdown by register 63.
+
+        Raises KeyError, ValueError.
+        """
         if not 0 < bits <= 63:
             raise ValueError(f"damage: bits {bits} are outside 1..63")
         for row in self.rows(id):
             self._servos.damage(row, bits)
 
     def brown_out(self, id: int) -> None:
-        """One servo loses its supply for a moment: a reboot that nobody asked for. Raises KeyError."""
+        """Interrupt the supply of one servo for a moment: an unrequested reboot. Raises KeyError."""
         for row in self.rows(id):
             if self._servos.power.boots_at[row] != NEVER:  # what has no supply cannot lose it
                 self._servos.reboot(row, self._servos.now)
 
     def power(self, on: bool) -> None:
-        """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
+        """Switch the bus supply. Off: no servo answers or holds. On: all boot, RAM and turns are lost."""
         for row in range(len(self._servos.tripped)):
             self._servos.reboot(row, self._servos.now if on else NEVER)
 
     def supply(self, volts: float) -> None:
-        """What feeds the bus, V, sag by load aside: too little, too much, or none. Raises ValueError."""
+        """Set the bus supply, V, sag by load excluded: too little, too much, or none. Raises ValueError."""
         self._servos.supply(volts)
 
     def sag(self, id: int, volts: float) -> None:
-        """A thin cable or a bad connector: so much of the supply (V) does not reach one servo, until 0.
+        """Lower the supply of one servo by so many V, as a thin cable or a bad connector does; 0 ends it.
 
         Raises KeyError, ValueError.
         """
@@ -55,12 +58,12 @@ class ServoFaults:
             self._servos.protection.drop(row, volts)
 
     def heat(self, id: int, celsius: float) -> None:
-        """One servo and its surroundings are that warm from now on. Raises KeyError, ValueError."""
+        """Set the temperature of one servo and its surroundings from now on. Raises KeyError, ValueError."""
         for row in self.rows(id):
             self._servos.protection.heat(row, celsius)
 
     def spike(self, id: int, celsius: float, seconds: float) -> None:
-        """The temperature register shows that for so long, whatever the servo's warmth.
+        """Show this value in the temperature register for so long, whatever the servo's temperature.
 
         Raises KeyError, ValueError outside 0..255 °C and 0..10 s.
         """
@@ -70,12 +73,12 @@ class ServoFaults:
             self._servos.readings.spike(row, celsius, self._servos.now + seconds)
 
     def lock(self, id: int) -> None:
-        """Something holds the shaft: it does not turn, with torque or without. Raises KeyError."""
+        """Lock the shaft: it does not turn, with torque or without. Raises KeyError."""
         for row in self.rows(id):
             self._servos.block(row, True)
 
     def free(self, id: int) -> None:
-        """The shaft turns again. Raises KeyError."""
+        """Unlock the shaft. Raises KeyError."""
         for row in self.rows(id):
             self._servos.block(row, False)
 
@@ -88,20 +91,21 @@ class ServoFaults:
         off: bool = False,
         pose: Mapping[str, float] | None = None,
     ) -> None:
-        """Somebody's hand takes a limp shaft straight there, holds it, and feels stops; `off` lets go of it.
+        """Move a limp shaft by an external force straight to a position and hold it; stops limit it.
 
         `to`: what the present position would show; `rad`: of its joint; `pose`: rad by joint, without an id;
-        `speed` rad/s of the joint. Where torque is on it slips. Raises KeyError, ValueError.
+        `speed` rad/s of the joint; `off` releases it. Where torque is on the force slips. Raises KeyError,
+        ValueError.
         """
         rows = None if id is None else self.rows(id)
         order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
 
     def lay(self, base: str) -> None:
-        """Somebody turns the robot over: its base is held so from now on. Raises KeyError, ValueError."""
+        """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
         self._servos.muscles.lay(base)
 
     def freeze(self, id: int, on: bool = True) -> None:
-        """The present position repeats its value, wherever the shaft goes. Raises KeyError."""
+        """Repeat the present position, wherever the shaft goes. Raises KeyError."""
         for row in self.rows(id):
             self._servos.readings.freeze(row, on)
 
@@ -121,6 +125,6 @@ class ServoFaults:
         return found
 
     def clear(self) -> None:
-        """Every connector is plugged in."""
+        """Plug in every connector."""
         self._servos.silenced[:] = False
         self._servos.changed()

@@ -1,6 +1,6 @@
-"""What turns a virtual servo's shaft: the protocol, in servo units, and the cheapest muscles that keep it.
+"""Motion of a virtual servo's shaft: the protocol, in servo units, and its cheapest implementation.
 
-A servo knows encoder ticks, raw velocity, raw current and raw PWM; it does not know whether a formula or a
+A servo knows encoder ticks, raw velocity, raw current and raw PWM. It does not know whether a formula or a
 physics engine moves it. Ticks here are the bare encoder's, continuous over turns, without homing offset.
 """
 
@@ -23,7 +23,7 @@ FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
 
 @dataclass(frozen=True, slots=True)
 class DriveState:
-    """How the firmware drives m motors, until told otherwise. Arrays (m,), numbers as in the registers."""
+    """Drive of m motors by the firmware, until the next order. Arrays (m,), numbers as in the registers."""
 
     on: Bools  # is torque enabled?
     mode: NDArray[Any]  # operating mode: 0, 1, 3, 4, 5 or 16
@@ -43,7 +43,7 @@ class DriveState:
 class ServoPhysics(Protocol):
     """The motors of the servos of one bus. Arrays are (m,), in the order of the servos.
 
-    The four readings stay true until the next `advance`; nobody but the muscles writes them.
+    The four readings stay true until the next `advance`; only the implementation writes them.
     """
 
     position: Floats  # encoder ticks
@@ -53,25 +53,25 @@ class ServoPhysics(Protocol):
     stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
     def drive(self, drive: DriveState) -> None:
-        """From now on: torque, mode, gains and caps. `aim` must follow where a mode changed."""
+        """Set torque, mode, gains and caps from now on. `aim` must follow where a mode changed."""
 
     def aim(self, goal: Floats) -> None:
-        """From now on: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
+        """Set the goals: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
 
         Ignored where torque is off.
         """
 
     def block(self, held: Bools) -> None:
-        """From now on: shafts that something holds fast; they turn neither with torque nor without."""
+        """Set the shafts that are held fast from now on; they turn neither with torque nor without."""
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """From now on: where hands take limp shafts (encoder ticks) and hold them, NaN: nobody; ticks/s.
+        """Set the places (ticks) where hands take and hold limp shafts; NaN: no hand. Speed: ticks/s.
 
         Where torque is on a hand slips.
         """
 
     def lay(self, base: str) -> None:
-        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+        """Hold the base of the robot in this attitude. Raises KeyError: unknown, ValueError: no body."""
 
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
@@ -141,30 +141,30 @@ class FirstOrderPhysics:
         self._look()
 
     def aim(self, goal: Floats) -> None:
-        """See `Muscles.aim`."""
+        """See `ServoPhysics.aim`."""
         self._goal[:] = goal
 
     def block(self, held: Bools) -> None:
-        """See `Muscles.block`."""
+        """See `ServoPhysics.block`."""
         self._blocked = held.copy()
         self._look()
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """See `Muscles.grip`. A hand goes through everything but a stop and what is held fast."""
+        """See `ServoPhysics.grip`. A hand passes everything but a stop and a shaft that is held fast."""
         self._hand, self._reach = place.copy(), speed.copy()
         self._look()
 
     def lay(self, base: str) -> None:
-        """See `Muscles.lay`."""
+        """See `ServoPhysics.lay`. Always raises ValueError: these joints have no body."""
         raise ValueError("lay: these are joints without load, which no body holds together")
 
     def fence(self, lower: Floats, upper: Floats) -> None:
-        """Mechanical stops (ticks), hard: who pushes against one is jammed there."""
+        """Set mechanical stops (ticks), hard: a shaft that pushes against one is jammed there."""
         self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
         self._look()
 
     def _look(self) -> None:
-        """Who does something else than seek a position?"""
+        """Update which motors do something else than seek a position, and whether any does."""
         self._strong = self._on & (self._speed > 1e-9)
         self._gripped = np.flatnonzero(np.isfinite(self._hand) & ~self._on & ~self._blocked)
         fenced = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
@@ -182,7 +182,7 @@ class FirstOrderPhysics:
             self._seek(dt)
 
     def _seek(self, dt: float) -> None:
-        """Modes 3, 4 and 5."""
+        """Move the motors in modes 3, 4 and 5."""
         error = self._goal - self.position
         cruises = np.count_nonzero(np.abs(error * self._rate) > self._speed)
         left = self._cruise(error, dt) if cruises else error * np.exp(self._rate * -dt)
@@ -197,7 +197,7 @@ class FirstOrderPhysics:
         np.maximum(self.pwm, self._floor, out=self.pwm)
 
     def _cruise(self, error: Floats, dt: float) -> Floats:
-        """What is left of an error: full speed until the decay is no faster, then the decay."""
+        """Return the error left after `dt` s: full speed until the decay is no faster, then the decay."""
         size = np.abs(error)
         cruise = np.maximum(size * self._rate - self._speed, 0.0) / self._slowest  # ticks at full speed
         moved = np.minimum(cruise, self._speed * dt)
@@ -218,7 +218,7 @@ class FirstOrderPhysics:
             self._jam(np.flatnonzero(stuck & self._strong))
 
     def _carry(self, before: Floats, dt: float) -> None:
-        """Limp shafts go straight where a hand takes them."""
+        """Move limp shafts straight to where a hand takes them."""
         at = self._gripped
         if at.size:
             most = self._reach[at] * dt

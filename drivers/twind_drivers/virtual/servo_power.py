@@ -1,4 +1,4 @@
-"""What a servo forgets without power, and the frame that its position registers count in.
+"""Loss of state of a servo without power, and the frame in which its position registers count.
 
 The motor's position is encoder ticks, continuous; the registers show direction * encoder + shift, where
 `shift` is whole turns plus the homing offset. Source: e-manual, "Operating Mode" note, "Homing Offset",
@@ -37,15 +37,15 @@ KEPT_IN_BACKUP = (
 
 
 class FirmwareQuirks(Protocol):
-    """How a servo behaves where sources disagree; see `ServoSpec`."""
+    """Behaviour of a servo where sources disagree; see `ServoSpec`."""
 
     @property
     def forgets_offset(self) -> bool:
-        """Does an offset that counts for nothing fall back to 0?"""
+        """True if a homing offset without effect falls back to 0."""
 
     @property
     def seam_seed(self) -> int | None:
-        """Of the encoder's noise at boot; None: there is none."""
+        """Seed of the encoder's noise at boot; None: there is no noise."""
 
 
 class ServoPower:
@@ -108,7 +108,7 @@ class ServoPower:
         self._ready(row)
 
     def backup(self, row: int) -> Bytes | None:
-        """The table that was kept; None: none was."""
+        """The table that was kept by a backup; None: there is none."""
         return self._backups.get(row)
 
     def _ready(self, row: int) -> None:
@@ -124,7 +124,7 @@ class ServoPower:
     # ------------------------------------------------------------------------------------- modes, frames
 
     def reset_mode(self, row: int) -> None:
-        """What a change of operating mode resets (e-manual, "Operating Mode")."""
+        """Reset the registers that a change of operating mode resets (e-manual, "Operating Mode")."""
         table = self._memory.tables[row]
         for key in MODE_RESETS:
             self._memory.store(row, table[key], factory(table[key], table.number))
@@ -156,7 +156,7 @@ class ServoPower:
         self._frame(row)
 
     def encoder(self, row: int, count: float) -> float:
-        """Where the bare encoder is when the present position shows `count`, as things are now."""
+        """Return the bare encoder's position when the present position shows `count`, as framed now."""
         return float((count - self.shift[row]) * self.direction[row])
 
     def goal_is_present(self, row: int) -> None:

@@ -1,4 +1,4 @@
-"""What is true of virtual servos, past the bus: for tests that judge what a host believes."""
+"""True state of virtual servos, independent of the bus: for tests that judge the host's view of them."""
 
 import math
 from typing import Any
@@ -7,11 +7,11 @@ from twind_drivers.virtual.virtual_servos import VirtualServos
 
 
 def truth(servos: VirtualServos, now: float) -> list[dict[str, Any]]:
-    """One dict per servo, in rows, as of `now` (s, the servos' own clock).
+    """Return one dict per servo, in rows, as of `now` (s, the servos' own clock).
 
-    position and goal in the register's frame (position unrounded), encoder in continuous ticks, velocity raw,
-    torque, watchdog register, tripped; heard_ago s since the last packet it heard; tripped_at s of the last
-    trip and trip_delay s from the packet before it, None: never.
+    position and goal in the register's frame (position unrounded); encoder in continuous ticks; velocity raw;
+    torque, watchdog register, tripped. heard_ago: s since the last packet that it received; tripped_at: s of
+    the last trip; trip_delay: s from the packet before it; None: never.
     """
     position = servos.muscles.position * servos.direction + servos.shift
     return [

@@ -1,4 +1,4 @@
-"""What a receiver makes of a line that two drive at once, or that runs at another rate. Pure: bits.
+"""Bytes that a receiver decodes from a line with two senders at once, or with another rate. Pure: bits.
 
 The line is a row of levels, 1 at rest. A byte is a start bit 0, eight bits with the lowest first, a stop bit
 1 (8N1). Where two senders meet the line is low as soon as one of them pulls it low.
@@ -15,7 +15,7 @@ Levels = NDArray[np.bool_]
 
 
 def clash(sent: Sequence[tuple[float, bytes]], baud: int) -> bytes:
-    """What is heard of several senders, each (start in s, bytes), all at `baud`."""
+    """Return the bytes received from several senders at once, each (start in s, bytes), all at `baud`."""
     first = min(start for start, _ in sent)
     places = [round((start - first) * baud * SAMPLES) for start, _ in sent]
     line = np.ones(max(at + len(data) * BYTE for at, (_, data) in zip(places, sent, strict=True)), np.bool_)
@@ -25,7 +25,7 @@ def clash(sent: Sequence[tuple[float, bytes]], baud: int) -> bytes:
 
 
 def misheard(data: bytes, sent: int, heard: int) -> bytes:
-    """What a receiver at `heard` baud makes of `data` sent at `sent` baud."""
+    """Return the bytes that a receiver at `heard` baud decodes from `data` sent at `sent` baud."""
     bits = _bits(data)
     count = -(-len(bits) * heard * SAMPLES // sent)
     return _decode(bits[np.arange(count) * sent // (heard * SAMPLES)])
@@ -39,7 +39,7 @@ def _bits(data: bytes) -> Levels:
 
 
 def _decode(line: Levels) -> bytes:
-    """The bytes of a line. One without a stop bit reads as 0, as a Linux tty shows it (termios, PARMRK)."""
+    """Return the bytes of a line. One without a stop bit reads as 0, as on a Linux tty (termios, PARMRK)."""
     line = np.concatenate((line, np.ones(2 * BYTE, np.bool_)))
     low, high = np.flatnonzero(~line), np.flatnonzero(line)
     middles = np.arange(10) * SAMPLES + SAMPLES // 2

@@ -84,7 +84,7 @@ class VirtualBus:
 
     @property
     def plugged(self) -> bool:
-        """Is the adapter there?"""
+        """True if the adapter is plugged in."""
         return self.faults.plugged
 
     @property
@@ -94,29 +94,29 @@ class VirtualBus:
 
     @property
     def history(self) -> ReadingHistory | None:
-        """What `record` keeps: ticks, in the order of `ids`."""
+        """Ticks kept by `record`, in the order of `ids`."""
         return self.servos.history
 
     def ids(self) -> list[int]:
-        """Of the servos, in rows."""
+        """Return the ids of the servos, in the order of rows."""
         return [int(id) for id in self.servos.registers.ids()]
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """What is true of each servo at `now`, past the bus: see `virtual.truth`."""
+        """Return the true state of each servo at `now`, independent of the bus: see `virtual.truth`."""
         self.advance(now)
         return truth(self.servos, now)
 
     def slip(self, seconds: float) -> None:
-        """Time that the servos did not live: their clock registers count it all the same."""
+        """Skip time in which the servos do not run; their clock registers count it all the same."""
         self.servos.readings.origin -= seconds
 
     def flush(self) -> None:
-        """Those bytes are never sent."""
+        """Drop the bytes of the backlog: they are never sent."""
         self._stream.held = b""
         self._stream.look()
 
     def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the host, sent at `now`."""
+        """Take bytes from the host, sent at `now`."""
         if self._stream.bent:
             data = self._stream.send(data, now)
         place = 0
@@ -132,11 +132,11 @@ class VirtualBus:
             self._babel()
 
     def due(self) -> float:
-        """When the next answer is complete, s; `inf`: none is under way."""
+        """Return when the next answer is complete, s; `inf`: none is under way."""
         return self._stream.due() if self._stream.bent else self._wire.due()
 
     def take(self, now: float) -> bytes:
-        """Bytes of the servos that have arrived by `now`."""
+        """Return the bytes of the servos that have arrived by `now`."""
         if not self._stream.bent:
             return self._wire.take(now)
         if self._stream.held:
@@ -148,7 +148,7 @@ class VirtualBus:
         self.servos.advance(now)
 
     def line(self, baud: int) -> None:
-        """The host's port is set to `baud`. Raises ValueError for a rate that is none."""
+        """Set the host's port to `baud`. Raises ValueError for an invalid rate."""
         if baud <= 0:
             raise ValueError(f"bus {self.name}: {baud} baud is not a rate")
         if baud != self.servos.baud:
@@ -165,7 +165,7 @@ class VirtualBus:
         return size if size >= 10 and place + size <= len(data) else 0
 
     def _known(self, packet: bytes, at: float) -> bool:
-        """Serve a packet that needs no parsing; False: it is not one of those."""
+        """Serve a packet that needs no parsing; False: the packet is not of that kind."""
         servos = self.servos
         servos.expire(at)
         self._recall()
@@ -189,7 +189,7 @@ class VirtualBus:
         return True
 
     def _recall(self) -> None:
-        """Forget what was worked out before the servos changed."""
+        """Clear values computed before the servos changed."""
         full = max(len(self._groups), len(self._goal_rows)) > REMEMBERED
         if self.servos.epoch == self._epoch and not full:
             return
@@ -292,7 +292,7 @@ class VirtualBus:
         return answer.error | int(self.servos.alert[answer.row])
 
     def _at_once(self, answers: Sequence[ServoStatus]) -> bytes:
-        """One servo's status; of several with one id that talk at once, what is heard of all of them.
+        """Return one servo's status; for several with one id that send at once, the bytes received.
 
         Each begins after its own return delay, so they may overlap in part or not at all.
         """
@@ -303,9 +303,9 @@ class VirtualBus:
         return clash(list(zip(delays, packets, strict=True)), self._wire.baud)
 
     def _chain(self, crowds: Sequence[Sequence[ServoStatus]], promised: int) -> list[bytes]:
-        """What each link of a joint (fast) answer puts on the wire; those with one id talk at the same time.
+        """Return the bytes of each link of a joint (fast) answer; links with one id send at the same time.
 
-        Everybody's CRC is over what was heard before, garbage of a collision included.
+        Every CRC is over the bytes received before, garbage of a collision included.
         """
         heard, pieces = b"", []
         for crowd in crowds:
@@ -325,7 +325,7 @@ class VirtualBus:
         return block + crc16(heard + block).to_bytes(2, "little")
 
     def _babel(self) -> None:
-        """Servos at another rate answer "unknown instruction" at theirs, which the host hears at its own."""
+        """Send "unknown instruction" from servos at another rate; the host receives it at its own."""
         servos, here = self.servos, self._wire.baud
         for row, index in enumerate(servos["baud_rate"]):
             there = BAUDS[min(int(index), len(BAUDS) - 1)]

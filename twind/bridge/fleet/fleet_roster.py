@@ -1,6 +1,6 @@
-"""Who is known, what each said last, and how long ago that was. Pure: `now` is given, monotonic seconds.
+"""Known robots, the last status of each, and its age. Pure: `now` is given, monotonic seconds.
 
-Whoever was known stays: one that is gone is lost, not forgotten.
+A robot once known stays in the roster: when it is gone it is marked as lost, not removed.
 """
 
 import threading
@@ -16,7 +16,7 @@ UPLINK = "uplink"  # where a robot is that is reached over Zenoh; others: the fo
 
 @dataclass(frozen=True, slots=True)
 class RobotRecord:
-    """One robot as it is known. What was never told is None."""
+    """One robot as it is known. A value never received is None."""
 
     name: str
     where: str = ""  # UPLINK, or the folder of its sockets; empty: nowhere yet
@@ -29,7 +29,7 @@ class RobotRecord:
     odd: str = ""  # why what it says now cannot be understood; empty: it can
 
     def age(self, now: float) -> float | None:
-        """s since it said anything."""
+        """Return the s since its last status; None: none was received."""
         return None if self.told_at is None else now - self.told_at
 
 
@@ -55,27 +55,30 @@ class _JointReport(msgspec.Struct):
 
 
 class _StatusReply(msgspec.Struct):
-    """What a list shows of GetStatus with joints. Fields more, of a newer robot, are none of ours."""
+    """The fields of GetStatus with joints that a list shows. Other fields, of a newer robot, are ignored."""
 
     status: _Status
     joints: list[_JointReport]
 
 
 class FleetRoster:
-    """All of them. Filled by several threads, looked at by another."""
+    """Roster of all robots. Filled by several threads, read by another."""
 
     def __init__(self, wanted: Sequence[str] = ()) -> None:
-        """`wanted`: robots that are lost until they are there; empty: whoever is there."""
+        """`wanted`: robots that are lost until they are there; empty: every robot that is there."""
         self._lock = threading.Lock()
         self._wanted = tuple(wanted)
         self._robots: dict[tuple[str, str], RobotRecord] = {}
 
     def there(self, name: str, where: str) -> bool:
-        """It can be reached; what it says is not known yet. False: it is left out, as MOST are known."""
+        """Record that the robot can be reached; its status is not known yet.
+
+        False: it is left out, as MOST are known.
+        """
         return self._keep(name, where, lost="")
 
     def told(self, name: str, where: str, answer: object, now: float, way: float) -> None:
-        """An answer of GetStatus with joints; where it is none, that is what is known of it."""
+        """Record an answer of GetStatus with joints; an answer of another form is recorded as `odd`."""
         try:
             said = msgspec.convert(answer, _StatusReply)
         except msgspec.ValidationError as error:
@@ -88,15 +91,15 @@ class FleetRoster:
         )
 
     def odd(self, name: str, where: str, why: str) -> None:
-        """It answers, and nobody understands what. What it said last stays, and gets old."""
+        """Record an answer that cannot be decoded. The last status stays, and ages."""
         self._keep(name, where, odd=why)
 
     def lost(self, name: str, where: str, why: str) -> None:
-        """It says nothing any more. What it said last stays."""
+        """Record that the robot no longer answers. The last status stays."""
         self._keep(name, where, lost=why)
 
     def robots(self) -> list[RobotRecord]:
-        """Those that are wanted, by name, that of this machine first; one that was never there is lost."""
+        """Return the wanted robots by name, that of this machine first; one that was never there is lost."""
         with self._lock:
             found = [each for each in self._robots.values() if not self._wanted or each.name in self._wanted]
         missing = set(self._wanted) - {each.name for each in found}
@@ -104,11 +107,11 @@ class FleetRoster:
         return sorted(found, key=lambda each: (each.name, each.where == UPLINK, each.where))
 
     def waiting(self) -> bool:
-        """Somebody is there of whom nothing is known yet."""
+        """Return True if a robot is there of which no status is known yet."""
         return any(each.told_at is None and not (each.lost or each.odd) for each in self.robots())
 
     def _keep(self, name: str, where: str, **known: Any) -> bool:
-        """What is known of it now, beside what was. False: it is left out."""
+        """Update the record of a robot with `known`, keeping its other fields. False: it is left out."""
         with self._lock:
             before = self._robots.get((name, where))
             if before is None and len(self._robots) >= MOST:

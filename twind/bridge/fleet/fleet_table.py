@@ -13,7 +13,7 @@ _RIGHT = ("joints", "latency", "age")
 
 
 def rows(robots: Sequence[RobotRecord], now: float, width: int) -> list[Line]:
-    """A head and a line each, at most `width` wide; below them what is wrong with whom."""
+    """Return a head and a line per robot, at most `width` wide; below them the faults by robot."""
     cells = [[(name, "title") for name in COLUMNS], *(_cells(each, now) for each in robots)]
     widths = [max(wide(row[place][0]) for row in cells) for place in range(len(COLUMNS))]
     table = [cut(_row(row, widths), width) for row in cells]
@@ -26,7 +26,10 @@ def _wrong(robot: RobotRecord) -> str:
 
 
 def told(robot: RobotRecord, now: float) -> dict[str, Any]:
-    """The same as JSON. `age_s`: since it said this; null: never yet. `odd`: why its answer is none."""
+    """Return the same as JSON.
+
+    `age_s`: s since the status was received; null: never yet. `odd`: why the robot's answer is invalid.
+    """
     status = robot.status or {}
     age = robot.age(now)
     return {
@@ -71,14 +74,14 @@ def _cells(robot: RobotRecord, now: float) -> list[Span]:
 
 
 def _joints(robot: RobotRecord) -> Span:
-    """Of how many it hears; in sim nobody is to be heard."""
+    """Return answering joints of all ("11/12") and its style; "-" in sim, where no device answers."""
     if robot.heard is None or (robot.status or {}).get("mode") == "sim":
         return "-", ""
     return f"{robot.heard}/{robot.joints}", "" if robot.heard == robot.joints else "warn"
 
 
 def _faults(robot: RobotRecord) -> Span:
-    """The first, and how many more."""
+    """Return the first fault, and the number of further ones."""
     codes = list(dict.fromkeys(fault["code"] for fault in (robot.status or {}).get("faults") or ()))
     if not codes:
         return "-", ""

@@ -19,7 +19,7 @@ NAME_IT = f"the network is named by --remote ROBOT@tcp/HOST:PORT or {VARIABLE}"
 
 
 def joining(place: NetworkConfig) -> float:
-    """s that joining it may take: where nobody answers on this machine, nobody will."""
+    """Return the s that joining the network may take; less where every router would be on this machine."""
     beside = place.connect and all(here(each) for each in place.connect)
     return BESIDE if beside else JOINING
 
@@ -36,30 +36,30 @@ class PrivateSession:
         return str(self.place)
 
     def enter(self, patience: float) -> zenoh.Session:
-        """Joins it. Raises NoDaemon."""
+        """Join the network. Raises NoDaemon."""
         try:
             return open_now(self.place, min(patience, joining(self.place)))
         except ClientError as error:
             raise NoDaemon(f"{error}; {NAME_IT}") from None
 
     def leave(self, session: zenoh.Session) -> None:
-        """Ends it."""
+        """Close the session."""
         leave(session)
 
 
 @dataclass(frozen=True, slots=True)
 class SharedSession:
-    """A session that many lines use, each with a queue of its own; who opened it ends it."""
+    """A session that many lines use, each with a queue of its own; its opener closes it."""
 
     session: zenoh.Session
     where: str
 
     def enter(self, patience: float) -> zenoh.Session:
-        """The one."""
+        """Return the shared session."""
         return self.session
 
     def leave(self, session: zenoh.Session) -> None:
-        """Others use it."""
+        """Do nothing: other lines use the session."""
 
 
 def client(robot: str, way: PrivateSession | SharedSession, timeout: float = TIMEOUT) -> Client:
@@ -75,7 +75,7 @@ def client(robot: str, way: PrivateSession | SharedSession, timeout: float = TIM
 
 
 def remote(text: str) -> Client:
-    """Of `ROBOT` or `ROBOT@tcp/HOST:PORT`. Raises UsageError, as where Zenoh is missing."""
+    """Return the client of `ROBOT` or `ROBOT@tcp/HOST:PORT`. Raises UsageError, also without Zenoh."""
     robot, at, place = text.partition("@")
     if at and not place:
         raise UsageError(f"--remote {text}: expected ROBOT or ROBOT@tcp/HOST:PORT")

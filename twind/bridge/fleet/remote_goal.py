@@ -1,4 +1,4 @@
-"""One trajectory sent from afar: asked for once, then followed; where nothing is told, asked after."""
+"""One trajectory sent to a remote robot: submitted once, then followed; queried where no report comes."""
 
 import json
 import threading
@@ -20,7 +20,7 @@ EARLY = 32  # reports that may come before the answer to the goal
 
 
 class RemoteGoal:
-    """Its answers go into the inbox as those of SubmitTrajectory with `more` do."""
+    """One goal under way. Its answers go into the inbox in the form of SubmitTrajectory with `more`."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class RemoteGoal:
         inbox: ReplyQueue,
         now: float,
     ) -> None:
-        """Sends it. `path`: a Trajectory; `now`: s, monotonic."""
+        """Send the goal. `path`: a Trajectory; `now`: s, monotonic."""
         self._reach, self._hold, self._inbox = reach, hold, inbox
         self._lock = threading.Lock()
         self.over = self._closed = False
@@ -48,13 +48,13 @@ class RemoteGoal:
         self._ask(whole, JUDGED)
 
     def close(self) -> None:
-        """Hear no more of it. May be called twice."""
+        """Stop receiving reports of the goal. May be called twice."""
         if not self._closed:
             self._closed = True
             self._told.undeclare()
 
     def tend(self, now: float) -> float:
-        """Renew the lease, ask after a goal of which nothing is heard; s until it is to be done again."""
+        """Renew the lease and query a goal of which no report comes; return the s until the next call."""
         if self._heard:
             self._heard, self._alive, self._asked = False, now, max(self._asked, now)
         self._alive = max(self._alive, self._hold.confirmed)
@@ -68,7 +68,7 @@ class RemoteGoal:
         return min(self._hold.tend(now), QUIET)
 
     def _ask(self, what: Mapping[str, Any], patience: float) -> None:
-        """One at a time: while the gate thinks, repeats would fill the robot's queue of goals."""
+        """Send one query at a time: while the gate judges, repeats would fill the robot's queue of goals."""
         self._open = True
         self._reach.ask(("goal",), what, patience, self._answer, self._unheard)
 
@@ -76,7 +76,7 @@ class RemoteGoal:
         self._open = False
 
     def _answer(self, message: bytes) -> None:
-        """Of the gate, or of the uplink that was asked again."""
+        """Process an answer of the gate to the goal, or of the uplink to a repeated query."""
         self._open = False
         told = _parameters(message)
         with self._lock:
@@ -93,7 +93,7 @@ class RemoteGoal:
                 self._tell(told)
 
     def _ends(self, error: bytes) -> bool:
-        """Of what was accepted only a refusal is the end."""
+        """True if this error ends the goal: of an accepted goal "Refused" alone, else all but "Busy"."""
         name = error_name(error)
         return name == "Refused" if self._answered else name != "Busy"
 
@@ -111,7 +111,7 @@ class RemoteGoal:
                 self._early.append(told)
 
     def _tell(self, told: dict[str, Any]) -> None:
-        """Once each: what is answered and what is told overlap."""
+        """Put a report into the inbox once: answers to queries and published reports overlap."""
         if self.over or told == self._last or (told["phase"] == "accepted" and self._last):
             return
         self._last = told
@@ -129,7 +129,7 @@ class RemoteGoal:
 
 
 def _parameters(message: bytes) -> dict[str, Any] | None:
-    """What is told of a goal; None: an error, or no message."""
+    """Return the reported state of a goal from a message; None: an error, or no valid message."""
     try:
         told: dict[str, Any] = json.loads(message)["parameters"]
         told.setdefault("progress", 0.0)

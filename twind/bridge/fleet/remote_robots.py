@@ -1,4 +1,4 @@
-"""The robots that one session of Zenoh reaches: found by their tokens, all asked by one question."""
+"""Robots that one Zenoh session reaches: found by their liveliness tokens, all queried at once."""
 
 import time
 from collections.abc import Callable
@@ -16,10 +16,13 @@ GONE = "its uplink ended, or the way to it is lost"
 
 
 class RemoteRobotPoller:
-    """Keeps the roll: who comes and goes by itself, what they say whenever it is told to ask."""
+    """Keeps the roster: arrivals and departures by themselves, status on each call of `ask`."""
 
     def __init__(self, roll: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
-        """Of the session, which whoever opened it ends. `tell`: who is left out, each reason once."""
+        """Watch the tokens of a session, which stays owned by its opener.
+
+        `tell`: receives the robots that are left out, each reason once.
+        """
         self._roll, self._session, self._tell = roll, session, tell
         self._left_out: set[str] = set()
         self._tokens = session.liveliness().declare_subscriber(
@@ -27,11 +30,11 @@ class RemoteRobotPoller:
         )
 
     def close(self) -> None:
-        """Hear no more of them."""
+        """Stop watching the tokens."""
         self._tokens.undeclare()
 
     def ask(self) -> None:
-        """Everybody, by one question. Returns at once."""
+        """Query all robots at once. Returns at once."""
         begun = time.monotonic()
         self._session.get(
             QUESTION,
@@ -52,7 +55,7 @@ class RemoteRobotPoller:
             self._leave_out("many", f"more than {MOST} robots: the others are left out")
 
     def _answered(self, reply: zenoh.Reply, begun: float) -> None:
-        """What cannot be understood is said in its robot's row."""
+        """Record an answer; one that cannot be decoded is reported in its robot's row."""
         name = None if reply.ok is None else self._name(reply.ok.key_expr)
         if reply.ok is None or name is None:
             return

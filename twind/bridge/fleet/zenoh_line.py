@@ -1,7 +1,7 @@
-"""A robot from afar behind an ordinary `twind.client.Client`: each call becomes a question over Zenoh.
+"""A remote robot behind an ordinary `twind.client.Client`: each call becomes a query over Zenoh.
 
-What no uplink carries is refused here, before anything is sent: whoever arms, or changes the mode, stands
-beside the robot.
+Calls that no uplink carries are refused here, before anything is sent: arming and changing the mode require
+presence beside the robot.
 """
 
 import getpass
@@ -33,22 +33,24 @@ Parameters = Mapping[str, Any]
 
 
 class SessionProvider(Protocol):
-    """Where sessions come from: one of its own for each line, or one that many share."""
+    """Source of sessions: one of its own for each line, or one that many share."""
 
     @property
     def where(self) -> str:
-        """Which network, for people."""
+        """Name of the network, for display."""
 
     def enter(self, patience: float) -> zenoh.Session:
-        """Raises ClientError: the network cannot be joined."""
+        """Return a session. Raises ClientError: the network cannot be joined."""
 
     def leave(self, session: zenoh.Session) -> None:
-        """It is needed no more."""
+        """Release a session that is needed no more."""
 
 
 class ZenohClientLine:
-    """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space. Raises ValueError: it is
-    none."""
+    """A `twind.client.client_line.ClientLine` to `robot`, its name in the key space.
+
+    Raises ValueError: not a valid name.
+    """
 
     def __init__(self, robot: str, way: SessionProvider) -> None:
         robot_key(robot)
@@ -63,11 +65,11 @@ class ZenohClientLine:
 
     @property
     def is_open(self) -> bool:
-        """The network is joined, and nobody has hung up since."""
+        """True while the network is joined and the line is not closed."""
         return self._reach is not None
 
     def open(self, patience: float) -> None:
-        """Join the network. Raises NoDaemon. Whether the robot is there the first question tells."""
+        """Join the network. Raises NoDaemon. The first query shows whether the robot is there."""
         if self._reach is not None:
             return
         reach = RemoteRobotEndpoint(self._way.enter(patience), self._robot)
@@ -81,7 +83,7 @@ class ZenohClientLine:
         self._reach = reach
 
     def close(self) -> None:
-        """Hang up. A lease is given back, else it lapses: what moves under it ends in a hold."""
+        """Close the line. A lease is given back, else it lapses: motion under it ends in a hold."""
         if self._reach is None:
             return
         reach, self._reach = self._reach, None
@@ -93,7 +95,7 @@ class ZenohClientLine:
         self._forget(reach)
 
     def cut(self) -> None:
-        """Nothing comes any more, for whoever waits in another thread."""
+        """End the wait for messages in another thread: nothing comes any more."""
         self._inbox.end(f"{self.where}: hung up")
 
     def _forget(self, reach: RemoteRobotEndpoint) -> None:
@@ -107,7 +109,10 @@ class ZenohClientLine:
     # ------------------------------------------------------------------------------------------ messages
 
     def send(self, message: bytes, patience: float) -> None:
-        """Ask. Raises NotCarried; NoDaemon: the robot is not there. A stop waits for no robot to be seen."""
+        """Send a query. Raises NotCarried; NoDaemon: the robot is not there.
+
+        A stop is sent without waiting for the robot to be seen.
+        """
         assert self._reach is not None
         call = json.loads(message)
         method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
@@ -131,11 +136,11 @@ class ZenohClientLine:
         raise TimeoutError
 
     def waiting(self) -> list[bytes]:
-        """What has come already."""
+        """Return the messages that have come already."""
         return self._inbox.rest()
 
     def _tend(self) -> float:
-        """What is under way lives as long as somebody here waits for its answers; s until the next look."""
+        """Tend the call under way, alive only while a caller waits here; return s until the next time."""
         errand = self._errand
         return IDLE if errand is None or errand.over else errand.tend(time.monotonic())
 
@@ -148,7 +153,7 @@ class ZenohClientLine:
     # ------------------------------------------------------------------------------------------ calls
 
     def _carrier(self, method: str, more: bool) -> Callable[[Parameters, float], None]:
-        """How a call is made. Raises NotCarried."""
+        """Return the function that makes a call. Raises NotCarried."""
         if method in ASKED:
             return partial(self._ask, ("ask", method))
         if method == "Check":

@@ -1,6 +1,7 @@
-"""A goal of FollowJointTrajectory as the daemon takes it, and what became of it as its client reads it.
+"""A goal of FollowJointTrajectory in the daemon's form, and its outcome in the form of its client.
 
-Pure: goals are whatever has the fields of control_msgs/action/FollowJointTrajectory. Standard library, 3.10.
+Pure: a goal is any object with the fields of control_msgs/action/FollowJointTrajectory. Standard library,
+3.10.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ State = Mapping[str, Any]  # an answer of Monitor, topic `state`
 
 
 def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
-    """Code and words of a goal's last word. `asked`: its own client cancelled it."""
+    """Return code and text of a goal's last report. `asked`: its own client cancelled it."""
     findings: Sequence[Mapping[str, Any]] = last.get("findings") or ()
     words = "; ".join(f"{each['code']}: {each['message']}" for each in findings)
     words = words or str(last.get("message") or "")
@@ -43,7 +44,7 @@ def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
 
 
 def unserved(goal: Any) -> str:
-    """What a goal has of joints that turn about more than one axis; newer types have fields for it."""
+    """Return the names of a goal's fields in use for joints with several axes, which newer types have."""
     multi = getattr(goal, "multi_dof_trajectory", None)
     parts = {
         "multi_dof_trajectory": multi is not None and (multi.joint_names or multi.points),
@@ -54,7 +55,7 @@ def unserved(goal: Any) -> str:
 
 
 def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]:
-    """JointTolerances of a goal as the daemon takes them: 0 keeps the default, -1 looks at nothing."""
+    """Return the JointTolerances of a goal in the daemon's form: 0 keeps the default, -1 checks nothing."""
     rows: dict[str, dict[str, Any]] = {}
     for key, given in (("path", path), ("goal", goal)):
         for each in given:
@@ -63,7 +64,7 @@ def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]
 
 
 def as_bytes(trajectory: Any) -> bytes:
-    """CDR of a JointTrajectory object. rclpy leaves up to 12 bytes of junk behind its own, measured."""
+    """Return the CDR of a JointTrajectory. rclpy leaves up to 12 bytes of junk behind its own, measured."""
     return encode(
         JOINT_TRAJECTORY,
         {
@@ -83,12 +84,12 @@ def _time(time: Any) -> dict[str, int]:
 
 
 def seconds(duration: Any) -> float:
-    """Of a builtin_interfaces Duration."""
+    """Return a builtin_interfaces Duration in s."""
     return float(duration.sec) + float(duration.nanosec) / 1e9
 
 
 def places(state: State, names: Sequence[str]) -> tuple[list[float], list[float], list[float]] | None:
-    """Desired, actual and their difference in rad, of these joints; None: one of them is not known."""
+    """Return desired, actual and difference in rad, of these joints; None: one of them is not known."""
     joints = {joint["name"]: joint for joint in state["joints"]}
     moved = "position" if state.get("mode") == "live" else "simulated"
     rows = [(joints.get(name, {}).get("goal"), joints.get(name, {}).get(moved)) for name in names]

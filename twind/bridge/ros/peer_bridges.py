@@ -1,7 +1,7 @@
 """Other bridges that take commands in the same graph: one message would move two robots. Library, 3.10.
 
-Each bridge reads the topic /bridge/status that all of them write. Nothing is asked, and no graph is looked
-through, so it is the same on every back end.
+Each bridge reads the topic /bridge/status that all of them write. No query is sent and the graph is not
+inspected, so it is the same on every back end.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LONGEST = 1 << 20  # bytes of a status
 
 
 class PeerBridges:
-    """Any thread may call anything. `id` is ours, as `bridge.id` of our own status."""
+    """Any thread may call any method. `id`: that of this bridge, as `bridge.id` in its own status."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         """`now`: s, monotonic."""
@@ -29,7 +29,7 @@ class PeerBridges:
         self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, and when heard
 
     def heard(self, data: bytes) -> None:
-        """A String of /bridge/status, of whomever. What is none is nobody."""
+        """Take a String of /bridge/status from any bridge. An invalid one is ignored."""
         try:
             said = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
             bridge = said["bridge"]
@@ -45,7 +45,7 @@ class PeerBridges:
                 self._others[name] = robot, self._now()
 
     def wrong(self) -> str:
-        """Who else takes commands here, and what to do; "": nobody."""
+        """Return which other bridges take commands here, and the remedy; "": none."""
         since = self._now() - SILENT
         with self._lock:
             known = [f"{robot} (bridge {name})" for name, (robot, at) in self._others.items() if at > since]

@@ -1,8 +1,8 @@
 """The action FollowJointTrajectory, under rclpy: a goal is a command like any other, with an answer.
 
-It goes the way of `/cmd/joint_trajectory`: same lease, same gate, and the newer of both replaces the other.
-A goal is accepted in order to be judged; one that the gate refuses is aborted with the reasons in
-`error_string`, since ROS gives a rejection no words. Standard library and rclpy; Python 3.10.
+It takes the path of `/cmd/joint_trajectory`: same lease, same gate, and the newer of both replaces the other.
+A goal is accepted in order to be judged. One that the gate refuses is aborted with the reasons in
+`error_string`, since a ROS rejection has no text. Standard library and rclpy; Python 3.10.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PATIENCE = 1.0  # s for a word of the daemon
 
 
 class GoalConsumer(Protocol):
-    """Who takes trajectories: `Orders.goal`."""
+    """Receiver of trajectories: `TrajectoryDispatcher.goal`."""
 
     def __call__(
         self,
@@ -52,7 +52,10 @@ class GoalConsumer(Protocol):
         goal_time: float | None = None,
         tolerances: list[dict[str, Any]] | None = None,
     ) -> Callable[[], None]:
-        """CDR of a JointTrajectory. `told` hears phase, findings, message to its end; the answer cancels."""
+        """Submit the CDR of a JointTrajectory; return a function that cancels it.
+
+        `told` receives phase, findings and message until the goal ends.
+        """
 
 
 class TrajectoryActionServer:
@@ -78,7 +81,7 @@ class TrajectoryActionServer:
     def offered(
         cls, node: Any, goals: GoalConsumer, sockets: str | None, tell: Callable[[str], None]
     ) -> TrajectoryActionServer | None:
-        """Where the distribution has the action's type; else it is said what is missing."""
+        """Create the server where the distribution has the action's type; else report what is missing."""
         package, folder, name = KIND.split("/")
         try:
             kind = getattr(importlib.import_module(f"{package}.{folder}"), name)
@@ -88,11 +91,11 @@ class TrajectoryActionServer:
         return cls(node, kind, goals, sockets)
 
     def close(self) -> None:
-        """Goals that run are withdrawn, since nobody could cancel them any more."""
+        """Withdraw the goals that run, since no client could cancel them any more."""
         self._closed = True
 
     def destroy(self) -> None:
-        """After `close`, when no callback runs any more."""
+        """Destroy the server. Call after `close`, when no callback runs any more."""
         self._server.destroy()
 
     def _asked(self, _: Any) -> Any:
@@ -104,7 +107,7 @@ class TrajectoryActionServer:
         handle.execute()
 
     def _execute(self, handle: Any) -> Any:
-        """In a thread of the executor, to the goal's end."""
+        """Run one goal to its end, in a thread of the executor."""
         try:
             return self._ended(handle, self._followed(handle))
         finally:
@@ -152,7 +155,7 @@ class TrajectoryActionServer:
             handle.publish_feedback(message)
 
     def _ended(self, handle: Any, last: Said) -> Any:
-        """The result, and the state that goes with it."""
+        """Return the result, and set the state that goes with it."""
         result = self._kind.Result()
         result.error_code, result.error_string = outcome(last, asked=handle.is_cancel_requested)
         if result.error_code == SUCCESSFUL and last["phase"] == "succeeded":

@@ -1,8 +1,8 @@
 """Becomes the rclpy back end: finds the interpreter that rclpy was made for, and runs `rclpy_main` under it.
 
-rclpy is compiled for one Python, that of its distribution, and twind runs under another as a rule. So
-the process is replaced by that interpreter, with the distribution's environment, and of this installation
-it sees the package `twind` alone: never our site-packages, whose numpy is another's. Standard library, 3.10.
+rclpy is compiled for one Python, that of its distribution, and twind runs under another as a rule. So the
+process is replaced by that interpreter, with the distribution's environment. Of this installation it sees the
+package `twind` alone: never its site-packages, whose numpy is for another Python. Standard library, 3.10.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ os._exit(code)
 
 @dataclass(frozen=True, slots=True)
 class RosDistribution:
-    """Whose rclpy it is: an interpreter, and the environment that it needs."""
+    """An installed rclpy: its interpreter, and the environment that it needs."""
 
     python: str
     environment: Mapping[str, str]
@@ -74,7 +74,7 @@ def launch(options: argparse.Namespace, tell: Callable[[str], None], stop: objec
 
 
 def command(python: str, options: argparse.Namespace) -> list[str]:
-    """The words of the process that this one becomes."""
+    """Return the command line of the process that replaces this one."""
     words = begin(python)
     for name in ("socket", "rate", "domain"):
         value = getattr(options, name)
@@ -83,12 +83,12 @@ def command(python: str, options: argparse.Namespace) -> list[str]:
 
 
 def begin(python: str) -> list[str]:
-    """Command that runs `rclpy_main` under the interpreter `python`."""
+    """Return the command that runs `rclpy_main` under the interpreter `python`."""
     return [python, "-c", BEGIN, str(Path(__file__).resolve().parents[2])]
 
 
 def fault(found: RosDistribution) -> str:
-    """Reason why the back end does not load there, "" if it loads. Starts that interpreter once."""
+    """Return why the back end does not load there, "" if it loads. Starts that interpreter once."""
     try:
         done = subprocess.run(
             [*begin(found.python), "--check"],
@@ -107,7 +107,7 @@ def fault(found: RosDistribution) -> str:
 
 
 def distribution(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> RosDistribution:
-    """What `installed` finds. Raises UsageError: no rclpy, or several."""
+    """Return the result of `installed`. Raises UsageError: no rclpy, or several."""
     found = installed(environment, wanted, root)
     if found is None:
         remedy = "install one, or take --backend zenoh, which needs none, or dds, which only publishes"

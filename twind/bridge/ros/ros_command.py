@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Bridge until told to stop; 0. A graph that the settings cannot name: 2."""
+    """Run the bridge until it is stopped, then return 0; 2 for a graph that the settings cannot name."""
     from twind.bridge.ros.discovery import DiscoveryError, discovery
     from twind.bridge.ros.ros_transport import TransportError
 
@@ -128,7 +128,10 @@ def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
 
 
 def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: str = "") -> str:
-    """What is begun, and who may do what by it. `refuses`: why the back end takes no commands."""
+    """Return one line: back end, domain and reach of the bridge, and which hosts may command the robot.
+
+    `refuses`: why the back end takes no commands.
+    """
     from twind.bridge.ros.ros_service_calls import denied
     from twind.client import Client
 
@@ -147,6 +150,6 @@ def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: st
 
 
 def tell(line: str) -> None:
-    """One line for whoever reads standard error."""
+    """Print one line on standard error."""
     with suppress(OSError):  # nobody reads it any more: what it tells of goes on
         print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)

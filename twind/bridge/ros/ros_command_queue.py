@@ -1,7 +1,7 @@
-"""Commands from ROS that wait for the daemon: bounded, whatever comes. Standard library, Python 3.10.
+"""Commands from ROS that wait for the daemon: bounded under any load. Standard library, Python 3.10.
 
-Of those for the same joints that begin at once the newest goes first, and where it is accepted the older ones
-go: the daemon would follow it alone. Where it is refused they are as good as before.
+Of commands for the same joints that begin at once the newest goes first. Where it is accepted the older ones
+are dropped: the daemon would follow it alone. Where it is refused they stay as good as before.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Told = Callable[[Mapping[str, Any]], None]
 
 @dataclass(eq=False, slots=True)
 class RosCommand:
-    """One trajectory that was asked for."""
+    """One trajectory requested over ROS."""
 
     data: bytes  # CDR of a JointTrajectory; none once it was read
     head: CommandHeader | None  # None: malformed
@@ -37,7 +37,7 @@ class RosCommand:
 
 
 class RosCommandQueue:
-    """`put` and `wake` may be called from any thread and return at once; all else by one."""
+    """`put` and `wake` may be called from any thread and return at once; all else by one thread."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -49,7 +49,7 @@ class RosCommandQueue:
         self._last = CommandHeader()
 
     def put(self, command: RosCommand) -> list[RosCommand]:
-        """It waits now. Answers whom it leaves no room though somebody waits to hear of them."""
+        """Queue a command. Return the commands dropped for lack of room whose senders wait for a report."""
         with self._changed:
             self._count += 1
             command.number = self._count
@@ -61,18 +61,21 @@ class RosCommandQueue:
         return [each for each in over if each.told is not None]
 
     def accepted(self, command: RosCommand) -> None:
-        """What is void by it goes."""
+        """Drop the waiting commands that `command`, now accepted, makes void."""
         with self._changed:
             self._drop([each for each in self._waiting if _voids(command, each)])
 
     def wake(self) -> None:
-        """`take` returns."""
+        """Let `take` return."""
         with self._changed:
             self._woken = True
             self._changed.notify()
 
     def take(self, patience: float) -> RosCommand | None:
-        """The oldest, or what would make that void, when it is time; None after `patience` s, or woken."""
+        """Return the oldest command, or one that would make it void, when it is time.
+
+        None after `patience` s, or when woken.
+        """
         with self._changed:
             early = self._next - self._now()
             if early > 0.0:
@@ -92,7 +95,7 @@ class RosCommandQueue:
         return command
 
     def dropped(self) -> tuple[int, CommandHeader] | None:
-        """How many went since this was last asked, and which was the last; None: nothing to tell now."""
+        """Return count and last of the commands dropped since the last report; None: no report now."""
         now = self._now()
         with self._changed:
             if not self._dropped or now < self._tell_at:
@@ -101,14 +104,14 @@ class RosCommandQueue:
             return count, self._last
 
     def _drop(self, commands: Sequence[RosCommand]) -> None:
-        """The caller holds the lock."""
+        """Drop these commands. The caller holds the lock."""
         for gone in commands:
             self._waiting.remove(gone)
             self._dropped, self._last = self._dropped + 1, gone.head or CommandHeader()
 
 
 def _voids(newer: RosCommand, older: RosCommand) -> bool:
-    """Whoever follows the newer one has nothing left of the older."""
+    """Return True if following the newer command leaves nothing of the older."""
     new, old = newer.head, older.head
     if new is None or old is None or older.told is not None or newer.number <= older.number:
         return False

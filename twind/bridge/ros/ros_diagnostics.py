@@ -1,4 +1,4 @@
-"""How the robot and the daemon are: status, latencies, diagnostics. Pure; standard library, Python 3.10."""
+"""State of the robot and the daemon: status, latencies, diagnostics. Pure; standard library, 3.10."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Said = Mapping[str, Any]
 
 
 def words(said: Any) -> bytes:
-    """A String whose text is JSON."""
+    """Return a String whose text is JSON."""
     return encode(STRING, {"data": json.dumps(said, ensure_ascii=False)})
 
 
@@ -91,7 +91,7 @@ class Diagnostics:
         return _row(f"bus {bus['name']}", bus["port"], level, message, {key: bus[key] for key in keys})
 
     def _grew(self, name: str, count: int) -> int:
-        """By how much, since the last message; a smaller count is a daemon that began anew."""
+        """Return the growth since the last message; a smaller count means that the daemon was restarted."""
         before = self._before.get(name, count)
         self._before[name] = count
         return max(0, count - before)
@@ -131,7 +131,7 @@ def _row(name: str, hardware: str, level: int, message: str, values: Said) -> di
 
 
 def _texts(values: Said) -> Iterator[tuple[str, str]]:
-    """What is not known is said so, never as a zero."""
+    """Yield each key with its value as text; an unknown value is "unknown", never a zero."""
     for key, value in values.items():
         if value is None:
             yield key, "unknown"

@@ -1,8 +1,8 @@
 """A JointTrajectory of ROS as a trajectory of the daemon. Pure; standard library, Python 3.10.
 
-The gate judges it like any other. Here stands what only ROS has: stamps of the wall clock, efforts, NaN, and
-sizes that a message of the socket may not have. Stamps follow joint_trajectory_controller: 0 is now, a future
-one waits, of a past one the points that are over are left out; all over: refused.
+The gate judges it like any other. This module handles the ROS-only parts: stamps of the wall clock, efforts,
+NaN, and sizes that a message of the socket may not have. Stamps follow joint_trajectory_controller: 0 is now,
+a future one waits. With a past stamp the points that are over are left out; all over: refused.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class InvalidRosCommand(Exception):
 
 @dataclass(frozen=True, slots=True)
 class CommandHeader:
-    """What a command says of itself, so that its sender knows it again."""
+    """Header fields of a command, by which its sender recognises it."""
 
     sec: int = 0
     nanosec: int = 0
@@ -54,7 +54,7 @@ class CommandHeader:
 
 
 def heading(data: bytes) -> CommandHeader | None:
-    """The head of a command's bytes; None: they are no command. Of however many, FRONT are read.
+    """Return the header of a command's bytes; None: not a command. At most FRONT bytes are read.
 
     It is without joints where their names do not end there.
     """
@@ -62,7 +62,7 @@ def heading(data: bytes) -> CommandHeader | None:
 
 
 def _front(data: bytes) -> tuple[CommandHeader | None, int]:
-    """The head, and the byte at which the points begin; 0: not within FRONT."""
+    """Return the header, and the byte at which the points begin; 0: not within FRONT."""
     source, (header, names, _) = CdrReader(data[:FRONT]), MESSAGE.fields(JOINT_TRAJECTORY)
     try:
         said = source.field(MESSAGE, header)
@@ -76,7 +76,10 @@ def _front(data: bytes) -> tuple[CommandHeader | None, int]:
 
 
 def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
-    """`Trajectory` of the interface, of CDR bytes that are submitted at `now_ns` since 1970. Raises Unfit."""
+    """Return the `Trajectory` of the interface from CDR bytes submitted at `now_ns` since 1970.
+
+    Raises InvalidRosCommand.
+    """
     _bounded(data)
     try:
         message = decode(JOINT_TRAJECTORY, data)
@@ -94,12 +97,12 @@ def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
 
 
 def nanoseconds(time: Mapping[str, int]) -> int:
-    """Of a Time or Duration as `decode` has it."""
+    """Return a decoded Time or Duration (`decode`) in ns."""
     return time["sec"] * SECOND + time["nanosec"]
 
 
 def _bounded(data: bytes) -> None:
-    """It costs little to read. Raises Unfit, by what the counts in it say."""
+    """Check by the counts in the bytes that decoding costs little. Raises InvalidRosCommand."""
     if len(data) > LONGEST:
         raise InvalidRosCommand("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
     place = _front(data)[1]
@@ -115,7 +118,7 @@ def _bounded(data: bytes) -> None:
 
 
 def _count(source: CdrReader) -> int:
-    """How many values a row says it has; 0 where it says nothing, which `decode` names."""
+    """Return the number of values that a row declares; 0 where it declares none, which `decode` reports."""
     try:
         (count,) = source.numbers("I", 4, 1)
     except struct.error:
@@ -124,7 +127,7 @@ def _count(source: CdrReader) -> int:
 
 
 def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-    """One point with its time in s. Raises Unfit for a number that is none, and for efforts."""
+    """Return a point, time in s. Raises InvalidRosCommand for a non-finite number and for efforts."""
     if point["effort"]:
         raise InvalidRosCommand("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
     said: dict[str, Any] = {"positions": point["positions"]}
@@ -141,7 +144,7 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
 
 
 def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[float, list[dict[str, Any]]]:
-    """When it begins, s from now, and the points that are still to come. Raises Unfit."""
+    """Return the beginning, s from now, and the points that are still to come. Raises InvalidRosCommand."""
     if stamp_ns == 0:
         return 0.0, points
     ahead = (stamp_ns - now_ns) / SECOND

@@ -1,8 +1,8 @@
-"""The daemon's lease, held for whoever has ours from afar, and the goals under it.
+"""The daemon's lease, held for the holder of the remote lease, and the goals under it.
 
-The motions are driven by `Driving`: the lease is renewed call by call. So a lease that lapses, a link that is
-lost, a sender that dies and an uplink that hangs all end alike: nobody renews any more, and the daemon holds.
-While it judges a goal the daemon renews by itself; then `watch` sees that ours lapsed, and hangs up.
+The motions are driven by `MotionSession`: the lease is renewed call by call. A lease that lapses, a lost
+link, a sender that dies and an uplink that hangs all end alike: renewals stop, and the daemon holds. While it
+judges a goal the daemon renews by itself; then `watch` detects a lapse of the remote lease, and hangs up.
 
 `renew`, `stopped`, `heard` and `watch` are for any thread, all else for one.
 """
@@ -32,12 +32,19 @@ Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its
 
 
 def clock() -> float:
-    """The robot's clock as told afar, s: it goes on while the robot sleeps, so what slept has lapsed."""
+    """Return the robot's clock as published to remote clients, s. It runs on while the robot sleeps.
+
+    So the lease of a robot that slept has lapsed.
+    """
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class LeaseKeeper:
-    """What is held. `tell` gets a line when it changes hands; `now`: s, the robot's clock as afar."""
+    """Keeper of the daemon's lease and its goals.
+
+    `tell` gets a line when the lease changes hands; `now`: s, the robot's clock as published to remote
+    clients.
+    """
 
     def __init__(
         self,
@@ -60,11 +67,11 @@ class LeaseKeeper:
     # ------------------------------------------------------------------------------------------ questions
 
     def renew(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """Answer to `renew`. Raises CallError: refused."""
+        """Return the answer to `renew`. Raises CallError: refused."""
         return self._tenancy.renew(asked.get("lease", ""), self._now())
 
     def lease(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """Answer to `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
+        """Answer `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
         if asked["op"] == "release":
             return self._release(asked.get("lease", ""))
         try:
@@ -98,9 +105,9 @@ class LeaseKeeper:
         return granted
 
     def goal(self, asked: Mapping[str, Any], came: float) -> dict[str, Any]:
-        """Answer to a goal: accepted, or what is known of it. Raises ClientError (CallError: refused).
+        """Return the answer to a goal: accepted, or its known state. Raises ClientError (CallError: refused).
 
-        `came`: s, monotonic, when it was here: what is stopped after that does not begin.
+        `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
         """
         name, lease = asked["goal"], asked["lease"]
         known = self._goals.again(name, lease)
@@ -121,7 +128,7 @@ class LeaseKeeper:
         return goal.told()
 
     def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
-        """Have it judged and begun. Whether it runs is not left open: what is not answered is let go."""
+        """Submit the goal to be judged and begun. Without an answer it is released: no state is left open."""
         self._judging = True
         try:
             goal.answer = dict(self._driving.submit(trajectory))
@@ -140,7 +147,7 @@ class LeaseKeeper:
             self._let_go(f"goal {goal.name}: {goal.refusal}")
 
     def _void(self, goal: UplinkGoal, came: float) -> CallError | None:
-        """Why it must not move anything, or no more; None: it may."""
+        """Return why the goal must not move anything, or no more; None: it may."""
         now = self._now()
         if not self._tenancy.holds(goal.lease, now):
             return missing()
@@ -153,7 +160,7 @@ class LeaseKeeper:
     # ------------------------------------------------------------------------------------------ any thread
 
     def stopped(self, at: float) -> None:
-        """Somebody stopped the robot at `at`, s, monotonic: no goal that came in until then begins."""
+        """Record a stop of the robot at `at`, s, monotonic: no goal that came in until then begins."""
         with self._lock:
             self._stopped = max(self._stopped, at)
 
@@ -173,7 +180,7 @@ class LeaseKeeper:
     # ------------------------------------------------------------------------------------------ keeping
 
     def tend(self) -> None:
-        """Renew while somebody renews ours, tell of goals. Each PERIOD at least, and after each question."""
+        """Renew while the remote lease is renewed; report goals. Each PERIOD at least, after each query."""
         ended = {each.id: each for each in self._driving.keep()}
         if self._holder and not self._tenancy.held(self._now()):
             self._let_go(f"the lease of {self._holder} lapsed")
@@ -183,7 +190,7 @@ class LeaseKeeper:
             self._report(goal, ended.get(goal.id))
 
     def _let_go(self, why: str) -> None:
-        """The daemon holds what moves."""
+        """Give the lease up: the daemon holds whatever moves."""
         self._dropped = frozenset(self._driving.driving)
         self._driving.close()
         self._tenancy.end()
@@ -191,7 +198,7 @@ class LeaseKeeper:
         self._tell(why)
 
     def _report(self, goal: UplinkGoal, ended: MotionEnd | None) -> None:
-        """The end of a goal, or how far it is."""
+        """Report the end of a goal, or its progress."""
         goal.over = ended is not None
         if goal.refusal is not None:
             return
@@ -207,6 +214,6 @@ class LeaseKeeper:
         self._publish(goal.name, goal.answer)
 
     def close(self) -> None:
-        """Let go of all."""
+        """Release the lease and all goals."""
         if self._holder:
             self._let_go("ended: the lease is given back")

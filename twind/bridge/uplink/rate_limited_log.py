@@ -1,4 +1,4 @@
-"""What is said on stderr, at a bounded rate: a journal must not fill by what somebody far away sends."""
+"""Log lines on stderr at a bounded rate, so that messages of a remote sender cannot fill the journal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ EACH = 1.0  # s from one to the next after that
 
 @dataclass(slots=True)
 class RateLimitedLog:
-    """`say` gets a line; `now`: s. What finds no room is counted, and told with the next that does."""
+    """`say` gets a line; `now`: s. Lines without room are counted, and reported with the next one."""
 
     say: Callable[[str], None]
     now: Callable[[], float]
@@ -22,7 +22,7 @@ class RateLimitedLog:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __call__(self, line: str) -> None:
-        """From any thread."""
+        """Log a line. From any thread."""
         with self._lock:
             now = self.now()
             self._room = min(AT_ONCE, self._room + (now - self._looked) / EACH)

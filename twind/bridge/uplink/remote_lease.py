@@ -1,7 +1,7 @@
-"""Who may send goals from afar, and until when. Time is given, s; no I/O. For several threads.
+"""Lease of remote clients to send goals, with its expiry. Time is given, s; no I/O. For several threads.
 
 The rules are those of the daemon's own lease (`safety/lease.py`): one holder, a second without a renewal, and
-what has lapsed does not come back, so that renewals which were held up on the way renew nothing.
+a lapsed lease does not come back. So renewals that were delayed on the way renew nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HOLDER = 80  # characters of a holder's name that are kept
 
 
 class RemoteLease:
-    """At most one holder. It is known by a token that nobody can guess: only who was granted it has it."""
+    """Lease with at most one holder, identified by an unguessable token that only the grant contains."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -27,7 +27,7 @@ class RemoteLease:
         self._number, self._token, self._renewed = 0, "", 0.0
 
     def admits(self, now: float, *, take: bool) -> None:
-        """Nothing, if it is free or wrested. Raises CallError: LeaseHeld."""
+        """Return if the lease is free or `take` is set. Raises CallError: LeaseHeld."""
         with self._lock:
             owner = self._lease.info(now)
         if owner is not None and not take:
@@ -35,7 +35,7 @@ class RemoteLease:
             raise held(lease)
 
     def grant(self, holder: str, now: float) -> dict[str, Any]:
-        """To `holder`, whoever had it before. The Grant."""
+        """Grant the lease to `holder`, even if another holds it. Return the Grant."""
         with self._lock:
             self._number += 1
             self._token = secrets.token_urlsafe(16)
@@ -44,7 +44,7 @@ class RemoteLease:
         return self.granted(now)
 
     def renew(self, token: str, now: float) -> dict[str, Any]:
-        """The Grant anew. Raises CallError: LEASE_MISSING."""
+        """Renew the lease; return the Grant. Raises CallError: LEASE_MISSING."""
         with self._lock:
             renewed = token == self._token and self._lease.renew(self._number, now)
             if renewed:
@@ -54,23 +54,23 @@ class RemoteLease:
         return self.granted(now)
 
     def holds(self, token: str, now: float) -> bool:
-        """This token commands now."""
+        """Return True if this token holds the lease now."""
         with self._lock:
             return bool(token) and token == self._token and self._lease.held_by(self._number, now)
 
     def held(self, now: float) -> bool:
-        """Somebody commands now."""
+        """Return True if the lease is held now."""
         with self._lock:
             return self._lease.holds(now)
 
     def end(self) -> None:
-        """Nobody commands any more."""
+        """End the lease: no token holds it any more."""
         with self._lock:
             self._lease.release(self._number)
             self._token = ""
 
     def granted(self, now: float) -> dict[str, Any]:
-        """The Grant as it stands."""
+        """Return the Grant as it stands."""
         with self._lock:
             owner = self._lease.info(now)
             holder, left = ("", 0.0) if owner is None else (owner.holder, owner.expires_in)
@@ -78,6 +78,6 @@ class RemoteLease:
 
 
 def missing() -> CallError:
-    """The refusal of whoever does not have the lease."""
+    """Return the refusal of a client that does not hold the lease."""
     message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
     return refused("LEASE_MISSING", message)

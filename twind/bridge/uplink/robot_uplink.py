@@ -1,8 +1,8 @@
-"""One robot's uplink while it runs: what is told, what is asked, who commands.
+"""One robot's uplink while it runs: publications, queries, and the command lease.
 
-Threads: a tap for each connection of the daemon that tells (`telling.py`), a lane for each kind of question
-(`lanes.py`), one for each kind of stop, which waits for nothing but the stop before it (`together.py`); and
-those of the engine, in which nothing of ours waits for anything.
+Threads: a tap for each publishing connection of the daemon (`topic_outlets.py`) and a lane for each kind of
+query (`worker_queue.py`). Further one for each kind of stop, which waits for nothing but the stop before it
+(`coalesced_stop.py`). The threads of the Zenoh engine run no code here that waits.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Tell = Callable[[str], None]
 
 
 class RobotUplink:
-    """Of one robot by one name, which it claims until `close`."""
+    """Uplink of one robot under one name, which it claims until `close`."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class RobotUplink:
         self._lanes = self._opened_lanes()
 
     def start(self) -> None:
-        """Begin to tell and to answer."""
+        """Begin to publish and to answer."""
         for tap in self._taps:
             tap.start()
         for lane in self._lanes:
@@ -74,16 +74,16 @@ class RobotUplink:
 
     @property
     def rival(self) -> str:
-        """Why the name is another's now; "": it is ours."""
+        """Why another uplink has the name now; "": the name is held here."""
         return self._presence.rival
 
     def over(self, now: float) -> bool:
-        """It cannot go on by this name: the daemon has another robot now, or another has the name."""
+        """True if this name is over: the daemon has another robot now, or another uplink has the name."""
         self._presence.look(now)
         return self._renamed or bool(self.rival)
 
     def close(self) -> None:
-        """Let go of the robot, then of the name. Takes END, and a little."""
+        """Release the robot, then the name. Takes END, and a little."""
         self._door.close()
         for tap in self._taps:
             tap.stop()
@@ -95,7 +95,7 @@ class RobotUplink:
         self._presence.close()
 
     def tally(self) -> dict[str, dict[str, int]]:
-        """What was answered, and what found no room, by lane."""
+        """Counts of answered queries, and of those that found no room, by lane."""
         return {lane.name: {"answered": lane.done, "refused": lane.full} for lane in self._lanes}
 
     # ------------------------------------------------------------------------------------------ telling
@@ -117,7 +117,7 @@ class RobotUplink:
         return [news, often, *states]
 
     def _began(self, client: Client) -> None:
-        """A daemon is there. Is it the same robot's?"""
+        """Handle the start of a daemon: check that it is the same robot's."""
         name = self._options.name or asked_name(client)
         if name != self.robot:
             self._tell(f"the daemon's robot is {name} now, no longer {self.robot}")
@@ -127,7 +127,10 @@ class RobotUplink:
         self._say_what_we_may()
 
     def _say_what_we_may(self) -> None:
-        """Who may not open control.sock looks on, and the robot can only be looked at and stopped."""
+        """Check whether control.sock can be opened, and report changes.
+
+        Without permission for it the uplink only observes: the robot can only be watched and stopped.
+        """
         why = ""
         try:
             with operator(self._options) as client:
@@ -191,14 +194,14 @@ class RobotUplink:
         ]
 
     def _relayed(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
-        """The daemon's answer. Raises ClientError."""
+        """Return the daemon's answer. Raises ClientError."""
         names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
         with connected(self._options, *names) as client:
             client.timeout = patience
             return client.call(method, **asked)
 
     def _stopped(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
-        """The same of a stop: no goal that was here before its answer begins after it. Raises ClientError."""
+        """Relay a stop: no goal that arrived here before its answer begins after it. Raises ClientError."""
         self._reins.stopped(time.monotonic())
         try:
             return self._relayed(method, patience, asked)
@@ -222,7 +225,7 @@ def _within(lane: WorkerQueue, serve: Serve) -> Take:
 
 
 def asked_name(client: Client) -> str:
-    """The name of the daemon's robot. Raises ClientError."""
+    """Return the name of the daemon's robot. Raises ClientError."""
     status = client.call("GetStatus")["status"]
     return robot_name(status, client.call("GetParameters")["parameters"])
 

@@ -31,12 +31,12 @@ _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{LONGEST}}}")
 
 
 def robot_key(robot: str, *parts: str) -> str:
-    """`twind/ROBOT/PARTS...`. Raises ValueError: a name that is no single chunk of a key."""
+    """Return `twind/ROBOT/PARTS...`. Raises ValueError: a name that is no single chunk of a key."""
     return "/".join((ROOT, chunk("robot", robot), *parts))
 
 
 def chunk(what: str, name: str) -> str:
-    """`name`, if it can be one chunk of a key. Raises ValueError."""
+    """Return `name`, if it can be one chunk of a key. Raises ValueError."""
     if _NAME.fullmatch(name) is None or name.startswith("."):
         raise ValueError(
             f"{what} {name[:80]!r}: must be 1 to {LONGEST} of A-Z a-z 0-9 _ . -, and not begin with a dot"
@@ -45,7 +45,7 @@ def chunk(what: str, name: str) -> str:
 
 
 def robot_of(key: str) -> str:
-    """Whose key it is. Raises ValueError: none of ours, or of a name that no robot may have."""
+    """Return the robot's name in a key. Raises ValueError: not a key of twind, or an invalid name."""
     parts = key.split("/")
     if len(parts) < 3 or parts[0] != ROOT:
         raise ValueError(f"key {key[:80]!r} is none of twind's")

@@ -32,7 +32,10 @@ class _TableColumn:
 
 @dataclass(frozen=True, slots=True)
 class _JointColumns:
-    """What is asked of a joint: torque where the robot is armed; a calibration where there is a robot."""
+    """Conditions that select the checks of a joint's row.
+
+    Torque is checked where the robot is armed, calibration where there is a robot (mode is not sim).
+    """
 
     armed: bool
     robot: bool

@@ -28,7 +28,7 @@ LEVELS = {"error": "bad", "warning": "warn", "refused": "warn", "debug": "dim"}
 
 @dataclass(frozen=True, slots=True)
 class PictureRow:
-    """`urgent`: shown before the others where there is no room for all."""
+    """One row. `urgent` rows are shown before the others where there is no room for all."""
 
     line: Line
     urgent: bool = False
@@ -46,7 +46,7 @@ class PictureBlock:
 
     @property
     def whole(self) -> int:
-        """Lines where there is room for all."""
+        """Number of lines that the block takes where there is room for all."""
         return len(self.heads) + len(self.rows)
 
     def shown(self, room: int, offset: int = 0) -> list[Line]:
@@ -65,7 +65,7 @@ class PictureBlock:
 
 
 def header(view: PictureState, width: int) -> Line:
-    """Who, in which mode, state and motion; the daemon's version at the right."""
+    """Build the header line: robot name, mode, state and motion; the daemon's version at the right."""
     status = view.status
     if status is None:
         return line((" twind ", "head"), " waiting for what the daemon says")
@@ -117,7 +117,7 @@ def summary(view: PictureState, width: int) -> PictureBlock:
 
 
 def recorder(view: PictureState, width: int) -> PictureBlock:
-    """What the flight recorder holds, who streams, and the episode that runs or ran last."""
+    """Content of the flight recorder, the streamers, and the episode that runs or ran last."""
     rows = [_stream(told, width) for told in (view.status or {}).get("streams") or ()]
     flight = (view.status or {}).get("flight")
     if flight:
@@ -140,7 +140,7 @@ def recorder(view: PictureState, width: int) -> PictureBlock:
 
 
 def _stream(told: Answer, width: int) -> Line:
-    """What is in the way comes first: the end of a line is what a small terminal cuts."""
+    """Build the line of one streamer, with problems first because a small terminal cuts the end of a line."""
     wrong = [(f"! {told['error']}", "warn")] if told["error"] else []
     lost = [(f"! {told[key]} {said}", "warn") for key, said in LOST[:2] if told[key]]
     counts = [(f"{told['rate_hz']:.0f} Hz", ""), (f"{told['sent']} sent, {told['waiting']} waiting", "")]
@@ -148,17 +148,17 @@ def _stream(told: Answer, width: int) -> Line:
 
 
 def refusals(view: PictureState, width: int) -> PictureBlock:
-    """What the gate refused last, and why."""
+    """The newest refusals of the gate and their reasons."""
     return _told("refusals", "refused last", view.refusals, view.now, width)
 
 
 def last_refusals(view: PictureState, width: int) -> PictureBlock:
-    """The newest of them."""
+    """The newest refusals."""
     return _told("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
 
 
 def events(view: PictureState, width: int) -> PictureBlock:
-    """What happened last."""
+    """The newest events."""
     return _told("events", "events", view.events, view.now, width)
 
 
@@ -224,7 +224,10 @@ def _latency(status: Answer) -> list[Span]:
 
 
 def _imu(imu: Answer) -> list[Span]:
-    """How far the base leans, and which way; what it feels; how old. Nothing of before a silence."""
+    """Tilt of the base and its direction, what the IMU measures, and the age of the reading.
+
+    Readings from before an interruption are not shown.
+    """
     if imu["age_ms"] > STALE:
         return [(f"! silent for {ago(imu['age_ms'] / 1e3)}: how it leans is not known", "warn")]
     w, x, y, z = imu["quaternion"]

@@ -68,7 +68,7 @@ class PictureState:
 
 
 class MonitorCollector:
-    """Collects news; `view` may be called by another thread than the one that tells."""
+    """Collector of a daemon's messages. `view` may be called in another thread than the other methods."""
 
     def __init__(self, patience: float = 1.5) -> None:
         self._patience = patience
@@ -88,7 +88,7 @@ class MonitorCollector:
             self._now["bounds"] = {joint["name"]: _bounds(joint) for joint in description.get("joints", ())}
 
     def take(self, news: Answer, now: float) -> None:
-        """One message of Monitor."""
+        """Process one message of `Monitor`."""
         with self._lock:
             self._now |= {"news_at": now, "gone": ""}
             self._lost += news.get("dropped") or 0
@@ -106,7 +106,7 @@ class MonitorCollector:
                 self._event(news["event"], now)
 
     def gone(self, why: str, now: float) -> None:
-        """The daemon went away, or cannot be reached; the first reason stays."""
+        """Record that the daemon went away or cannot be reached; the first reason stays."""
         with self._lock:
             if not self._now.get("gone"):
                 self._now |= {"gone": why, "gone_since": now}
@@ -116,11 +116,11 @@ class MonitorCollector:
 
     @property
     def whole(self) -> bool:
-        """There is something to show: a status and joints."""
+        """True once there is something to show: a status and joints."""
         return "status" in self._now and "joints" in self._now
 
     def view(self, now: float) -> PictureState:
-        """What is known now."""
+        """Return all that is known at `now` (s, monotonic) as a `PictureState`."""
         with self._lock:
             return PictureState(
                 now=now,
@@ -150,7 +150,10 @@ class MonitorCollector:
             self._refusals.append(PictureNotice(now, "refused", _reason(refusals[0]) + more))
 
     def _end_episode(self, now: float, success: bool | None = None) -> None:
-        """Of the one that goes on, if there is one: by its mark, by the next one's, or with its daemon."""
+        """End the running episode, if there is one.
+
+        Its end mark, the begin mark of the next episode, or the loss of its daemon ends it.
+        """
         if self._episodes and self._episodes[-1].end is None:
             last = self._episodes.pop()
             self._episodes.append(PictureEpisode(last.task, last.begin, now, success))
@@ -177,7 +180,7 @@ def _reason(finding: Answer) -> str:
 
 
 def _bounds(joint: Answer) -> DisplayThresholds:
-    """Of one joint of a robot file; what it does not say is never reached."""
+    """Read the display thresholds of one joint of a robot file; a missing threshold is never reached."""
     kind = joint.get("type") or {}
     heat, supply = kind.get("heat") or {}, kind.get("supply") or {}
     return DisplayThresholds(

@@ -1,7 +1,7 @@
 """A batch as a Gymnasium vector environment: `gymnasium.make_vec("twind.learn.envs:twind/Stand-v0", 8)`.
 
-It begins a new episode in the step that ends one (SAME_STEP): the core does, and NEXT_STEP would have every
-robot that fell stand still for a step that who learns must leave out.
+It begins a new episode in the step that ends one (SAME_STEP), because the core does. With NEXT_STEP every
+robot that fell would stand still for one step, which a learner would have to leave out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -91,7 +91,10 @@ class BatchVectorEnv(VectorEnv):
         return observation, self._commands(mask)
 
     def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, dict[str, Any]]:
-        """One control period of all. Of an episode that ended `final_obs` has the last observation."""
+        """Run one control period of all robots.
+
+        `final_obs` has the last observation of each episode that ended.
+        """
         step = self.core.step(actions)
         return step.observation, step.reward, step.fallen, step.truncated, self._info(step)
 
@@ -118,16 +121,16 @@ class BatchVectorEnv(VectorEnv):
         return {**others, **self._commands(ended), **_masked(final, ended)}
 
     def _commands(self, mask: Bools) -> dict[str, Any]:
-        """What is asked for in the episodes that have just begun."""
+        """Return the commands (count, 3) of the episodes that have just begun, those in `mask`."""
         return _masked({"command": self.core.command.copy()}, mask)
 
 
 def spaces_of(core: BatchCore) -> tuple[spaces.Box, spaces.Box]:
-    """Of the observation and the action of one robot."""
+    """Return the observation space and the action space of one robot."""
     most = core.plant.layout.most.astype(np.float32)
     return spaces.Box(-most, most, dtype=np.float32), spaces.Box(-1.0, 1.0, (core.joints,), np.float32)
 
 
 def _masked(info: Mapping[str, Any], mask: Bools) -> dict[str, Any]:
-    """As Gymnasium tells of many: each array, and as `_name` of whom it is."""
+    """Return arrays in Gymnasium's vector form: each array, and as `_name` the mask of its robots."""
     return {**info, **{f"_{name}": mask for name in info}}

@@ -1,4 +1,4 @@
-"""The columns of a data set: what `meta/info.json` says of them, and their types as LeRobot wants them."""
+"""Columns of a data set: their description in `meta/info.json`, and their types as LeRobot requires them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +17,7 @@ Column = NDArray[Any]
 
 
 def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
-    """By name: dtype, shape, names."""
+    """Describe each column by its name: dtype, shape, names of its numbers."""
     joints = {name: _feature("float32", of.names(name)) for name in of.features}
     ends = (DONE, SUCCESS) if of.told else (DONE,)
     return (
@@ -29,14 +29,17 @@ def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
 
 
 def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
-    """Vectors are lists of fixed size."""
+    """Return the Arrow schema of the described columns; vectors are lists of fixed size."""
     return pa.schema([(name, _type(each)) for name, each in described.items()])
 
 
 def columns(
     of: DatasetContents, episode: EpisodeFrames, described: Mapping[str, Any], number: int, first: int
 ) -> dict[str, Column]:
-    """Of one episode, in the order of `described`. `number`: its index; `first`: that of its first frame."""
+    """Return the columns of one episode, in the order of `described`.
+
+    `number` is the index of the episode, `first` the index of its first frame.
+    """
     count = np.arange(episode.count)
     last = count == episode.count - 1
     made: dict[str, Column] = {
@@ -53,7 +56,7 @@ def columns(
 
 
 def table(made: Mapping[str, Column], of: pa.Schema) -> pa.Table:
-    """Rows of columns (k,) and (k, n)."""
+    """Return a table of columns of shape (k,) and (k, n)."""
     arrays = []
     for name, column in made.items():
         kind = of.field(name).type

@@ -1,4 +1,4 @@
-"""Episodes out of recordings: cut, put on the grid, one order of joints; what is left out is said."""
+"""Episodes cut from recordings and put on the grid, with one order of joints; omissions are reported."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ SHORTEST = 1.0  # s: what nobody marked and is shorter is left out
 
 @dataclass(frozen=True, slots=True)
 class DatasetRequest:
-    """What a data set is to be made of."""
+    """Settings from which a data set is made."""
 
     fps: int
     task: str | None = None  # of episodes that have none
@@ -50,21 +50,21 @@ class DatasetContents:
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """Each once, in the order in which they appear."""
+        """Task names, each once, in the order in which they appear."""
         return tuple(dict.fromkeys(each.task for each in self.episodes))
 
     @property
     def frames(self) -> int:
-        """Of all episodes."""
+        """Number of frames of all episodes."""
         return sum(each.count for each in self.episodes)
 
     def names(self, feature: str) -> tuple[str, ...]:
-        """Of the numbers of one of `features`."""
+        """Return the names of the numbers of one of `features`: the IMU's for IMU, else the joints."""
         return FELT if feature == IMU else self.joints
 
     @property
     def told(self) -> bool:
-        """Whether of every episode somebody said if it was a success."""
+        """True where every episode is marked as a success or a failure."""
         return all(each.success is not None for each in self.episodes)
 
 
@@ -114,7 +114,7 @@ def _require_each_once(paths: Sequence[Path]) -> None:
 
 
 def line(left: OmittedSpan) -> str:
-    """For people."""
+    """Return a line for people on an omitted span: recording, task, time in s and reason."""
     task = f" {left.task!r}" if left.task else ""
     return f"{left.recording}{task} at {left.time:.2f} s: {left.why}"
 
@@ -210,7 +210,7 @@ def _lost(
 
 
 def _unfit(recording: RobotRecording, run: ReadingRun, fps: int) -> str:
-    """Why a stretch is no episode; empty: it is one."""
+    """Return the reason why a stretch is no episode; empty: it is one."""
     seconds = recording.time[run.last] - recording.time[run.first]
     shortest = 1.0 / fps if recording.episodes else SHORTEST
     if seconds < shortest:

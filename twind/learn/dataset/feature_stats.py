@@ -1,7 +1,7 @@
-"""What learners normalise by, feature by feature, keys and shapes as in LeRobot's `meta/stats.json`. Pure.
+"""Normalisation statistics of each feature, keys and shapes as in LeRobot's `meta/stats.json`. Pure.
 
-Quantiles are exact ones of all values; LeRobot's own are estimated by a histogram, and those of a whole data
-set by weighing the episodes'.
+Quantiles are exact, over all values. LeRobot estimates its own with a histogram, and those of a whole data
+set by weighting the quantiles of the episodes.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,10 @@ Stats = dict[str, list[Any]]
 
 
 def stats(column: NDArray[Any]) -> Stats:
-    """Of a column (k,) or (k, n), k > 0: lists of n numbers (or of 1), and `count`, the number of frames."""
+    """Return the statistics of a column (k,) or (k, n), k > 0: lists of n numbers (or of 1).
+
+    `count` is the number of frames.
+    """
     rows = column.reshape(len(column), -1)
     wide = rows.astype(np.float64)
     found: Stats = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
@@ -25,5 +28,5 @@ def stats(column: NDArray[Any]) -> Stats:
 
 
 def flat(of: Mapping[str, Stats]) -> dict[str, list[Any]]:
-    """As columns of `meta/episodes`: stats/FEATURE/KEY."""
+    """Return the statistics as columns of `meta/episodes`: stats/FEATURE/KEY."""
     return {f"stats/{name}/{key}": value for name, each in of.items() for key, value in each.items()}

@@ -27,7 +27,7 @@ class RobotMismatch(Exception):
 
 
 def plant_told(told: Mapping[str, Any], period: float) -> Plant:
-    """Of the robot that `GetRobot` answers. Raises WrongRobot, BindingError."""
+    """Build the plant of the robot in an answer of `GetRobot`. Raises RobotMismatch, BindingError."""
     path = Path(told["robot"]["path"])
     try:
         robot = load_robot(str(path))
@@ -38,7 +38,7 @@ def plant_told(told: Mapping[str, Any], period: float) -> Plant:
 
 
 def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
-    """Raises WrongRobot unless the daemon runs this very robot file and model."""
+    """Raises RobotMismatch unless the daemon runs this very robot file and model."""
     theirs = told["robot"]
     if theirs["text_sha256"] != robot.text_sha256:
         raise RobotMismatch(
@@ -50,7 +50,7 @@ def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
 
 
 def require_armed(status: Mapping[str, Any]) -> None:
-    """Raises WrongRobot where goals would move nobody, with what leads from there to an armed robot."""
+    """Raises RobotMismatch where goals would move no robot, with the steps from there to an armed robot."""
     if status["mode"] == "live" and not (status["armed"] and status["state"] == RobotState.ARMED):
         said = f"the robot is {status['state']}{latched(status)}, not armed"
         raise RobotMismatch(f"{said}: {WAYS.get(status['state'], ELSE)}")
@@ -63,7 +63,7 @@ def latched(status: Mapping[str, Any]) -> str:
 
 
 def require_mode(mode: str) -> None:
-    """Raises WrongRobot where a policy would see one robot and move another."""
+    """Raises RobotMismatch where a policy would read one robot and move another."""
     if mode not in MODES:
         raise RobotMismatch(
             f"mode {mode} shows the robot and moves the simulation: a policy would see the one and move the "

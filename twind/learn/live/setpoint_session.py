@@ -1,4 +1,7 @@
-"""Who drives: the lease, a way to a pose, and setpoints, on one connection. All of it passes the gate."""
+"""Driving session of a learner: the lease, a motion to a pose, and setpoints, on one connection.
+
+All of it passes the gate.
+"""
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +20,7 @@ ROUNDING = 1e-6  # s
 
 
 class PoseNotReached(Exception):
-    """The way to a pose did not end there. The text says why."""
+    """Error: the motion to a pose did not end there. The text gives the reason."""
 
 
 class SetpointSession:
@@ -30,11 +33,14 @@ class SetpointSession:
         self.take(by_force=take)
 
     def take(self, *, by_force: bool = False) -> None:
-        """The lease, if it is free or ours. Raises ClientError: another holds it."""
+        """Take the lease, if it is free or this session's own. Raises ClientError: another holds it."""
         self._client.call("AcquireLease", take=by_force or None)
 
     def go(self, pose: Floats, tell: Callable[[Mapping[str, Any]], None] = lambda report: None) -> None:
-        """To `pose` (n,), rad, and stop there. Raises NotThere, ClientError (Refused: by the gate)."""
+        """Move to `pose` (n,), rad, and stop there.
+
+        Raises PoseNotReached, ClientError (Refused: by the gate).
+        """
         rows = self._client.call("GetStatus", joints=True)["joints"]
         now = [row["position"] if row["goal"] is None else row["goal"] for row in rows]
         ways = [abs(goal - at) for goal, at in zip(pose.tolist(), now, strict=True) if at is not None]
@@ -56,11 +62,11 @@ class SetpointSession:
             )
 
     def send(self, position: Floats, velocity: Floats, *, wait: bool = False) -> None:
-        """Where joints are to be now, rad, and how they go on, rad/s, (n,).
+        """Send the current positions of the joints, rad, and the velocities that follow, rad/s, (n,).
 
-        The gate answers within one or two ticks, which may be longer than a period: so the answer is taken
-        with the next call, unless `wait`. Raises ClientError; Refused: this one, or the one before, and then
-        this one was not sent.
+        The gate answers within one or two ticks, which may be longer than a period. So the answer is taken
+        with the next call, unless `wait`. Raises ClientError. Refused means this setpoint, or the one before,
+        and then this one was not sent.
         """
         self._client.finish()
         self._client.begin(
@@ -78,7 +84,7 @@ class SetpointSession:
         self._client.finish()
 
     def lapses(self, missed: int) -> bool:
-        """After `missed` periods without another, a setpoint is followed no longer, or may not be."""
+        """Return whether a setpoint may lapse after `missed` periods without another."""
         return (missed + 1) * self._period >= self._valid_for - ROUNDING
 
     def keep(self) -> None:

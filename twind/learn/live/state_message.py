@@ -1,4 +1,4 @@
-"""One state of the robot as `Monitor` tells it: arrays in joint order. Pure; NaN where nobody knows."""
+"""One state of the robot from `Monitor`: arrays in joint order. Pure; NaN where a value is unknown."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _NAN, _INF = float("nan"), inf
 
 @dataclass(frozen=True, slots=True)
 class ImuReading:
-    """What the IMU said, base frame."""
+    """Reading of the IMU, base frame."""
 
     gyro: Floats  # rad/s, (3,)
     acceleration: Floats  # m/s², (3,)
@@ -38,7 +38,7 @@ class StateMessage:
     inertial: ImuReading | None
 
     def stale(self, now: float, bound: float, joints: Sequence[str]) -> str | None:
-        """What is older than `bound` s, or unknown, at `now`; None: nothing."""
+        """Return a text on what is older than `bound` s, or unknown, at time `now`; None: all is fresh."""
         past = now - self.time
         if not 0.0 <= past <= bound:
             return f"the state is {past * 1e3:.0f} ms old, bound {bound * 1e3:.0f} ms"
@@ -58,7 +58,7 @@ class StateMessage:
 
 
 def _silence(past: float, bound: float) -> str:
-    """How long somebody has said nothing, s."""
+    """Return a text on how long no reading has come, s."""
     if not past > bound:
         return "told no numbers"
     if past < LONG:
@@ -67,7 +67,7 @@ def _silence(past: float, bound: float) -> str:
 
 
 def heard(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> StateMessage:
-    """Of one answer of `Monitor`. Raises ValueError where its joints are not these."""
+    """Convert one answer of `Monitor` to a state. Raises ValueError where its joints are not `joints`."""
     rows = answer["joints"]
     if [row["name"] for row in rows] != list(joints):
         raise ValueError("the robot has other joints now")

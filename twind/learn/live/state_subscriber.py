@@ -1,4 +1,4 @@
-"""What is heard of a robot now: one connection that listens, in a thread of its own, to the newest state."""
+"""Subscriber to a robot's state: one connection, read in a thread of its own, that keeps the newest state."""
 
 import threading
 import time
@@ -21,7 +21,10 @@ class StateSubscriber:
     """
 
     def __init__(self, client: Client, joints: Sequence[str], rate_hz: float) -> None:
-        """`client` is used by nobody else; `rate_hz`: of the loop. Raises ClientError."""
+        """Begin to read. `client` is used by no other code.
+
+        `rate_hz` is the rate of the loop. Raises ClientError.
+        """
         client.timeout = SILENCE
         self.newest: StateMessage | None = None
         self.status: Mapping[str, Any] = client.call("GetStatus")["status"]
@@ -33,12 +36,15 @@ class StateSubscriber:
         self._thread.start()
 
     def close(self) -> None:
-        """Hang up."""
+        """End the subscription."""
         self._closing = True
         self._thread.join(SILENCE + 1.0)
 
     def after(self, sequence: int, until: float) -> StateMessage | None:
-        """The newest state, once it is of a tick after that; None: not before `until` (s, monotonic)."""
+        """Return the newest state, once its tick is later than `sequence`.
+
+        None: none came before `until` (s, monotonic).
+        """
         with self._news:
             while True:
                 now, newest = time.monotonic(), self.newest

@@ -1,6 +1,6 @@
-"""A graph that is one chain of operations, run by numpy: as fast as any runtime, and nothing to install.
+"""A graph that is one chain of operations, run by numpy: as fast as any runtime, without another package.
 
-What it costs is known before it runs: its widths and its multiplications are bounded.
+Its cost is known before it runs: its widths and its multiplications are bounded.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,10 @@ _ATTRIBUTES: dict[str, dict[str, tuple[float, ...]]] = {
 
 
 def chain(model: OnnxModel) -> list[Part]:
-    """Its operations from input to output, with their constants. Raises PolicyError: it is no such chain."""
+    """Return the operations from input to output, with their constants.
+
+    Raises PolicyError where the graph is no such chain.
+    """
     parts, at, width, products = list[Part](), INPUT, model.observations, 0
     if width > MOST_WIDTH:
         raise PolicyError(f"its {INPUT} has {width} entries, at most {MOST_WIDTH} are possible")
@@ -53,7 +56,7 @@ def chain(model: OnnxModel) -> list[Part]:
 
 
 def _constants(model: OnnxModel, node: OnnxNode, at: str, name: str) -> list[Any]:
-    """What an operation takes beside the value; a weight as (in, out). None: not given."""
+    """Return the constants of an operation beside the value; a weight as (in, out). None: not given."""
     inputs = list(node.inputs)
     if node.type in _EITHER and inputs[1:] == [at]:
         inputs.reverse()
@@ -75,7 +78,10 @@ def _constants(model: OnnxModel, node: OnnxNode, at: str, name: str) -> list[Any
 
 
 def _next_width(width: int, held: list[Any], name: str) -> int:
-    """Of what a product gives."""
+    """Return the output width of a product operation.
+
+    Raises PolicyError where its arrays do not fit `width` entries, or the output exceeds `MOST_WIDTH`.
+    """
     shapes = [each.shape for each in held]
     columns = shapes[0][-1] if len(shapes[0]) == 2 else 0
     if shapes not in ([(width, columns)], [(width, columns), (columns,)]):

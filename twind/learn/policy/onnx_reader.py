@@ -1,8 +1,8 @@
-"""What is read of an ONNX file: one graph of plain operations and its arrays, or a refusal. No ONNX library.
+"""Reader of ONNX files: accepts one graph of plain operations and its arrays, else refuses. No ONNX library.
 
-A file may come from anybody, and a library that reads all of ONNX does more than a policy needs: arrays in
-other files, graphs in graphs, shapes that are worked out. Here what is not on the list is refused. Numbers of
-fields: onnx.proto, IR versions 8 to 13.
+A file may come from an untrusted source. A library that reads all of ONNX does more than a policy needs:
+arrays in other files, graphs in graphs, computed shapes. This reader refuses all that is not on its list.
+Numbers of fields: onnx.proto, IR versions 8 to 13.
 """
 
 import struct
@@ -79,7 +79,7 @@ class OnnxNode:
 
 @dataclass(frozen=True, slots=True)
 class OnnxModel:
-    """A file. Its arrays are float32, finite, read-only, of at most two dimensions."""
+    """Content of a file. Its arrays are float32, finite, read-only, of at most two dimensions."""
 
     metadata: tuple[tuple[str, str], ...]
     nodes: tuple[OnnxNode, ...]  # without constants, which are arrays
@@ -89,7 +89,7 @@ class OnnxModel:
 
 
 def parsed(data: bytes) -> OnnxModel:
-    """Of a file's bytes. Raises PolicyError saying what in it is not read."""
+    """Parse the bytes of an ONNX file. Raises PolicyError that names the part that cannot be read."""
     budget = ProtobufFieldBudget()
     fields = message(memoryview(data), _MODEL, budget)
     if len(fields["graph"]) != 1:
@@ -120,7 +120,7 @@ def _all(value: Value, kind: ProtobufSchema, budget: ProtobufFieldBudget) -> dic
 
 
 def _last(values: list[Value]) -> str:
-    """A text that may be left out."""
+    """Return the last value of a text field that may be left out."""
     return text(values[-1]) if values else ""
 
 
@@ -196,7 +196,7 @@ def _float(value: Value) -> float:
 
 
 def _end(what: str, name: str, ends: list[Value], given: set[str], budget: ProtobufFieldBudget) -> int:
-    """Entries of the observation or of the action."""
+    """Return the number of entries of the observation (input) or of the action (output)."""
     found = [(_last(each["name"]), each["type"]) for each in (_all(end, _END, budget) for end in ends)]
     found = [each for each in found if each[0] not in given]
     if [each[0] for each in found] != [name]:

@@ -1,6 +1,7 @@
-"""The card of a policy file: what it was trained for, and whether a robot is that. No ONNX, no torch.
+"""The card of a policy file: what it was trained for, and whether a robot matches. No ONNX, no torch.
 
-It travels in the file's `metadata_props` as JSON under the key `twind`. A card may come from anybody.
+It is stored in the file's `metadata_props` as JSON under the key `twind`. It may come from an untrusted
+source.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +36,7 @@ class PolicyError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PolicyCard:
-    """What a policy was made for. Rows are (n,) in the order of `joints`."""
+    """Properties that a policy was made for. Rows are (n,) in the order of `joints`."""
 
     task: str
     robot: str  # name of the robot file it was trained on
@@ -65,7 +66,7 @@ class PolicyCard:
         shaping: ActionShaping,
         **more: Any,
     ) -> "PolicyCard":
-        """Of what a policy is trained with; `more`: the fields that remain."""
+        """Build the card from the settings that a policy is trained with; `more`: the remaining fields."""
         rows = (default, limits.lower, limits.upper, limits.velocity, limits.acceleration)
         pose, lower, upper, velocity, acceleration = (tuple(row.tolist()) for row in rows)
         return cls(
@@ -84,17 +85,20 @@ class PolicyCard:
 
     @property
     def observations(self) -> int:
-        """Entries of an observation."""
+        """Number of entries of an observation."""
         return 1 + max((last for _, last in self.layout.values()), default=-1)
 
     @property
     def rate_hz(self) -> float:
-        """Control steps a second."""
+        """Control steps per second."""
         return 1.0 / self.shaping.period
 
     @property
     def limits(self) -> JointLimits:
-        """What its targets are shaped within; no more is known of hard limits and effort."""
+        """Limits within which the policy's targets are shaped.
+
+        The hard limits equal them and the effort is NaN, because no more is known of these.
+        """
         lower, upper, velocity, acceleration = (
             np.array(row) for row in (self.lower, self.upper, self.velocity, self.acceleration)
         )
@@ -102,7 +106,7 @@ class PolicyCard:
         return JointLimits(lower, upper, lower, upper, velocity, acceleration, unknown)
 
     def text(self) -> str:
-        """As JSON. Raises PolicyError for a card that could not be read again."""
+        """Return the card as JSON. Raises PolicyError for a card that could not be read again."""
         text = msgspec.json.encode(asdict(self)).decode()
         read(text)
         return text
@@ -162,7 +166,7 @@ def _check(card: PolicyCard) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PolicyRobot:
-    """What a robot is, as far as a policy must fit it. Rows are (n,) in the order of `joints`."""
+    """Properties of a robot that a policy must fit. Rows are (n,) in the order of `joints`."""
 
     name: str
     joints: tuple[str, ...]
@@ -175,7 +179,7 @@ class PolicyRobot:
 
     @classmethod
     def told(cls, robot: Mapping[str, Any], rate_hz: float) -> "PolicyRobot":
-        """Of the robot that `GetRobot` answers."""
+        """Build it from the robot in an answer of `GetRobot`, for control at `rate_hz`."""
         joints = robot["joints"]
         names = tuple(joint["name"] for joint in joints)
         return cls(
@@ -199,7 +203,7 @@ def require_fit(card: PolicyCard, body: PolicyRobot) -> None:
 
 
 def differences(card: PolicyCard, body: PolicyRobot) -> list[str]:
-    """Why the policy cannot drive this robot, a sentence each; empty: it fits."""
+    """Return the reasons why the policy cannot drive this robot, a sentence each; empty: it fits."""
     if card.joints != body.joints:
         return _joints(card.joints, body.joints)  # without the same joints nothing else can be compared
     wrong = []

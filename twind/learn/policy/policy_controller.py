@@ -1,7 +1,7 @@
-"""A policy at the reins: fresh readings in, setpoints out; where either is missing it holds. Time is given.
+"""Controller that runs a policy: fresh readings in, setpoints out; where either is missing it holds.
 
-A hold is no setpoint at all: the gate then brakes and holds by itself. It ends when all is fresh again and
-the robot rests within the policy's reach, or with the drive.
+Time is passed in. A hold sends no setpoint at all: the gate then brakes and holds by itself. It ends when all
+is fresh again and the robot rests within the policy's reach, or with the drive.
 """
 
 from collections.abc import Callable
@@ -28,24 +28,24 @@ EXCESS = 1e-5  # above 1, of an action: rounding
 
 
 class ActionSource(Protocol):
-    """What chooses actions."""
+    """Source of actions."""
 
     card: PolicyCard
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n,) in -1..1 for (N,)."""
+        """Return the action (n,) in -1..1 for an observation (N,)."""
 
 
 class ReadingSource(Protocol):
-    """What makes readings of states."""
+    """Converter of states to readings."""
 
     def reading(self, heard: StateMessage) -> BodyReading:
-        """Of a fresh state."""
+        """Return the reading of a fresh state."""
 
 
 @dataclass(frozen=True, slots=True)
 class PolicySetpoint:
-    """To be sent now. Arrays (n,)."""
+    """Setpoint to send now. Arrays (n,)."""
 
     position: Floats  # rad, now
     velocity: Floats  # rad/s, until the next
@@ -53,14 +53,14 @@ class PolicySetpoint:
 
 @dataclass(frozen=True, slots=True)
 class PolicyHold:
-    """Nothing is to be sent, and why."""
+    """Result of a step that sends nothing, with its reason."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyEnd:
-    """The drive is over, and why."""
+    """Result of a step that ends the drive, with its reason."""
 
     reason: str
 
@@ -106,7 +106,10 @@ class PolicyController:
         self._seen: StateMessage | None = None  # in this hold: what a later state is compared with
 
     def step(self, heard: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
-        """What is to be done in the period that began at `deadline`, from the newest state."""
+        """Return the action of the period that began at `deadline`, from the newest state.
+
+        This is a setpoint, a hold or the end of the drive. `heard` None: no state has come yet.
+        """
         now = self._clock()
         why = "no state has come yet" if heard is None else heard.stale(now, STALE, self._joints)
         if heard is None or why is not None:

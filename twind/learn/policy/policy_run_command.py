@@ -1,4 +1,4 @@
-"""`twindctl policy run`: what stands between a terminal and a drive."""
+"""`twindctl policy run`: the code between a terminal and a drive."""
 
 import argparse
 import gc
@@ -46,7 +46,7 @@ BUSY = (
 
 
 class _RunInterrupted(Exception):
-    """Told to stop on the way to the default pose."""
+    """Stop request during the motion to the default pose."""
 
 
 def run_policy(options: argparse.Namespace, policy: Policy) -> int:
@@ -87,7 +87,10 @@ def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any
 
 
 def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) -> Floats:
-    """What is asked of it, within what it was trained for. Raises UsageError."""
+    """Return the command (3,) of the run, within the trained ranges. Raises UsageError.
+
+    Without `--command` it is the middle of each range.
+    """
     spans = [card.command.get(axis, span) for axis, span in zip(AXES, task.command, strict=True)]
     given = options.command or [0.5 * (low + high) for low, high in spans]
     for axis, value, (low, high) in zip(AXES, given, spans, strict=True):
@@ -128,7 +131,7 @@ def _whole(
     stop: threading.Event,
     progress: ProgressLine,
 ) -> tuple[bool, str]:
-    """To the default pose, then the drive."""
+    """Move to the default pose, then drive."""
     progress.tell("to the default pose")
 
     def check(_report: Mapping[str, Any]) -> None:
@@ -188,7 +191,7 @@ def _report(
 
 
 def _figures(told: Mapping[str, Any]) -> list[str]:
-    """Of a drive that began."""
+    """Return the lines of statistics of a drive that began."""
     lines = [
         f"{told['steps']} steps in {told['seconds']:.1f} s, {told['missed']} missed",
         f"late p50 {_ms(told['late_p50_ms'])}, p99 {_ms(told['late_p99_ms'])}; inference p99 "

@@ -28,12 +28,12 @@ class ProtobufSchema:
 
 @dataclass(slots=True)
 class ProtobufFieldBudget:
-    """How many fields a file may have yet."""
+    """Number of fields that a file may still have."""
 
     fields: int = field(default=MOST_FIELDS)
 
     def spend(self) -> None:
-        """For one field. Raises PolicyError: there are too many."""
+        """Count one field. Raises PolicyError if there are too many."""
         self.fields -= 1
         if self.fields < 0:
             raise PolicyError(f"has more than {MOST_FIELDS} fields: no policy of ours")
@@ -64,7 +64,7 @@ def message(data: memoryview, kind: ProtobufSchema, budget: ProtobufFieldBudget)
 
 
 def text(value: Value) -> str:
-    """Of a field with bytes. Raises PolicyError: it is no UTF-8."""
+    """Decode a field's bytes as UTF-8. Raises PolicyError if they are no UTF-8."""
     assert isinstance(value, memoryview)
     try:
         return str(value, "utf-8")
@@ -73,7 +73,7 @@ def text(value: Value) -> str:
 
 
 def signed(value: Value) -> int:
-    """An int64, as protocol buffers have it in a varint."""
+    """Convert a varint of protocol buffers to a signed int64."""
     assert isinstance(value, int)
     return value - _WHOLE if value >= _SIGN else value
 

@@ -1,6 +1,6 @@
-"""The ranges of domain randomisation, read from a YAML file as strictly as every file of twind.
+"""Ranges of domain randomisation, read from a YAML file with the same strict checks as every file of twind.
 
-A file has profiles; of what a profile leaves out nothing is randomised.
+A file has profiles; a quantity that a profile leaves out is not randomised.
 """
 
 import difflib
@@ -22,7 +22,7 @@ MOST_DELAY = 0.2  # s: ten control steps
 
 @dataclass(frozen=True, slots=True)
 class RangeRule:
-    """How a quantity stands in the file: its key, and what both ends must lie within."""
+    """Entry of a quantity in the file: its key, and the bounds of both ends."""
 
     key: str
     least: float
@@ -31,7 +31,7 @@ class RangeRule:
 
 @dataclass(frozen=True, slots=True)
 class NoiseRanges:
-    """Of each quantity of a reading: what it is off by at most, evenly, both ways."""
+    """Largest error of each quantity of a reading, drawn uniformly in both directions."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -55,7 +55,7 @@ class PushRanges:
 
 @dataclass(frozen=True, slots=True)
 class RandomisationRanges:
-    """What is drawn at each reset, [low, high]; as it stands here nothing is changed."""
+    """Ranges [low, high] of the values drawn at each reset; the defaults change nothing."""
 
     friction: Span = SAME
     mass: Span = SAME
@@ -76,7 +76,7 @@ class RandomisationRanges:
 
 
 def _factor(key: str) -> RangeRule:
-    """At most tenfold, so that nothing vanishes or explodes."""
+    """Build the rule of a factor: 0.1 to 10, so that no quantity vanishes or explodes."""
     return RangeRule(key, 0.1, 10.0)
 
 

@@ -1,4 +1,4 @@
-"""What an answer of an endpoint means for the message, and how long to wait before the next try. Pure."""
+"""Meaning of an endpoint's answer for the message, and the delay before the next try. Pure."""
 
 import random
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ NOT_THE_MESSAGE = frozenset({401, 402, 403, 404, 405, 407, 408, 409, 421, 423, 4
 
 
 class DeliveryOutcome(Enum):
-    """Of a message that was answered."""
+    """Outcome of a message that was answered."""
 
     DONE = "done"  # it arrived
     AGAIN = "again"  # the same, later
@@ -20,7 +20,10 @@ class DeliveryOutcome(Enum):
 
 
 def fate(status: int) -> DeliveryOutcome:
-    """By the status code. A redirection is not followed: whoever moved the endpoint changes the URL."""
+    """Return the outcome for a status code.
+
+    A redirection is not followed: where the endpoint has moved, the URL must be changed.
+    """
     if 200 <= status < 300:
         return DeliveryOutcome.DONE
     return (
@@ -31,7 +34,10 @@ def fate(status: int) -> DeliveryOutcome:
 
 
 def retry_after(header: str | None, wall: float) -> float:
-    """s that the answer asks us to wait: of seconds or a date; 0 for none, and for what is neither."""
+    """Return the seconds that the answer requests as a delay, given as seconds or a date.
+
+    Zero for no request, and for a value that is neither.
+    """
     if header is None:
         return 0.0
     text = header.strip()
@@ -45,7 +51,7 @@ def retry_after(header: str | None, wall: float) -> float:
 
 @dataclass(slots=True)
 class Backoff:
-    """When to try again: after each failure in a row twice as late, by a random half less."""
+    """Time of the next try: each failure in a row doubles the delay, less a random half."""
 
     random: random.Random
     failures: int = 0  # in a row

@@ -36,7 +36,7 @@ class ListenAddress:
 
 
 def address(text: str) -> ListenAddress:
-    """Of 127.0.0.1:8000, [::1]:8000 or localhost:8000. Raises ValueError."""
+    """Parse 127.0.0.1:8000, [::1]:8000 or localhost:8000. Raises ValueError."""
     host, _, port = text.rpartition(":")
     host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
     try:
@@ -50,7 +50,7 @@ def address(text: str) -> ListenAddress:
 
 @dataclass(slots=True)
 class IngestFaults:
-    """What goes wrong on purpose: shares of the messages, seconds before each answer."""
+    """Deliberate faults: shares of the messages, seconds before each answer."""
 
     fail: float = 0.0
     refuse: float = 0.0
@@ -58,7 +58,7 @@ class IngestFaults:
     seed: int = 0
 
     def draw(self, key: str, attempt: int) -> str:
-        """What becomes of this attempt: "", or busy, unavailable, deaf, cut, silent, rubbish, refuse."""
+        """Draw the fault of one attempt: "", or busy, unavailable, deaf, cut, silent, rubbish, refuse."""
         rng = random.Random(f"{self.seed} {key}")  # of one message always the same
         if rng.random() < self.refuse:
             return "refuse"
@@ -124,7 +124,7 @@ class IngestStore:
         return True
 
     def counts(self) -> dict[str, int]:
-        """Of this run."""
+        """Return the counts of this run: messages, samples, duplicates, failed."""
         return {
             "messages": self.messages,
             "samples": self.samples,
@@ -133,7 +133,7 @@ class IngestStore:
         }
 
     def said(self) -> str:
-        """The same for people."""
+        """Return the same counts as a text for people."""
         lost = f", {self.failed} failed on purpose" if self.failed else ""
         return f"{self.messages} messages, {self.samples} samples, {self.duplicates} came again{lost}"
 
@@ -163,7 +163,7 @@ class IngestServer:
                     places.release()
 
             def handle_error(self, request: Any, client_address: Any) -> None:
-                """Who hangs up in the middle is no error of ours."""
+                """Ignore a client that hangs up in the middle: it is no error of the server."""
 
         class Handler(_IngestHandler):
             pass

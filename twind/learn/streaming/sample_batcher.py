@@ -1,6 +1,6 @@
-"""Samples on their way from the thread that listens to the one that writes: batches, in a bounded queue.
+"""Samples on their way from the receiving thread to the writing thread: batches, in a bounded queue.
 
-Who puts something in never waits. What finds no room is lost, the oldest first, and counted.
+A put never waits. Batches that find no room are lost, the oldest first, and counted.
 """
 
 import threading
@@ -39,7 +39,7 @@ class SampleBatcher:
         self.dropped = 0  # batches and pictures that found no room
 
     def put(self, sample: StreamSample, robot: StreamedRobot) -> None:
-        """A sample of that robot. A batch is of one robot, in one mode, with the same joints."""
+        """Add a sample of `robot`. A batch has one robot, one mode and the same joints."""
         with self._changed:
             self.samples += 1
             self.latest = sample
@@ -55,7 +55,7 @@ class SampleBatcher:
                 self._close()
 
     def add(self, picture: PostMessage) -> None:
-        """A message that is whole as it is."""
+        """Add a message that is complete already."""
         with self._changed:
             self._keep(picture)
 
@@ -69,7 +69,7 @@ class SampleBatcher:
             return self._closed.popleft() if self._closed else None
 
     def give_back(self, batch: SampleBatch | PostMessage) -> None:
-        """It could not be written: it is the oldest again, and the first to go."""
+        """Return a batch that could not be written: it is the oldest again, and the first to be dropped."""
         with self._changed:
             self._closed.appendleft(batch)
             self._fit()
@@ -99,7 +99,10 @@ class SampleBatcher:
         self._changed.notify()
 
     def _fit(self) -> None:
-        """Of a batch that goes the next one tells: how many samples are missing before it."""
+        """Drop the oldest batches until the queue fits.
+
+        The next batch carries the number of samples that are missing before it.
+        """
         while len(self._closed) > self._room:
             gone = self._closed.popleft()
             self.dropped += 1

@@ -71,7 +71,7 @@ class Spool:
     """A folder of one process, for several threads. Each call waits for the disk and raises sqlite3.Error."""
 
     def __init__(self, folder: Path, bounds: SpoolLimits, now: float, wall: float) -> None:
-        """Raises SpoolHeld, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
+        """Raises SpoolInUse, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
         self.folder, self._bounds = folder, bounds
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._held = _hold(folder / LOCK)
@@ -168,7 +168,7 @@ class Spool:
         return count
 
     def expire(self, now: float, wall: float, lost: int = 0) -> None:
-        """What has become too old or too much goes. `lost` as of `append`."""
+        """Drop messages that have become too old or too many. `lost` as in `append`."""
         with self._lock, self._all_or_nothing() as changed:
             changed.dropped += lost
             self._drop_old(changed, now, wall)
@@ -176,7 +176,11 @@ class Spool:
     # ------------------------------------------------------------------------------------------ inside
 
     def _drop_old(self, changed: SpoolCounts, now: float, wall: float) -> None:
-        """Of this run by the monotonic clock: a wall clock that is set drops nothing of it."""
+        """Drop the messages that exceed the age or the size bounds, the oldest first.
+
+        The age of messages of this run is measured by the monotonic clock, so that a step of the wall clock
+        drops none of them.
+        """
         while True:
             first = self._rows("SELECT sequence, run, made, wall FROM message ORDER BY sequence LIMIT 1")
             if not first:
@@ -188,7 +192,7 @@ class Spool:
             changed.dropped += self._take_away(changed, sequence)
 
     def _take_away(self, changed: SpoolCounts, sequence: int) -> bool:
-        """It was there."""
+        """Delete one message; return whether it was there."""
         found = self._rows("SELECT length(body), reason IS NULL FROM message WHERE sequence = ?", (sequence,))
         if not found:
             return False

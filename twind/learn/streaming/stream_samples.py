@@ -20,7 +20,10 @@ _encode = msgspec.json.Encoder().encode  # writes NaN as null
 
 
 class _StreamedJoint(msgspec.Struct, gc=False):
-    """What is taken of `Joint`; the rest of it is skipped unread, which costs a seventh of reading it."""
+    """Fields that are read of `Joint`.
+
+    The others are skipped unread, which costs a seventh of the time to read them.
+    """
 
     name: str
     position: float | None
@@ -58,7 +61,7 @@ class StreamSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StreamedRobot:
-    """Whose samples they are, as the daemon says."""
+    """Robot that the samples belong to, as the daemon reports it."""
 
     name: str
     individual: str

@@ -1,6 +1,7 @@
-"""How good a policy is: whole episodes on simulations of their own, with the same seeds every time.
+"""Evaluation of a policy: whole episodes on simulations of their own, with the same seeds every time.
 
-Beside it the policy that does nothing: it holds the default pose. What is not better has learnt nothing.
+The reference is the policy that does nothing and holds the default pose. A score that is not better shows
+that nothing was learnt.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,7 +23,7 @@ Act = Callable[[Rows], Rows]
 
 @dataclass(frozen=True, slots=True)
 class EvaluationScore:
-    """Of the episodes of one evaluation. Means over episodes."""
+    """Score of the episodes of one evaluation. Means over episodes."""
 
     returns: float  # sum of rewards of an episode
     deviation: float  # of the returns, between episodes
@@ -34,7 +35,7 @@ class EvaluationScore:
     episodes: int
 
     def told(self) -> dict[str, Any]:
-        """By name."""
+        """Return the fields by name."""
         return asdict(self)
 
 
@@ -50,7 +51,7 @@ class EvaluationEnvs:
         self._seeds = [first_seed + place for place in range(count)]
 
     def zero(self) -> EvaluationScore:
-        """Of the policy that does nothing."""
+        """Return the score of the policy that does nothing."""
         action = np.zeros((self.core.count, self.core.joints), np.float32)
         return self.judge(lambda _: action)
 

@@ -1,4 +1,4 @@
-"""What PPO has learnt, as a policy file: the actor's mean and the normalisation, without the rest."""
+"""Export of a PPO network as a policy file: the actor's mean and the normalisation, without the rest."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +12,10 @@ from twind.learn.training.training_settings import TrainingSettings
 
 
 def layers(policy: Any) -> list[NetworkLayer]:
-    """Of an `ActorCriticPolicy` with tanh: observation, normalised, to the mean of the actions."""
+    """Return the layers of an `ActorCriticPolicy` with tanh.
+
+    They map the normalised observation to the mean of the actions.
+    """
     from torch import nn
 
     found = [_layer(each, "tanh") for each in policy.mlp_extractor.policy_net if isinstance(each, nn.Linear)]

@@ -32,7 +32,10 @@ def environments(settings: TrainingSettings) -> Any:
 
 
 def _in_a_process(settings: TrainingSettings) -> Any:
-    """Ctrl-C in a terminal reaches every process: it is the learner's alone."""
+    """Make the environment of a child process, which ignores Ctrl-C.
+
+    Ctrl-C in a terminal reaches every process, and only the learner handles it.
+    """
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -91,7 +94,7 @@ class PpoLearner:
 
     @property
     def steps(self) -> int:
-        """Control steps so far, of all environments and all sessions."""
+        """Number of control steps so far, of all environments and all sessions."""
         return 0 if self.model is None else int(self.model.num_timesteps)
 
     def update(self) -> None:
@@ -99,7 +102,10 @@ class PpoLearner:
         self.model.learn(self.settings.rollout * self.settings.envs, reset_num_timesteps=False)
 
     def recent(self) -> tuple[float, float, float] | None:
-        """Of the last episodes: mean return, mean length (control steps), share that fell. None: none yet."""
+        """Return means over the last episodes: return, length (control steps), share that fell.
+
+        None: no episode has ended yet.
+        """
         episodes = list(self.model.ep_info_buffer)
         if not episodes:
             return None

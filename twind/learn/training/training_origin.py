@@ -1,4 +1,7 @@
-"""Of what files a training is made: two trainings of the same files and settings differ by nothing else."""
+"""Hashes of the files that a training is made from.
+
+Two trainings with the same files and the same settings differ in nothing else.
+"""
 
 import hashlib
 from dataclasses import replace
@@ -10,9 +13,9 @@ from twind.learn.training.training_settings import TrainingSettings
 
 
 def originated(settings: TrainingSettings) -> TrainingSettings:
-    """With the hashes of robot file and MJCF (its meshes aside), and of the file of ranges, as they are now.
+    """Return the settings with the current hashes of their files.
 
-    Raises ConfigError.
+    These are the robot file with its MJCF (without meshes), and the file of ranges. Raises ConfigError.
     """
     robot, profile = load_robot(settings.robot), settings.profile
     ranges = "" if profile is None else _hash(read_text(file_of(profile)))
@@ -20,7 +23,7 @@ def originated(settings: TrainingSettings) -> TrainingSettings:
 
 
 def changed(settings: TrainingSettings) -> list[str]:
-    """What is no more as it was when the training began, a sentence each. Raises ConfigError."""
+    """Return a sentence for each file that has changed since the training began. Raises ConfigError."""
     now, found = originated(settings), []
     if now.robot_sha256 != settings.robot_sha256:
         found.append(f"the robot file {settings.robot} or its MJCF has changed since")

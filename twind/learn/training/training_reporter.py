@@ -1,4 +1,4 @@
-"""What a training says: a table that grows for people, a line of JSON for each thing with --json."""
+"""Output of a training: a growing table for people, a line of JSON per report with --json."""
 
 import argparse
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ HEAD = f"{'steps':>10} {'steps/s':>8} {'return':>8} {'against zero':>12} {'lengt
 
 @dataclass(frozen=True, slots=True)
 class TrainingReporter:
-    """Says it, as the options want it."""
+    """Printer of the reports in the form that the options select."""
 
     options: argparse.Namespace
 
     def began(self, settings: TrainingSettings, path: Path, done: int, zero: EvaluationScore) -> None:
-        """What is trained, and what there is to beat."""
+        """Print what is trained, and `zero`, the score of the policy that does nothing, as the reference."""
         random = settings.profile or "none"
         lines = [
             f"{settings.task} with {settings.robot}: {_count(settings.steps)} steps of {settings.envs}"
@@ -58,7 +58,7 @@ class TrainingReporter:
         show(self.options, data, _row(_count(steps), f"{rate:.0f}", score, zero, " *" if best else ""))
 
     def progress(self, steps: int, rate: float, recent: tuple[float, float, float] | None) -> None:
-        """After an update; with --json alone: people have the bar."""
+        """Print the progress after an update; with --json only, as a terminal shows the bar."""
         if self.options.json:
             names = ("return", "length", "falls")
             known = dict(zip(names, recent, strict=True)) if recent else dict.fromkeys(names)
@@ -67,7 +67,7 @@ class TrainingReporter:
     def ended(
         self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
     ) -> None:
-        """What came of it, and how to go on."""
+        """Print the result, and how to go on."""
         data: dict[str, Any] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
         data |= {"zero": zero.told(), "best": best.told() if best else None}
         lines = ["", f"{'done' if whole else 'stopped'} after {_count(steps)} steps: {path}"]
@@ -79,7 +79,7 @@ class TrainingReporter:
 
 
 def bar(steps: int, rate: float, recent: tuple[float, float, float] | None) -> str:
-    """What stands behind the bar."""
+    """Return the text that stands after the bar."""
     line = f"{_count(steps)} steps, {rate:.0f}/s"
     if recent is None:
         return line

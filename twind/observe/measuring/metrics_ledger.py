@@ -1,4 +1,4 @@
-"""What the daemon said last, and what was counted of it, for `twindctl metrics`. Pure: no socket, no text.
+"""Newest values of the daemon and counters of its messages, for `twindctl metrics`. Pure: no socket, no text.
 
 Times of the daemon and of this process are one machine's monotonic clock.
 """
@@ -21,7 +21,8 @@ SAME_RUN = 1.0  # s by which two reckonings of one beginning may differ: a figur
 
 @dataclass(frozen=True, slots=True)
 class MetricCounters:
-    """What this process saw go by. It begins with the process, and outlives the daemon."""
+    """Counters of the messages that this process received. They begin with the process, and outlive the
+    daemon."""
 
     since: float  # s, wall clock
     refusals: Mapping[str, int] = field(default_factory=Counter)  # by code: verdicts that had it
@@ -59,7 +60,7 @@ class MetricsLedger:
         self.forget()
 
     def forget(self) -> None:
-        """The daemon is gone: nothing of it is told any more, but what was counted stays."""
+        """Drop the values of a daemon that is gone; the counters of this process stay."""
         self._status: Fields | None = None
         self._joints: Sequence[Fields] | None = None
         self._latencies: dict[str, Fields] = {}
@@ -68,7 +69,7 @@ class MetricsLedger:
         self._heard = -inf
 
     def take(self, message: Fields, now: float, wall: float) -> None:
-        """One message; `now` of the monotonic clock, `wall` of the other, s."""
+        """Process one message; `now` in s of the monotonic clock, `wall` in s of the wall clock."""
         self._lost += message.get("dropped", 0)
         topic = message["topic"]
         if topic == "verdicts":
@@ -85,7 +86,8 @@ class MetricsLedger:
             self._heard = now  # last: a message that nobody understands is no news
 
     def news(self, now: float) -> DaemonMetrics | None:
-        """What is known, or None: the daemon is gone, hangs, or has not said enough yet."""
+        """Return the known metrics; None: the daemon is gone, hangs, or has not sent enough yet. `now` in s,
+        monotonic."""
         age = now - self._heard
         if not age <= STALE or self._status is None or self._joints is None:
             return None
@@ -105,7 +107,7 @@ class MetricsLedger:
 
     @property
     def whole(self) -> bool:
-        """Everything that is told again and again was told once, histograms too."""
+        """True once each periodic message has arrived at least once, including all histograms."""
         told = [each.get("histogram") for each in self._latencies.values()]
         known = self._status is not None and self._joints is not None and self._lateness is not None
         return known and bool(told) and None not in told

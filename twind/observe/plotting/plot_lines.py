@@ -1,4 +1,4 @@
-"""What of a recording is drawn: which joints, which points of a line, which marks. Pure; no matplotlib."""
+"""Selection of what is drawn of a recording: joints, points of a line, marks. Pure; no matplotlib."""
 
 from dataclasses import dataclass
 
@@ -52,7 +52,8 @@ def line(time: Floats, value: Floats, window: Window) -> PlotLine:
 
 
 def thinned(whole: PlotLine) -> PlotLine:
-    """All of it, or where that is too much the least and the greatest of each stretch, and the gaps."""
+    """Return the whole line, or if it has too many points, the least and greatest of each stretch, and the
+    gaps."""
     if whole.time.size <= MOST:
         return whole
     kept = []
@@ -79,7 +80,7 @@ def worst(recording: RobotRecording, window: Window) -> tuple[str, ...]:
 
 
 def _mean(values: Floats) -> Floats:
-    """Of what is known in each column (n,), NaN where nothing is."""
+    """Return the mean of the known values of each column (n,); NaN where a column has none."""
     known = np.isfinite(values)
     count = known.sum(axis=0)
     total = np.where(known, values, 0.0).sum(axis=0)

@@ -103,7 +103,10 @@ class _ImuRows:
 
 
 class _McapContents:
-    """What is of use in a file: JointStates as numbers, what was said as bytes; the rest is passed over."""
+    """Used contents of a file: JointStates and IMU as numbers, other used messages as bytes, attachments.
+
+    Messages of other topics are skipped.
+    """
 
     def __init__(self, file: McapScanner) -> None:
         self.file = file
@@ -115,7 +118,7 @@ class _McapContents:
         self.start: int | None = None  # ns, of the first message
 
     def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
-        """Raises CdrError, or one of FOREIGN."""
+        """Store one message, attachment or metadata record. Raises CdrError, or one of FOREIGN."""
         if isinstance(each, McapMessage):
             topic = self.file.channels[each.channel].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
@@ -185,7 +188,7 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
 
 
 def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
-    """Of the rows at `times` (ns); None: no IMU told anything."""
+    """Return the IMU columns of the rows at `times` (ns); None: no IMU message was recorded."""
     if not told.times or not times.size:
         return None
     at = np.array(told.times, np.int64)
@@ -219,7 +222,7 @@ def _damage(file: McapScanner) -> str:
 
 
 def _json(data: bytes) -> Mapping[str, Any]:
-    """Of JSON, as it is or in a message of std_msgs/String."""
+    """Parse a JSON object, either bare or in a message of std_msgs/String; empty if it is none."""
     try:
         found = json.loads(decode(STRING, data)["data"] if data.startswith(HEAD) else data)
     except (ValueError, RecursionError):
@@ -232,7 +235,7 @@ def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None
 
 
 def _trajectories(kept: Sequence[TopicMessage], start: int) -> tuple[RecordedMessage, ...]:
-    """As `Trajectory` of the interface."""
+    """Convert JointTrajectory messages to the parameters of `Trajectory` in the interface."""
     found = []
     for each in kept:
         try:
@@ -275,7 +278,7 @@ def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns 
 
 
 def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
-    """Columns by hop of moments (s) with what was told of each hop then."""
+    """Build the latency columns of each hop from pairs of a time (s) and the latencies reported at it."""
     found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
     for time, latencies in said:
         for each in latencies:

@@ -1,4 +1,4 @@
-"""What a file holds of a robot's past, as columns: one reader for pictures, replay and export.
+"""Columns of a recorded file: one reader for pictures, replay and export.
 
 `open_recording` reads an .mcap (of ours, or any with JointState messages in it) or a .flight file, also where
 its end is missing.
@@ -26,7 +26,7 @@ class Unreadable(Rejected):
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """Something that was said at a moment, as the daemon sent it: an event, a verdict, a status."""
+    """One recorded message, as the daemon sent it: an event, a verdict, a status."""
 
     time: float  # s since `Recording.start_ns`
     what: Parameters
@@ -34,7 +34,7 @@ class RecordedMessage:
 
 @dataclass(frozen=True, slots=True)
 class RecordedEpisode:
-    """A stretch that somebody marked. Times in s since the start; NaN: not in this file."""
+    """Marked stretch of a recording. Times in s since the start; NaN: not in this file."""
 
     task: str
     begin: float
@@ -44,7 +44,8 @@ class RecordedEpisode:
 
 @dataclass(frozen=True, slots=True)
 class SlowColumns:
-    """What is told of each joint a few times a second. `time` (m,); the others (m, n), NaN: unknown."""
+    """Values of each joint that the daemon sends a few times a second. `time` (m,); the others (m, n), NaN:
+    unknown."""
 
     time: Floats  # s
     temperature: Floats  # °C
@@ -64,9 +65,9 @@ class LatencyColumns:
 
 @dataclass(frozen=True, slots=True)
 class ImuColumns:
-    """What an IMU told, in the axes of the base; in mode sim the simulation's. Rows as `Recording.time`.
+    """IMU readings in the axes of the base; in mode sim the simulation's. Rows as `RobotRecording.time`.
 
-    NaN where nothing new was heard.
+    NaN where no new reading arrived.
     """
 
     gyro: Floats  # rad/s, (k, 3)

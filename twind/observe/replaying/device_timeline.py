@@ -1,9 +1,9 @@
-"""What the bytes of one bus tell of its devices: a servo's registers as a recording has them. Pure.
+"""Changes of the devices on one bus, from its recorded bytes: a servo's registers over time. Pure.
 
-Three kinds of change. What only a servo writes (positions, temperatures) is as it was last read. What a host
-writes (torque, gains, goals) is the business of whoever is the host now; but where the recording reads
-something else than its host wrote, the servo changed it itself, and that happens again. A device that left
-two questions open is silent from the first of them until it is heard.
+Three kinds of change. A register that only a servo writes (positions, temperatures) is as it was last read. A
+register that a host writes (torque, gains, goals) is left to the current host. Where the recording reads
+another value than its host wrote, the servo changed it itself, and that happens again. A device that left two
+requests unanswered is silent from the first of them until it answers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,7 +46,10 @@ class BusTimeline:
 
     @cached_property
     def tables(self) -> Mapping[int, ControlTable]:
-        """Of each id that ever said what it is. Raises Unknown: a model that no table has."""
+        """Control table of each id that ever reported its model.
+
+        Raises IncompleteRecording: a model that has no control table.
+        """
         try:
             return {id: table(*each) for id, each in self.models.items()}
         except KeyError as error:
@@ -54,7 +57,7 @@ class BusTimeline:
 
     @cached_property
     def models(self) -> Mapping[int, tuple[int, int]]:
-        """Model number and firmware of each id that ever said them."""
+        """Model number and firmware of each id that ever reported them."""
         said: dict[int, tuple[int, int]] = {}
         for each in (each for exchange in (*self.kept, *self.told) for each in exchange.told):
             number, firmware = said.get(each.id, (-1, 0))
@@ -75,7 +78,7 @@ class BusTimeline:
 
 
 def story(name: str, bus: int, contents: FlightContents) -> BusTimeline:
-    """Of the bus at that place of the robot's order."""
+    """Build the timeline of one bus; `bus` is its place in the robot's order of buses."""
     own = [each for each in contents.entries if each.bus == bus]
     kept = contents.kept.get(bus, ())
     ring = [each for each in own if each.kind in (EntryKind.OUT, EntryKind.IN)]
@@ -94,7 +97,11 @@ GONE = 0.001  # s, at most, that it was gone before that was found out
 
 
 def _plugs(entries: Sequence[FlightEntry]) -> Iterator[tuple[float, bool]]:
-    """Gone half-way between the last byte and its loss; back shortly before it was opened."""
+    """Yield when the port was lost (False) and back (True), s.
+
+    The loss is half-way between the last byte and its report, at most `GONE` s before that report. The return
+    is `BACK` s before the port was opened.
+    """
     before = float("-inf")
     for entry in entries:
         word = entry.data if entry.kind == EntryKind.PORT else b""
@@ -106,7 +113,7 @@ def _plugs(entries: Sequence[FlightEntry]) -> Iterator[tuple[float, bool]]:
 
 
 def _part(address: int, data: bytes, wanted: int, size: int, before: int) -> int:
-    """The number at `wanted`, where `data` from `address` holds it."""
+    """Return the number at address `wanted` if `data` from `address` contains it, otherwise `before`."""
     at = wanted - address
     if address < 0 or at < 0 or at + size > len(data):
         return before
@@ -117,10 +124,10 @@ def _part(address: int, data: bytes, wanted: int, size: int, before: int) -> int
 
 
 class DeviceTimeline:
-    """What is known of one device while its exchanges are gone through."""
+    """Known state of one device while its exchanges are read in time order."""
 
     def __init__(self, id: int, made: ControlTable, since: float) -> None:
-        """`since`: s, from when on it is watched; what was read first was so then."""
+        """`since`: s, start of the watched time; a register has the value first read from it since then."""
         self.id, self._table, self._since = id, made, since
         self._fields: dict[tuple[int, int], list[TableRegister]] = {}
         self._fault = made.fields.get("hardware_error_status")
@@ -133,7 +140,8 @@ class DeviceTimeline:
         self._missed_at: float | None = None  # s, since when it leaves questions open
 
     def missed(self, time: float) -> Iterator[DeviceEvent]:
-        """It was asked, and said nothing that counts. One lost answer is no silence yet."""
+        """Process a request without a valid answer. One lost answer is no silence yet; the second one in a
+        row is."""
         if self._missed_at is None:
             self._missed_at = time
         elif not self._silent:
@@ -141,18 +149,19 @@ class DeviceTimeline:
             yield DeviceEvent(self._missed_at, SILENT, self.id)
 
     def look_away(self, until: float) -> None:
-        """What came next was not recorded until then (s): a host may have written anything meanwhile."""
+        """Forget the known registers: nothing was recorded until `until` (s), and a host may have written any
+        of them."""
         self._known.clear()
         self._since = until
 
     def written(self, time: float, address: int, data: bytes) -> None:
-        """The recording's host wrote this."""
+        """Process a write by the host of the recording: `data` from `address` at `time` (s)."""
         for each in self._host(address, len(data)):
             at = each.address - address
             self._known[each.key] = time, data[at : at + each.size]
 
     def heard(self, time: float, error: int, address: int, data: bytes) -> Iterator[DeviceEvent]:
-        """It answered at `time`."""
+        """Process an answer of the device at `time` (s); yield the events that follow from it."""
         self._missed_at = None
         if self._silent:
             self._silent = False
@@ -175,7 +184,8 @@ class DeviceTimeline:
             self._known[each.key] = time, value
 
     def _damage(self, address: int, data: bytes) -> Iterator[DeviceEvent]:
-        """The bits are read after the first alert, and hold since then."""
+        """Yield DAMAGED when the fault bits change. They are read after the first alert, and hold since that
+        alert."""
         fault = self._fault
         bits = 0 if fault is None else _part(address, data, fault.address, 1, 0)
         if bits != self._bits and self._alerts_since < float("inf"):

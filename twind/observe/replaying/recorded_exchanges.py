@@ -1,7 +1,7 @@
-"""The bytes of one serial bus as exchanges: what was asked, what came back and when, who said what. Pure.
+"""The bytes of one serial bus as exchanges: the request, the bytes received and when, the replies. Pure.
 
-Answers are found by the driver's own parsers (`dynamixel/replies.py`), so that what a daemon would have
-dropped is nothing that a device said.
+Answers are found by the driver's own parsers (`dynamixel/replies.py`), so bytes that a daemon would have
+dropped do not count as a reply.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,7 +30,7 @@ PAUSE = 0.004  # s without a byte, after which even what completes an answer was
 
 
 class DeviceReply(NamedTuple):
-    """What one device said."""
+    """One reply of one device."""
 
     id: int
     error: int
@@ -48,7 +48,7 @@ class RegisterAccess(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RecordedExchange:
-    """What left in one write, and all bytes that came until the next."""
+    """One write of the host, and all bytes received until the next write."""
 
     time: float  # s, when it left
     asks: bytes  # the packet that asks; empty: none did
@@ -60,10 +60,10 @@ class RecordedExchange:
 
 
 class RecordedRequest:
-    """One packet that asks, and the parser of its answers; kept, as the same is asked again and again."""
+    """One request packet and the parser of its answers; kept, since the same request is sent repeatedly."""
 
     def __init__(self, packet: Packet) -> None:
-        """Raises ValueError: it asks nothing that one bus could answer."""
+        """Raises ValueError: the packet requests nothing that one bus could answer."""
         self.fast, self.ping = packet.instruction in FAST, packet.instruction == Instruction.PING
         self.spans = tuple(_asked(packet))
         sizes = {len(span.data) for span in self.spans}
@@ -74,7 +74,10 @@ class RecordedRequest:
         self.reply: PendingReply = FastSyncReadReply(ids, size) if self.fast else StatusReply(ids, size)
 
     def hear(self, chunks: Sequence[bytes]) -> tuple[tuple[DeviceReply, ...], tuple[int, ...], int]:
-        """Who said what, who is missed, and after how many chunks all was said (all of them: never)."""
+        """Parse the answer bytes; return the replies, the ids without a reply, and the number of chunks used.
+
+        That number is the count of chunks until the answer was complete; all of them also if it never was.
+        """
         reply, done = self.reply, len(chunks)
         reply.start()
         for place, chunk in enumerate(chunks):
@@ -110,7 +113,10 @@ class RecordedRequest:
 
 
 def exchanges(entries: Iterable[FlightEntry]) -> list[RecordedExchange]:
-    """Of the OUT and IN entries of one bus, in time order. What came before the first write is left out."""
+    """Group the OUT and IN entries of one bus, in time order, into exchanges.
+
+    Entries before the first write are left out.
+    """
     questions: dict[bytes, RecordedRequest | None] = {}
     found: list[RecordedExchange] = []
     out: FlightEntry | None = None
@@ -181,7 +187,10 @@ def _question(packet: bytes) -> RecordedRequest | None:
 def _earlier(
     chunks: list[tuple[float, bytes]], done: int, until: float | None
 ) -> Iterator[tuple[float, bytes]]:
-    """What was found waiting when the next request left came half-way between the read before and that."""
+    """Correct the times of chunks that were found waiting when the next request left.
+
+    Such a chunk arrived half-way between the read before it and its own read.
+    """
     before = 0.0
     for place, (at, data) in enumerate(chunks):
         late = until is not None and until - at < THROWN and (place >= done or at - before > PAUSE)

@@ -29,7 +29,8 @@ PATIENCE = 1.0  # s after which the replay begins with another question than the
 
 
 class ReplayBus:
-    """What a port or the loopback serves (`virtual.served.Served`). Time is an argument, and never back."""
+    """Replayed bus that a port or the loopback serves (`virtual.served.Served`). Time is an argument, and
+    never goes back."""
 
     kind = "dynamixel2"
 
@@ -87,27 +88,27 @@ class ReplayBus:
 
     @property
     def backlog(self) -> int:
-        """Nothing waits."""
+        """Always 0: no bytes wait."""
         return 0
 
     @property
     def history(self) -> ReadingHistory | None:
-        """Nothing is kept."""
+        """Always None: no readings are kept."""
         return None
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Does nothing: no bytes wait."""
 
     def line(self, baud: int) -> None:
         """The host's port is set to `baud`."""
         self._bus.line(baud)
 
     def ids(self) -> list[int]:
-        """Of the devices, in rows."""
+        """Return the ids of the devices, in order of rows."""
         return self._bus.ids()
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """What the virtual servos would say: registers."""
+        """Return the registers, in the form that the virtual servos report."""
         return self._bus.truth(now)
 
     def slip(self, seconds: float) -> None:
@@ -130,7 +131,7 @@ class ReplayBus:
                 self._bus.receive(packet, now)
 
     def due(self) -> float:
-        """When something comes, or the port goes, s."""
+        """Return the time of the next byte or plug event, s."""
         first = self._under_way[0][0] if self._under_way else inf
         return min(first, self._bus.due(), self._next_plug())
 
@@ -183,7 +184,10 @@ class ReplayBus:
             heapq.heappush(self._under_way, (at, next(self._number), data))
 
     def _latest(self, exchange: RecordedExchange) -> float:
-        """s after the question. What was taken had come in time, however late whoever took it woke up."""
+        """Return how long after the request an answer may come, s.
+
+        Bytes that the host read had come in time, however late its thread woke up.
+        """
         fast, told = exchange.asks[7] in FAST, exchange.told
         size = len(exchange.asks) + sum(len(each.data) + (4 if fast else STATUS_OVERHEAD) for each in told)
         size += sum(len(span.data) + 1 for span in exchange.writes)
@@ -191,7 +195,11 @@ class ReplayBus:
         return BITS * size / self._baud + (1 if fast else len(told)) * delay + WOKEN
 
     def _usual(self, begin: float) -> RecordedExchange | None:
-        """The first of the question that is asked most often after the beginning: that of every tick."""
+        """Return the first exchange of the request sent most often after the beginning: the one of every
+        tick.
+
+        None: no request was recorded then.
+        """
         soon = [each for each in self._story.told if each.asks and begin <= each.time < begin + USUAL]
         often = Counter(each.asks for each in soon).most_common(1)
         return next((each for each in soon if each.asks == often[0][0]), None) if often else None

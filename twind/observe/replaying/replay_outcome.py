@@ -1,6 +1,6 @@
-"""What came of the commands: answers in the order of asking, faults that stayed, the state at the end. Pure.
+"""Results of the commands: answers in the order of the calls, faults that stayed, the state at the end. Pure.
 
-Built from the loop's own messages, or from what a client is told; two of them are compared here.
+Built from the loop's own messages, or from those that a client receives; two of them are compared here.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ Named = tuple[str, str | None]  # code, joint
 
 @dataclass(frozen=True, slots=True)
 class CommandOutcome:
-    """What came of one command."""
+    """Result of one command."""
 
     method: str
     error: str | None = None  # of the interface, without its prefix
@@ -34,7 +34,7 @@ class CommandOutcome:
 
 @dataclass(frozen=True, slots=True)
 class ReplayOutcome:
-    """What is compared."""
+    """Result of a recording or of its replay; two of them are compared."""
 
     answers: tuple[CommandOutcome, ...]
     faults: Mapping[Named, float]  # that stayed until they were acknowledged, or to the end -> s since begin
@@ -43,7 +43,7 @@ class ReplayOutcome:
     armed: bool
 
     def plain(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Convert to a dict that JSON can represent."""
         return {
             "answers": [
                 {
@@ -86,7 +86,10 @@ def outcome_of(plain: Mapping[str, Any]) -> ReplayOutcome:
 
 
 def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> CommandOutcome:
-    """Of the parameters of all replies to one call, joints named; `error`: with which the last one came."""
+    """Build the outcome of one call from the parameters of all its replies, with joints named.
+
+    `error`: the error of the last reply.
+    """
     if not replies:
         return CommandOutcome(method, answered=False)
     last, phases = replies[-1], [each["phase"] for each in replies if each.get("phase")]
@@ -97,7 +100,7 @@ def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None 
 
 @dataclass
 class StandingFaults:
-    """The faults that stay: of those that are told while a state is latched, what is there at its end."""
+    """Faults that stay: of those reported while a state is latched, the ones present when that state ends."""
 
     _since: dict[Named, float] = field(default_factory=dict)  # of all that are told now
     _last: dict[Named, float] = field(default_factory=dict)  # of those, in a latched state
@@ -105,7 +108,7 @@ class StandingFaults:
     _before: bool = False
 
     def look(self, time: float, state: str, faults: Sequence[Named]) -> None:
-        """What is told at `time` (s)."""
+        """Update with the state and the faults that are reported at `time` (s)."""
         self._since = {each: self._since.get(each, time) for each in faults}
         if state in LATCHED:
             self._last = dict(self._since)
@@ -114,7 +117,7 @@ class StandingFaults:
         self._before = state in LATCHED
 
     def end(self) -> dict[Named, float]:
-        """All of them, and since when."""
+        """Return all faults that stayed, with the time since which each was reported, s."""
         if self._before:
             self._keep()
         return dict(self._kept)
@@ -125,7 +128,7 @@ class StandingFaults:
 
 
 def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: float) -> Iterator[str]:
-    """What came out differently, in words; times may differ by `tolerance` (s)."""
+    """Yield the differences of two outcomes, in words; times may differ by `tolerance` (s)."""
     if len(recorded.answers) != len(replayed.answers):
         yield f"recorded {len(recorded.answers)} commands, replayed {len(replayed.answers)}"
     pairs = zip(recorded.answers, replayed.answers, strict=False)
@@ -148,7 +151,7 @@ def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: flo
 
 
 def uncompared(recorded: ReplayOutcome, replayed: ReplayOutcome) -> Iterator[str]:
-    """What the recording does not tell to its end, and what came of it now, in words."""
+    """Yield, in words, the commands whose end the recording does not contain, and their replayed result."""
     pairs = zip(recorded.answers, replayed.answers, strict=False)
     for number, (then, now) in enumerate(pairs, 1):
         if not then.answered:
@@ -158,12 +161,13 @@ def uncompared(recorded: ReplayOutcome, replayed: ReplayOutcome) -> Iterator[str
 
 
 def _open(then: CommandOutcome) -> bool:
-    """It went on after the recording."""
+    """Check that a command went on after the end of the recording."""
     return then.error is None and then.phase is not None and then.phase not in ENDED
 
 
 def _same(then: CommandOutcome, now: CommandOutcome) -> bool:
-    """What the recording does not tell to its end is compared as far as it goes."""
+    """Compare two outcomes of a command; one whose end is not recorded is compared as far as the recording
+    goes."""
     if not then.answered:
         return True
     if (then.error, then.findings) != (now.error, now.findings) or not now.answered:

@@ -1,4 +1,4 @@
-"""What was asked of the daemon of a recording, from when on it can be asked again, what came of it. Pure."""
+"""Commands to the daemon of a recording, the time from which they can be replayed, their results. Pure."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -51,13 +51,13 @@ class RecordedCommand:
 
     @property
     def said(self) -> float:
-        """s, when the call had come: before that of a trajectory was looked ahead at."""
+        """Time when the call arrived, s; for a trajectory, before it was looked ahead at."""
         received = getattr(self.command, "received", None) or self.time
         return received if self.time - LOOKING <= received <= self.time else self.time
 
     @property
     def method(self) -> str:
-        """As the interface calls it."""
+        """Name of the method in the interface."""
         if isinstance(self.command, Submit):
             return "Check" if self.command.check_only else "SubmitTrajectory"
         return str(type(self.command).__struct_config__.tag)
@@ -65,7 +65,8 @@ class RecordedCommand:
 
 @dataclass(frozen=True)
 class ReplayScript:
-    """From `begin` (s, of the recording) to `end`."""
+    """Commands of a recording from `begin` to `end` (s, of the recording), the state at `begin`, and the
+    results."""
 
     names: tuple[str, ...]
     begin: float
@@ -82,17 +83,20 @@ class ReplayScript:
 
     @property
     def commands(self) -> tuple[RecordedCommand, ...]:
-        """Those that are answered."""
+        """Recorded commands that get an answer."""
         return tuple(each for each in self.asked if isinstance(each.command, link.Command))
 
     def stays(self, client: int, heard: Heard) -> bool:
-        """It hung up because it had its answers: not before it has them again. `heard`: now, by then."""
+        """Check that a client must stay connected: it closed with its answers, and has not all of them again.
+
+        `heard`: the answers received by now.
+        """
         then = self.heard.get(client, {})
         return any(ticket not in heard or heard[ticket] < whole for ticket, whole in then.items())
 
 
 def score(flight: FlightFile, last: float = inf) -> ReplayScript:
-    """Of the `last` seconds of a recording. Raises Unplayable."""
+    """Build the replay script of the `last` seconds of a recording. Raises NotReplayable."""
     names = JointNames([joint.name for joint in flight.briefing.joints])
     heard = _news(flight)
     if not heard:
@@ -130,7 +134,8 @@ def score(flight: FlightFile, last: float = inf) -> ReplayScript:
 def outcome(
     names: JointNames, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]
 ) -> ReplayOutcome:
-    """What these messages of a loop say of its commands. `begin`: s, from which faults are counted."""
+    """Build the outcome of the commands from the messages of a loop. `begin`: s, from which faults are
+    counted."""
     replies: dict[int, list[Reply]] = {}
     standing, tick, overview = StandingFaults(), None, None
     for each in news:
@@ -171,9 +176,10 @@ def _time(news: Outward, otherwise: float) -> float:
 
 
 def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
-    """The first moment of a robot at rest, all of it heard, with nothing latched, and what was told of it.
+    """Find the first moment of a robot at rest, all joints answering, nothing latched, and its messages.
 
-    `first`: s, at the earliest: what its buses were before their first bytes nobody knows. Raises Unplayable.
+    `first`: s, the earliest moment: the state of the buses before their first bytes is not known. Raises
+    NotReplayable.
     """
     overview: Overview | None = None
     why = "its robot is never at rest"
@@ -219,7 +225,8 @@ def _calls(commands: Sequence[link.Command]) -> list[link.Command]:
 
 
 def _heard(flight: FlightFile, commands: Sequence[link.Command]) -> dict[int, Heard]:
-    """What each client that hung up had heard by then: link messages are recorded in their order."""
+    """Return the answers that each closed client had received by then: link messages are recorded in their
+    order."""
     clients = {each.ticket: each.client for each in _calls(commands)}
     answered: dict[int, bool] = {}
     found: dict[int, Heard] = {}

@@ -39,7 +39,7 @@ def tracking(known: ViewerState) -> Line:
 
 
 def worst(known: ViewerState) -> int | None:
-    """The joint that was furthest off in that time; None: nobody was off by more than noise."""
+    """Return the joint with the largest error in that time; None: no error was larger than noise."""
     path = known.path()
     if not path:
         return None
@@ -58,7 +58,10 @@ def joint(known: ViewerState, place: int) -> Line:
 
 
 def _of_note(time: Floats, *lines: Floats) -> Line:
-    """Of many samples the least and the greatest of each line in each stretch, so that no peak is lost."""
+    """Thin out samples: of more than `POINTS`, keep the least and the greatest of each line in each stretch.
+
+    So no peak is lost.
+    """
     if time.size <= POINTS:
         return (time, *lines)
     kept: set[int] = set()
@@ -106,7 +109,7 @@ class LivePlots:
             self._which.value = WORST
 
     def draw(self) -> None:
-        """As it is now."""
+        """Draw the plots with the newest values."""
         known = self._known
         _fill(self._tracking, tracking(known))
         chosen = self._which.value
@@ -122,9 +125,9 @@ class LivePlots:
 
 
 def extent(lines: Line) -> tuple[float, float]:
-    """From where to where the upright axis goes, in round steps so that it seldom changes.
+    """Return the ends of the upright axis, in round steps so that they seldom change.
 
-    uPlot's own draws nothing at all of lines whose first value is unknown.
+    uPlot's own range draws nothing at all of lines whose first value is unknown.
     """
     values = np.concatenate(lines) if lines else np.empty(0)
     values = values[np.isfinite(values)]

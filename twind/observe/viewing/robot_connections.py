@@ -1,5 +1,7 @@
-"""How a robot is reached: by the sockets of a daemon here, or by whatever else answers as they do. Knows no
-transport but the sockets."""
+"""Connections to a robot: by the sockets of a daemon here, or by any other client with the same calls.
+
+This module knows no transport but the sockets.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -10,16 +12,16 @@ from twind.client import Client, ClientError, NoDaemon
 
 
 class ClientConnection(Protocol):
-    """What is asked of a `Client`. Raises ClientError."""
+    """Methods of a `Client` that the viewer needs. Each raises ClientError."""
 
     def call(self, method: str, **parameters: Any) -> Any:
-        """Parameters of the answer."""
+        """Return the parameters of the answer."""
 
     def stream(self, method: str, **parameters: Any) -> Iterator[Any]:
-        """Parameters of every answer."""
+        """Yield the parameters of every answer."""
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
 
 
 Way = Callable[[float], ClientConnection]  # that waits so long for an answer, s; raises ClientError
@@ -27,7 +29,7 @@ Way = Callable[[float], ClientConnection]  # that waits so long for an answer, s
 
 @dataclass(frozen=True, slots=True)
 class RobotConnections:
-    """To one robot. Several threads go them at once, each on connections of its own.
+    """Ways to connect to one robot. Several threads use them at once, each on connections of its own.
 
     `reading`: each also takes an e-stop; where one fails the next is tried. `commanding`: also takes
     `Cancel`.
@@ -38,7 +40,7 @@ class RobotConnections:
 
 
 def local(place: str | None) -> RobotConnections:
-    """To the daemon whose sockets are in the folder `place`; None: where they usually are."""
+    """Return the ways to the daemon whose sockets are in the folder `place`; None: the usual folder."""
     observing, commanding = (partial(_connected, place, name) for name in ("observe", "control"))
     return RobotConnections((observing, commanding), commanding)
 

@@ -25,12 +25,12 @@ STAND_IN = 0.03  # m, radius of what is drawn for a mesh that cannot be read
 
 
 class NoRobotModel(Exception):
-    """What was said of the robot gives no model."""
+    """The description received of the robot gives no model."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClearanceRules:
-    """Of the robot file, for the distances."""
+    """Part of the robot file that the distances between bodies need."""
 
     path: Path
     base: str
@@ -82,7 +82,7 @@ class RobotModel:
     """One robot. Arrays are (n,) in joint order, rad."""
 
     def __init__(self, told: Mapping[str, Any]) -> None:
-        """`told`: the answer of `GetRobot`. Raises NoLikeness."""
+        """`told`: the answer of `GetRobot`. Raises NoRobotModel."""
         import mujoco
 
         robot = told["robot"]
@@ -109,11 +109,12 @@ class RobotModel:
         self._kinematics = mujoco.mj_kinematics
 
     def same_as(self, told: Mapping[str, Any]) -> bool:
-        """Nothing would be drawn otherwise."""
+        """Check that `told` would give the same picture: the same MJCF and the same robot."""
         return bool(self.told["mjcf"] == told["mjcf"] and self.told["robot"] == told["robot"])
 
     def places(self, position: Floats) -> BodyPoses:
-        """Of all bodies in a pose; what is not known (NaN) is as at rest."""
+        """Return the poses of all bodies at the joint angles `position` (n,), rad; NaN (unknown) is taken as
+        at rest."""
         self._data.qpos[self.qpos] = np.where(np.isfinite(position), position, self.rest)
         self._kinematics(self.model, self._data)
         return BodyPoses(self._data.xpos.copy(), self._data.xquat.copy())

@@ -1,5 +1,4 @@
-"""What is seen of one robot: itself, what it is told, what its simulation does, marks, contacts, the nearest
-pair.
+"""Picture of one robot: its measured pose, goal, simulation, marks, contacts and the nearest pair of bodies.
 
 | mode | solid | translucent |
 |---|---|---|
@@ -7,7 +6,7 @@ pair.
 | mirror | measured | the simulation, which is what takes commands |
 | sim | the simulation | the goal |
 
-Of a translucent figure only bodies are seen that are not where the solid one's are.
+A translucent figure shows only the bodies that are not where those of the solid one are.
 """
 
 from typing import Any
@@ -67,7 +66,7 @@ class RobotScene:
         self._solid.place(likeness.places(self._pose))
 
     def draw(self, now: ViewerSnapshot, choice: str) -> None:
-        """As it is now. What did not change is not sent."""
+        """Draw the newest values. Unchanged parts are not sent."""
         joints = now.joints
         if joints is None or len(joints.measured) != len(self._pose):
             return
@@ -134,12 +133,13 @@ class RobotScene:
             )
 
     def remove(self) -> None:
-        """Another robot takes its place."""
+        """Remove the robot from the scene; another one takes its place."""
         self._all.remove()
 
 
 def camera(likeness: RobotModel) -> tuple[Floats, Floats]:
-    """Where to look from, and at: from the front, a little to its left, all of it in sight."""
+    """Return the camera's position and target: from the front, a little to the robot's left, all of it in
+    sight."""
     low, high = extent(likeness)
     middle = 0.5 * (low + high)
     size = max(0.3, float(np.linalg.norm(high - low)))

@@ -1,4 +1,4 @@
-"""Shows messages until it is told to end: one thread takes them, this one draws. Nobody waits for either."""
+"""Viewer of messages until it is ended: one thread takes them, this one draws. Neither is waited for."""
 
 import contextlib
 import threading
@@ -32,7 +32,7 @@ class RobotViewer:
         self._turn = 0
 
     def draw(self) -> None:
-        """One picture, if anybody looks."""
+        """Draw one picture, if a browser is connected."""
         if not self._server.get_clients():
             return
         now = self._known.now()
@@ -49,7 +49,7 @@ class RobotViewer:
         self._server.flush()
 
     def failed(self, error: Exception) -> None:
-        """Of this robot nothing more is drawn; words are said, and the buttons stay."""
+        """Stop drawing this robot after `error` and show the error as text; the buttons stay."""
         if not self._broken:
             traceback.print_exception(error)
         self._broken = f"the picture cannot be drawn: {type(error).__name__}: {error}"
@@ -61,7 +61,8 @@ class RobotViewer:
             self._page.say(status_html.row("picture", self._broken, status_html.RED))
 
     def _describe(self, told: Message) -> None:
-        """Another robot, or the same one again."""
+        """Build the scene of the robot described by `told`; the scene stays if the description draws the
+        same."""
         self._told = told
         if self._scene is not None and self._scene.likeness.same_as(told):
             return
@@ -80,7 +81,7 @@ class RobotViewer:
         self._look(likeness)
 
     def _look(self, likeness: RobotModel) -> None:
-        """From where all of it is seen."""
+        """Set the cameras so that all of the robot is seen."""
         where, what = camera(likeness)
         camera_of_all = self._server.initial_camera
         camera_of_all.position, camera_of_all.look_at = tuple(where), tuple(what)
@@ -109,7 +110,8 @@ def run(viewer: RobotViewer, known: ViewerState, news: Iterable[News], ended: th
 
 
 def take(known: ViewerState, news: Iterable[News]) -> None:
-    """All the news. What cannot be understood is said: a picture that stands still must not look live."""
+    """Pass all messages to `known`. One that cannot be parsed is reported: a picture that stands still must
+    not look live."""
     why, traced = "the messages have ended", False
     try:
         for each in news:
@@ -127,7 +129,8 @@ def take(known: ViewerState, news: Iterable[News]) -> None:
 
 
 def in_browser(url: str, folder: str) -> None:
-    """Open it in the user's browser. By a file that is ours alone: a command line is everybody's to read."""
+    """Open `url` in the user's browser, by a file that only this user may read: a command line is readable by
+    every user."""
     page = Path(folder) / "twind-view.html"
     page.touch(0o600)
     page.write_text(f'<meta http-equiv="refresh" content="0;url={url}"><a href="{url}">the viewer</a>')

@@ -1,5 +1,4 @@
-"""What the viewer says in words, as HTML. Whatever comes from outside is escaped: a client chooses its own
-name.
+"""Texts of the viewer, as HTML. All data from outside is escaped: a client chooses its own name.
 
 Pure: no browser, no clock.
 """
@@ -24,7 +23,7 @@ BASES = {
 
 
 def page(now: ViewerSnapshot, likeness: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
-    """All of it, the most urgent first."""
+    """Build all rows, the most urgent first."""
     rows = [*connection(now), *heard(now), *_state(now)]
     if likeness is not None:
         rows += [*joints(now, likeness.joints), *_distance(near, contacts), *_base(likeness)]
@@ -43,14 +42,14 @@ def row(name: str, text: str, colour: str = "") -> str:
 
 
 def connection(now: ViewerSnapshot) -> list[str]:
-    """Why nothing comes."""
+    """Build the row with the reason why no messages arrive; empty: they arrive."""
     if now.lost is not None:
         return [row("now", now.lost, RED)]
     return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
 
 
 def heard(now: ViewerSnapshot) -> list[str]:
-    """How old the picture is, while it is drawn: one that stands still looks like a robot that does."""
+    """Build the row with the age of the picture: an old one looks like that of a robot that stands still."""
     if now.age is None:
         return []
     if now.age < OLD:
@@ -82,7 +81,7 @@ def _state(now: ViewerSnapshot) -> list[str]:
 
 
 def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
-    """Of those with these names who is marked, by why."""
+    """Build one HTML row per problem (not heard, old, faults) with the joints among `names` that have it."""
     told = now.joints
     if told is None:
         return []

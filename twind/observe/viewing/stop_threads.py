@@ -23,7 +23,7 @@ Tell = Callable[["StopOutcome"], None]
 
 @dataclass(frozen=True, slots=True)
 class StopOutcome:
-    """What the daemon answered to one press."""
+    """Answer of the daemon to one press."""
 
     done: bool
     title: str
@@ -31,14 +31,15 @@ class StopOutcome:
 
 
 class StopAction(Protocol):
-    """What a button is for."""
+    """Action of a button."""
 
     def ask(self, tell: Tell) -> None:
-        """Returns at once; `tell` has the outcome later, in another thread; of several, each."""
+        """Request the action and return at once. `tell` gets the outcome later, in another thread; of several
+        requests, each."""
 
 
 class StopThread(threading.Thread):
-    """Does one thing again and again, whenever asked; never two at once."""
+    """Thread that runs one action again and again, on request; never two at once."""
 
     def __init__(self, name: str, do: Callable[[], StopOutcome]) -> None:
         super().__init__(name=name, daemon=True)
@@ -47,14 +48,19 @@ class StopThread(threading.Thread):
         self._first = threading.Lock()
 
     def ask(self, tell: Tell) -> None:
-        """Returns at once; `tell` has the outcome later, in this thread, which the first who asks begins."""
+        """Queue a request and return at once. `tell` gets the outcome later, in this thread; the first
+        request starts it."""
         self._asked.put(tell)
         with self._first:
             if self.ident is None:
                 self.start()
 
     def run(self) -> None:
-        """Who asked while it was being done has the outcome of the next time, once for all of them."""
+        """Run the action for each batch of requests.
+
+        Requests that arrive while it runs all get the outcome of the next run, which is done once for all of
+        them.
+        """
         while True:
             tellers = [self._asked.get()]
             while not self._asked.empty():

@@ -34,7 +34,7 @@ class ViewerServerError(Exception):
 
 @dataclass(frozen=True)
 class ViewerAccess:
-    """Who comes in. `secret`: the first part of every path."""
+    """Access check of the viewer's web server. `secret`: the first part of every path."""
 
     secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
@@ -79,7 +79,7 @@ def _name(host: str) -> str | None:
 
 
 def _closed(response: Any, host: str) -> Any:
-    """With what a browser must know: nothing from elsewhere, in no frame, kept by nobody, told to nobody."""
+    """Set the headers of a response: no content from elsewhere, no framing, no caching, no referrer."""
     response.headers["Content-Security-Policy"] = POLICY.format(host=host)
     response.headers["Referrer-Policy"] = "no-referrer"
     response.headers["X-Content-Type-Options"] = "nosniff"

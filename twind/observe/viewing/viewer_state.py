@@ -1,5 +1,4 @@
-"""What the viewer knows of one robot now, made of what `Monitor` says; taken by one thread, looked at by
-another.
+"""State of one robot in the viewer, made of the messages of `Monitor`; filled by one thread, read by another.
 
 No browser, no socket: a recording is shown by the same messages.
 """
@@ -26,7 +25,7 @@ Message = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RobotAnnounced:
-    """From here on it is this robot: the answer of `GetRobot`."""
+    """Description of the robot that the following messages belong to: the answer of `GetRobot`."""
 
     told: Message
 
@@ -61,7 +60,7 @@ class JointsMessage:
 
 
 def joints_of(message: Message, mode: str) -> JointsMessage:
-    """Of a message with the topic `state`, of a daemon in this mode (empty: not known yet)."""
+    """Convert a message of the topic `state`, from a daemon in `mode` (empty: not known yet)."""
     rows: Sequence[Message] = message["joints"]
 
     def numbers(values: Iterable[float | None]) -> Floats:
@@ -84,7 +83,7 @@ def joints_of(message: Message, mode: str) -> JointsMessage:
 
 @dataclass(frozen=True, slots=True)
 class ViewerSnapshot:
-    """What is known at one moment."""
+    """All that the viewer knows of a robot at one moment."""
 
     told: Message | None  # the robot
     lost: str | None  # why nothing comes
@@ -97,12 +96,12 @@ class ViewerSnapshot:
 
     @property
     def mode(self) -> str:
-        """As the daemon says; empty while it is not known."""
+        """Mode that the daemon reports; empty while it is not known."""
         return _mode(self.status)
 
     @property
     def stale(self) -> Any:
-        """(n,) bool: heard, but the number is old."""
+        """Joints (n,) bool that have answered, but whose newest value is old."""
         assert self.joints is not None
         rate = 100.0 if self.status is None else float(self.status["loop"]["rate_hz"])
         old: Any = ~(self.joints.age <= max(LEAST_STALE_MS, STALE * 1e3 / rate))

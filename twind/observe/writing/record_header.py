@@ -1,4 +1,4 @@
-"""What stands at the head of a recording, whoever makes it: words about its clocks, files attached. Pure."""
+"""Head of a recording, of whatever writer: metadata of its clocks, and attached files. Pure."""
 
 import json
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from twind.observe.recording.recording_topics import CALIBRATION, MJCF, ROBOT
 
 
 def clock_words(clocks: ClockPair) -> dict[str, str]:
-    """Of the metadata: both clocks at one moment, and how log times are made of them."""
+    """Build the clock entries of the metadata: both clocks at one moment, and how they give log times."""
     return {
         "monotonic": repr(clocks.monotonic),
         "wall_ns": str(clocks.wall_ns),

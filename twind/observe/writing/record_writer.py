@@ -1,7 +1,7 @@
-"""Who writes recordings: a thread with a bounded queue, so that a slow disk costs messages and nothing else.
+"""Writer of recordings: a thread with a bounded queue, so that a slow disk costs messages and nothing else.
 
-What finds no room is dropped and counted. A file ends at its size, at its hour, or with its episode; the
-bounds of the disk are looked at with every flush.
+Messages that find no room are dropped and counted. A file ends at its size, at its hour, or with its
+episode; the bounds of the disk are checked with every flush.
 """
 
 import threading
@@ -39,7 +39,7 @@ OpenFile: TypeAlias = Callable[[Path, Mapping[str, str], Attachments, int], Reco
 
 @dataclass(frozen=True, slots=True)
 class RecordSession:
-    """One connection to one daemon: what stands at the head of its files, the words of `clocks` besides."""
+    """One connection to one daemon: the metadata and attachments at the head of its files, and its clocks."""
 
     robot: str
     clocks: ClockPair
@@ -58,7 +58,7 @@ class OpenEpisode:
 
 @dataclass(frozen=True, slots=True)
 class RecordCounts:
-    """What was written so far."""
+    """Counts of what was written so far."""
 
     path: Path | None = None  # the file that is open
     files: tuple[Path, ...] = ()  # all of them
@@ -109,7 +109,7 @@ class RecordWriter:
         self._wake = threading.Event()
 
     def start(self) -> None:
-        """Write in a thread from now on; without it whoever calls `step` does."""
+        """Write in a thread from now on; without it the caller of `step` writes."""
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
@@ -130,7 +130,7 @@ class RecordWriter:
             self._missed += count
 
     def begin(self, session: RecordSession) -> None:
-        """What comes from now on is of another connection: a new file."""
+        """Begin a new file: the following messages are of another connection."""
         self._tell(session)
 
     def end(self) -> None:
@@ -248,7 +248,7 @@ class RecordWriter:
         self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
 
     def _task(self, line: RecordLine) -> str:
-        """Of the episode that a file is of, at its first message."""
+        """Return the task of the episode that a file belongs to; `line` is the first message of the file."""
         if line.mark is not None and line.mark.get("kind") == "begin":
             return str(line.mark.get("task") or "")
         return self.tally.episode.task if self.tally.episode is not None else ""
@@ -273,7 +273,7 @@ class RecordWriter:
         self.tally = replace(self.tally, episodes=self.tally.episodes + bool(end))
 
     def _upkeep(self) -> None:
-        """Twice a second: what was lost is said, the chunk ends, the disk's bounds are kept."""
+        """Twice a second: note the losses, end the chunk, and keep the bounds of the disk."""
         file = self._file
         if file is None or not self._due():
             return

@@ -1,4 +1,4 @@
-"""The host's CAN controller on the virtual wire: is it on the bus, what waits in it, what has it heard.
+"""The host's CAN controller on the virtual wire: its bus state, its send queue, its received frames.
 
 Error frames are those of linux/can/error.h; a kernel socket gives them to the host, slcan does not.
 """
@@ -20,7 +20,7 @@ BROKEN = 23  # bits that an error frame takes: flag, its echoes, delimiter
 
 @dataclass(frozen=True, slots=True)
 class CanAdapter:
-    """How the adapter is made: what no `clear` heals."""
+    """Properties of the adapter's construction, which no `clear` changes."""
 
     queue: int = 64  # frames that it takes beyond those that have left
     keeps: bool = False  # closing the channel leaves them in it; they go out when it is opened again
@@ -29,12 +29,12 @@ class CanAdapter:
 
 
 class VirtualCanController:
-    """Times are s. Down until somebody connects; then it acknowledges whatever it hears."""
+    """Controller of the host. Times are s. Down until a channel is opened; then acknowledges all frames."""
 
     def __init__(
         self, wire: CanWire, adapter: CanAdapter, bitrate: int, may_send: Callable[[], bool]
     ) -> None:
-        """`may_send`: is anybody there to acknowledge?"""
+        """`may_send`: True if a node is there to acknowledge."""
         self.wire, self.adapter, self.may_send = wire, adapter, may_send
         self.news, self.broken = True, 0  # what the bus must look at: anything; error frames to spend time on
         self.inbox: deque[CanMessage] = deque()  # has arrived, error frames among it
@@ -47,17 +47,20 @@ class VirtualCanController:
         self.heal()
 
     def heal(self) -> None:
-        """No fault of line or adapter."""
+        """Remove all faults of line and adapter."""
         self.cut = self.stalled = self.echo = False
         self.leave(False)
         self.doubt(False)
 
     def changed(self) -> None:
-        """Who may send has changed; the bus says when that was."""
+        """Mark that the set of permitted senders has changed; the bus supplies the time of the change."""
         self.news = True
 
     def connect(self, on: bool, *, listens_only: bool = False) -> None:
-        """The channel is opened, or closed: that purges it where it is made so, and ends a bus-off."""
+        """Open or close the channel.
+
+        Closing purges the queue, unless the adapter keeps it, and ends a bus-off.
+        """
         if not on and not self.adapter.keeps:
             self.purge()
         self.up, self.listens_only = on, listens_only
@@ -67,22 +70,22 @@ class VirtualCanController:
         self.changed()
 
     def plug(self, on: bool) -> None:
-        """It has power, or lost it with all that it holds."""
+        """Give the adapter power, or remove it with all frames that it holds."""
         self.plugged, self.up = on, False
         self.purge()
         self.inbox.clear()
 
     def purge(self) -> None:
-        """What has not left never will."""
+        """Drop the frames that have not left."""
         self.wire.drop(HOST)
         self.changed()
 
     def backlog(self) -> int:
-        """Frames that wait."""
+        """Return the number of frames that wait."""
         return self.wire.count(HOST)
 
     def take(self, message: CanMessage, now: float) -> bool:
-        """A frame of the host. False: down, or no room; then it is lost."""
+        """Queue a frame of the host. False: the channel is down or the queue full, and the frame is lost."""
         if not self.up or self.listens_only or self.backlog() >= self.adapter.queue:
             self.refused += 1
             return False
@@ -90,12 +93,12 @@ class VirtualCanController:
         return True
 
     def sound(self) -> bool:
-        """Is it on the bus, so that it acknowledges and may send?"""
+        """Return True if it is on the bus, so that it acknowledges and may send."""
         there = self.plugged and self.up and not self.off and not self.cut
         return there and self.rate == self.wire.bitrate
 
     def hear(self, message: CanMessage, now: float) -> None:
-        """A frame of somebody has passed the wire."""
+        """Receive a frame that has passed the wire."""
         if self.sound():
             self.since = self.since if self.inbox else now
             self.inbox.append(message)
@@ -103,20 +106,20 @@ class VirtualCanController:
     # ------------------------------------------------------------------------------------- errors
 
     def leave(self, off: bool) -> None:
-        """Bus-off, or started again."""
+        """Enter bus-off, or start again."""
         if off != self.off:
             self.off = off
             self._tell(OFF if off else RESTARTED)
         self.changed()
 
     def doubt(self, passive: bool) -> None:
-        """Error passive, or active again."""
+        """Become error passive, or active again."""
         if passive != self.passive:
             self.passive = passive
             self._tell(CONTROLLER, PASSIVE if passive else AGAIN_ACTIVE)
 
     def errors(self, count: int) -> None:
-        """Frames that somebody broke: each takes its time and is told."""
+        """Report frames that were destroyed on the wire; each takes its time and gives an error frame."""
         for _ in range(count):
             self._tell(PROTOCOL | BUS_ERROR)
         self.broken = count

@@ -1,4 +1,4 @@
-"""One frame as the virtual wire handles it: who wins the arbitration, and how many bits it takes. Pure."""
+"""One frame on the virtual wire: its arbitration rank and its length in bits. Pure."""
 
 import re
 from collections.abc import Iterable
@@ -47,7 +47,10 @@ def as_frames(messages: Iterable[CanMessage]) -> Frames:
 
 
 def rank(id: int) -> int:
-    """Who wins when two begin at once: the lower one, as its bits stand on the wire."""
+    """Return the arbitration rank of an id, its bits as they stand on the wire.
+
+    The lower rank wins when two frames begin at once.
+    """
     remote = 1 if id & REMOTE else 0
     if id & EXTENDED:
         whole = id & EXTENDED_MASK
@@ -91,7 +94,7 @@ TABLE = _table()
 
 
 def _crc(body: int, width: int) -> int:
-    """Of `width` bits, the highest first; zeros before them change nothing."""
+    """Return the CRC-15 of `width` bits of `body`, the highest first; zeros before them change nothing."""
     crc = 0
     for byte in body.to_bytes((width + 7) // 8, "big"):
         crc = (crc << 8 & 0x7FFF) ^ TABLE[(crc >> 7) ^ byte]

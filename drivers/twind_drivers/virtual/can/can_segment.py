@@ -58,32 +58,35 @@ class VirtualCanSegment:
 
     @property
     def plugged(self) -> bool:
-        """Is the adapter there?"""
+        """True if the adapter is plugged in."""
         return self.faults.plugged
 
     @property
     def history(self) -> ReadingHistory | None:
-        """What `record` keeps: places in counts, in the order of `ids`."""
+        """Positions kept by `record`, in counts, in the order of `ids`."""
         return self.faults.history
 
     def ids(self) -> list[int]:
-        """Of the nodes, in rows."""
+        """Return the ids of the nodes, in the order of rows."""
         return [node.id for node in self.nodes.each]
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """What is true of each node at `now`, past the bus; raw units of `can.units`. See `Node.truth`."""
+        """Return the true state of each node at `now`, independent of the bus; raw units of `can_units`.
+
+        Keys: see `VirtualCanNode.truth`.
+        """
         self._run(now)
         self.nodes.motors.advance(now)
         return [node.truth(now) for node in self.nodes.each]
 
     def hear(self, frames: Frames, now: float) -> int:
-        """Frames that the host gives its controller at `now`; how many it did not take."""
+        """Give frames of the host to its controller at `now`; return how many it did not take."""
         self._run(now)
         taken = [self.controller.take(message, now) for message in messages(frames)]
         return len(taken) - sum(taken)
 
     def due(self) -> float:
-        """No frame comes before this, s; `inf`: none is under way, `-inf`: some are there."""
+        """Return the s before which no frame comes; `inf`: none is under way, `-inf`: some are there."""
         if self.controller.inbox:
             return -inf
         own = self.nodes.event
@@ -100,7 +103,7 @@ class VirtualCanSegment:
         return min(own, ends)
 
     def say(self, now: float) -> Frames:
-        """Frames that have arrived at the controller by `now`, error frames among them."""
+        """Return the frames that have arrived at the controller by `now`, error frames among them."""
         return as_frames(self._arrived(now))
 
     def advance(self, now: float) -> None:
@@ -119,7 +122,7 @@ class VirtualCanSegment:
         return heard
 
     def _run(self, until: float) -> None:
-        """Everything that is over by `until`."""
+        """Process every event that is over by `until`."""
         while True:
             self._look()
             sending = self.wire.next()
@@ -142,7 +145,7 @@ class VirtualCanSegment:
             self._despair()
 
     def _despair(self) -> None:
-        """A frame that nobody acknowledges is sent again and again: the controller is soon error passive."""
+        """Become error passive, as a controller does by repeating a frame that no node acknowledges."""
         controller = self.controller
         tries = controller.up and not controller.off and not controller.stalled and controller.backlog()
         if tries and not self._alone:
@@ -150,7 +153,7 @@ class VirtualCanSegment:
             controller.doubt(True)
 
     def _look(self) -> None:
-        """Faults and channel have changed what may be sent."""
+        """Update after faults or the channel have changed what may be sent."""
         controller = self.controller
         if controller.news or controller.broken:
             self._changed()
@@ -158,7 +161,7 @@ class VirtualCanSegment:
             controller.news, controller.broken = False, 0
 
     def _changed(self) -> None:
-        """Who is there, and who may send."""
+        """Update after a change of the nodes on the bus or of the permitted senders."""
         controller = self.controller
         self._hears = controller.sound() and not controller.listens_only
         self._host_may = self._hears and not controller.stalled and self.nodes.there > 0
@@ -188,7 +191,7 @@ class VirtualCanSegment:
             self.controller.hear(sent.message, self._now)
 
     def _said(self, row: int, message: CanMessage, now: float) -> None:
-        """A node wants to send."""
+        """Queue a frame that a node sends."""
         if not self.faults.active:
             self.wire.put(row, message, now)
             return
@@ -197,7 +200,7 @@ class VirtualCanSegment:
             self.wire.put(row, each, now + struck.late)
 
     def _may_send(self, sender: int) -> bool:
-        """Is it on the bus, and anybody there to acknowledge?"""
+        """Return True if the sender is on the bus and a receiver is there to acknowledge."""
         if sender == HOST:
             return self._host_may
         if sender == STRANGER:

@@ -1,4 +1,4 @@
-"""One CAN wire: who may send when, by arbitration, and what nobody acknowledges waits.
+"""One CAN wire: order of frames by arbitration. A frame that no receiver acknowledges waits.
 
 Senders are the host's adapter (`HOST`) and nodes by their row. Each has a queue of its own that keeps its
 order, as a controller with one mailbox does: only heads compete. A frame occupies the wire for its own bits,
@@ -26,7 +26,7 @@ class QueuedFrame(NamedTuple):
 
 
 class FrameInFlight(NamedTuple):
-    """What is on the wire next, and when it is over, s."""
+    """The frame that is on the wire next, its sender, and its end, s."""
 
     end: float
     sender: int
@@ -34,9 +34,9 @@ class FrameInFlight(NamedTuple):
 
 
 class CanWire:
-    """Frames that wait, and the order in which the wire carries them. `heard(sender)`: may it send?
+    """Frames that wait, and the order in which the wire carries them.
 
-    True when somebody else is there to acknowledge.
+    `heard(sender)`: True when another controller is there to acknowledge, so that the sender may send.
     """
 
     def __init__(self, bitrate: int, heard: Callable[[int], bool], *, timing: bool) -> None:
@@ -58,32 +58,32 @@ class CanWire:
         return True
 
     def count(self, sender: int) -> int:
-        """Frames of this sender that have not left."""
+        """Return the number of frames of this sender that have not left."""
         return len(self._queues.get(sender, ()))
 
     def drop(self, sender: int) -> None:
-        """Its frames are never sent."""
+        """Drop all frames of this sender."""
         self._queues.pop(sender, None)
         self._known = False
 
     def changed(self, now: float) -> None:
-        """Somebody came or went: what could not be sent may go from `now` on."""
+        """Update after a sender came or went: frames that could not be sent may go from `now` on."""
         self._free = max(self._free, now)
         self._known = False
 
     def noise(self, now: float, spent: float) -> None:
-        """The wire is busy with garbage for so long, s."""
+        """Occupy the wire with garbage for this long, s."""
         self.changed(now)
         self._free += spent if self.timing else 0.0
 
     def next(self) -> FrameInFlight | None:
-        """What is sent next; None: nobody may send anything."""
+        """Return the frame that is sent next; None: no sender may send."""
         if not self._known:
             self._known, self._next = True, self._pick()
         return self._next
 
     def take(self) -> FrameInFlight | None:
-        """That frame has passed the wire."""
+        """Remove the next frame, which has passed the wire."""
         sent = self.next()
         if sent is not None:
             queue = self._queues[sent.sender]
@@ -94,7 +94,7 @@ class CanWire:
         return sent
 
     def soonest_answer(self) -> float:
-        """s that any answer takes at least."""
+        """Return the least time (s) that any answer takes."""
         return SHORTEST / self.bitrate if self.timing else 0.0
 
     def _pick(self) -> FrameInFlight | None:
@@ -113,7 +113,7 @@ class CanWire:
         return FrameInFlight(start + self._span(first.message), sender, first.message)
 
     def _span(self, message: CanMessage) -> float:
-        """s on the wire; a robot that holds says the same again and again."""
+        """Return the time (s) on the wire; cached, since a robot that holds repeats the same frames."""
         if not self.timing:
             return 0.0
         span = self._spans.get(message)

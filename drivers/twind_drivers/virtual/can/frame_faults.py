@@ -1,4 +1,4 @@
-"""What happens to single frames of nodes on their way to the host: lost, late, twice, among strangers."""
+"""Faults of single frames of nodes on their way to the host: lost, late, twice, among foreign ones."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,7 +10,7 @@ FOREIGN = CanMessage(0x6F3, bytes([0xF0, 0x0D, 0, 0, 0, 0, 0, 0]))  # of nobody 
 
 
 class FaultedFrame(NamedTuple):
-    """What is left of one frame: those that are sent in its place, s later."""
+    """Result of the faults on one frame: the frames `sent` in its place, `late` s later."""
 
     late: float
     sent: Sequence[CanMessage]
@@ -25,19 +25,19 @@ class FrameFaults:
         self.active = False
 
     def drop(self, count: int, id: int | None = None) -> None:
-        """The next frames get lost. Raises ValueError below 0, KeyError for an id that is not there."""
+        """Lose the next frames. Raises ValueError below 0, KeyError for an id that is not there."""
         self._order("drop", count, id)
 
     def duplicate(self, count: int, id: int | None = None) -> None:
-        """Each of the next frames comes twice. Raises ValueError, KeyError."""
+        """Send each of the next frames twice. Raises ValueError, KeyError."""
         self._order("duplicate", count, id)
 
     def foreign(self, count: int, id: int | None = None) -> None:
-        """Before each of the next frames comes one of somebody unknown. Raises ValueError, KeyError."""
+        """Send a frame of an unknown node before each of the next frames. Raises ValueError, KeyError."""
         self._order("foreign", count, id)
 
     def delay(self, seconds: float, id: int | None = None) -> None:
-        """Every frame (of one id) leaves that much later, so an answer of one cycle comes in the next.
+        """Send every frame (of one id) that much later, so an answer of one cycle comes in the next.
 
         Until set to 0. Raises ValueError outside 0..10 s, KeyError.
         """
@@ -53,13 +53,13 @@ class FrameFaults:
         raise NotImplementedError
 
     def clear(self) -> None:
-        """No frame is harmed any more."""
+        """Remove all frame faults."""
         self._orders.clear()
         self._late.clear()
         self.active = False
 
     def strike(self, id: int, message: CanMessage) -> FaultedFrame:
-        """What becomes of this frame of the node `id`."""
+        """Apply the faults to this frame of the node `id`."""
         late = self._late.get(id, 0.0) or self._late.get(None, 0.0)
         if self._spent("drop", id):
             return FaultedFrame(late, ())

@@ -1,6 +1,6 @@
-"""What all virtual CAN actuators share: power, faults, and what a family has to say.
+"""Common part of all virtual CAN actuators: power, faults, and the interface of a family.
 
-A node hears only while it has power and its connector is plugged in; the bus sees to that.
+A node receives only while it has power and its connector is plugged in; the bus enforces that.
 """
 
 import math
@@ -21,7 +21,7 @@ COMMON = ("hottest", "lowest", "highest", "boot")  # settings that are no regist
 
 
 class VirtualCanNode:
-    """One actuator. Times are s of the bus; a family's class says what its frames mean."""
+    """One actuator. Times are s of the bus; the class of a family defines the meaning of its frames."""
 
     def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         self.spec, self.row, self.id = spec, row, spec.id
@@ -35,64 +35,64 @@ class VirtualCanNode:
     # ------------------------------------------------------------------------------- what a family says
 
     def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
-        """What it says to a frame, after its effect. Frames for others give nothing."""
+        """Return the answers to a frame, after its effect. Frames for other nodes give nothing."""
         raise NotImplementedError
 
     def listens(self, key: int) -> bool:
-        """Are frames for it among those with this id (11 bits), or with these 8 lowest bits of 29?"""
+        """True if frames with this id (11 bits), or with these 8 lowest bits of 29, may be for this node."""
         return key == self.id
 
     def ail(self, what: str) -> int:
-        """Its own code for heat, low or high voltage."""
+        """Return the family's own code for heat, low or high voltage."""
         raise NotImplementedError
 
     def start(self) -> None:
-        """Power has come: what is not kept is as from the factory."""
+        """Reset after power-on: values that are not stored are as from the factory."""
 
     def next_beat(self) -> float:
-        """When it says something by itself, s; `inf`: never."""
+        """Return the time (s) of the next frame that it sends without a request; `inf`: never."""
         return inf
 
     def beat(self, now: float) -> Sequence[CanMessage]:
-        """What it says by itself, when `next_beat` has come."""
+        """Return the frames that it sends without a request, when `next_beat` has come."""
         return ()
 
     def expire(self, now: float) -> Sequence[CanMessage]:
-        """Its watchdog has expired: torque off. A family adds what it says of it."""
+        """Handle an expired watchdog: torque off. A family adds the frames that report it."""
         self.watch.trip(now)
         self.shaft.disable()
         return ()
 
     def watchdog(self) -> int:
-        """What its watchdog register shows; 0: off, -1: nobody can tell over the bus."""
+        """Return the watchdog register; 0: off, -1: not readable over the bus."""
         return -1
 
     def bounds(self) -> tuple[float, float, float]:
-        """Hottest °C, lowest and highest V that it bears."""
+        """Return the highest °C and the lowest and highest V that it withstands."""
         own = self.spec.settings
         return own.get("hottest", 100.0), own.get("lowest", 15.0), own.get("highest", 60.0)
 
     # ------------------------------------------------------------------------------- power and faults
 
     def enable(self) -> None:
-        """Torque on, where no fault forbids it."""
+        """Switch torque on, where no fault forbids it."""
         if not self.fault and not self.shaft.on:
             self.shaft.enable()
             self.watch.tripped = False
 
     def damage(self, bits: int) -> Sequence[CanMessage]:
-        """A fault in the vendor's code: torque off until it is cleared. What it says of it by itself."""
+        """Set a fault in the vendor's code: torque off until cleared. Return the frames that report it."""
         self.fault |= bits
         self.shaft.disable()
         return ()
 
     def clear(self) -> None:
-        """The fault is forgotten; what still ails it comes back at once."""
+        """Clear the fault; one whose cause persists comes back at once."""
         self.fault, self.watch.tripped = 0, False
         self.suffer()
 
     def suffer(self) -> None:
-        """Heat and supply, against `bounds`."""
+        """Check temperature and supply against `bounds`."""
         hottest, lowest, highest = self.bounds()
         found = {HEAT: self.celsius >= hottest, LOW: self.volts < lowest, HIGH: self.volts > highest}
         for what, ails in found.items():
@@ -100,12 +100,12 @@ class VirtualCanNode:
                 self.damage(self.ail(what))
 
     def down(self, until: float) -> None:
-        """Power is gone, or it restarts: back at `until` (s; inf: when somebody says so)."""
+        """Remove power, or restart: back at `until` (s; inf: only by a later order)."""
         self.shaft.disable()
         self.powered, self.boots_at = False, until
 
     def boot(self, now: float) -> None:
-        """Power: torque off, no fault, its place within one turn around its zero."""
+        """Boot: torque off, no fault, position within one turn around its zero."""
         self.powered, self.boots_at = True, inf
         self.fault, self.watch.tripped, self.watch.heard_at = 0, False, now
         if self.spec.forgets_zero:
@@ -115,7 +115,10 @@ class VirtualCanNode:
         self.suffer()
 
     def truth(self, now: float) -> dict[str, Any]:
-        """What is true of it, past the bus; raw units of `can.units`, the keys as of a serial servo."""
+        """Return the true state of the node, independent of the bus; raw units of `can_units`.
+
+        The keys are those of a serial servo.
+        """
         motors, row, shaft, watch = self.motors, self.row, self.shaft, self.watch
         return {
             "id": self.id,

@@ -1,4 +1,4 @@
-"""What is wrong with single nodes and their supply, by name."""
+"""Faults of single CAN nodes and of their supply, by name."""
 
 import struct
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ class NodeFaults:
         self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
-        """Pull the connector of one node or (None) of all: it hears and says nothing, keeps its power.
+        """Pull the connector of one node or (None) of all: it receives and sends nothing, keeps its power.
 
         `clear` plugs all in. Raises KeyError.
         """
@@ -38,7 +38,7 @@ class NodeFaults:
         self._changed()
 
     def power(self, on: bool, id: int | None = None) -> None:
-        """The supply of one or all. On: they boot; what was not stored is lost, zeros of some too."""
+        """Switch the supply of one or all. On: they boot; values not stored are lost, zeros of some too."""
         rows = range(len(self._nodes.each)) if id is None else self.rows(id)
         self._nodes.power(list(rows), on, self.now)
         for row in rows if not on else ():
@@ -51,7 +51,7 @@ class NodeFaults:
         self.power(True, id)
 
     def supply(self, volts: float) -> None:
-        """What all are fed with, V. Raises ValueError outside 0..100 V."""
+        """Set the supply of all nodes, V. Raises ValueError outside 0..100 V."""
         if not 0.0 <= volts <= 100.0:
             raise ValueError(f"supply: {volts} V is outside 0..100 V")
         for node in self._nodes.each:
@@ -60,7 +60,7 @@ class NodeFaults:
         self._changed()
 
     def heat(self, id: int, celsius: float) -> None:
-        """One node is that warm from now on. Raises KeyError, ValueError outside -40..200 °C."""
+        """Set the temperature of one node from now on. Raises KeyError, ValueError outside -40..200 °C."""
         if not -40.0 <= celsius <= 200.0:
             raise ValueError(f"heat: {celsius} °C is outside -40..200 °C")
         for node in self._some(id):
@@ -84,9 +84,9 @@ class NodeFaults:
         self._changed()
 
     def ranges(self, id: int, position: float, velocity: float, torque: float) -> None:
-        """What its fields really span: a Damiao's registers 21-23 say so too, others say nothing.
+        """Set the true spans of a node's fields. Only a Damiao reports them (registers 21-23).
 
-        Raises KeyError, ValueError for what is not above 0.
+        Raises KeyError, ValueError for a span that is not above 0.
         """
         if not min(position, velocity, torque) > 0.0:
             raise ValueError(f"ranges: {position} rad, {velocity} rad/s, {torque} N·m: all are above 0")
@@ -97,13 +97,13 @@ class NodeFaults:
                 node.spans = (position, velocity, torque)
 
     def zero_lost(self, id: int, radians: float) -> None:
-        """Its place reads so much more from now on. Raises KeyError."""
+        """Shift the position that a node reports by so much from now on. Raises KeyError."""
         for node in self._some(id):
             node.shaft.zero -= radians
             node.shaft.kept_zero -= radians
 
     def wrap(self, id: int, turns: int = 1) -> None:
-        """Its place jumps by whole turns when it is enabled next, as a restart in between does it.
+        """Shift a node's position by whole turns when it is enabled next, as a restart in between does.
 
         A Damiao also at its next change of mode. Raises KeyError, ValueError outside -3..3.
         """
@@ -113,24 +113,24 @@ class NodeFaults:
             node.shaft.turns_due = turns
 
     def twin(self, id: int, on: bool = True) -> None:
-        """A second node with this id answers too, with another place. Raises KeyError."""
+        """Add a second node with this id, which answers too, with another position. Raises KeyError."""
         change = self._nodes.twins.update if on else self._nodes.twins.difference_update
         change(self.rows(id))
 
     def master(self, id: int, on: bool = True) -> None:
-        """Another master on the wire commands this node every 10 ms, with no torque. Raises KeyError."""
+        """Add another master, which commands this node every 10 ms, with no torque. Raises KeyError."""
         for row in self.rows(id):
             self.masters.pop(row, None)
             if on:
                 self.masters[row] = self.now + EVERY
 
     def lock(self, id: int) -> None:
-        """Something holds the shaft: it does not turn, with torque or without. Raises KeyError."""
+        """Lock the shaft: it does not turn, with torque or without. Raises KeyError."""
         for row in self.rows(id):
             self._nodes.motors.block(row, True)
 
     def free(self, id: int) -> None:
-        """The shaft turns again. Raises KeyError."""
+        """Unlock the shaft. Raises KeyError."""
         for row in self.rows(id):
             self._nodes.motors.block(row, False)
 
@@ -143,25 +143,26 @@ class NodeFaults:
         off: bool = False,
         pose: Mapping[str, float] | None = None,
     ) -> None:
-        """Somebody's hand takes a limp shaft straight there, holds it, and feels stops; `off` lets go of it.
+        """Move a limp shaft by an external force straight to a position and hold it; stops limit it.
 
-        `to`: counts as it would tell its place; `rad`: of its joint; `pose`: rad by joint, without an id;
-        `speed` rad/s of the joint. Where torque is on it slips. Raises KeyError, ValueError.
+        `to`: counts as the node reports its position; `rad`: of its joint; `pose`: rad by joint, without an
+        id; `speed` rad/s of the joint; `off` releases it. Where torque is on the force slips. Raises
+        KeyError, ValueError.
         """
         rows = None if id is None else self.rows(id)
         order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
 
     def lay(self, base: str) -> None:
-        """Somebody turns the robot over: its base is held so from now on. Raises KeyError, ValueError."""
+        """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
         self._nodes.motors.muscles.lay(base)
 
     def freeze(self, id: int, on: bool = True) -> None:
-        """The place that it tells repeats its value, wherever the shaft goes. Raises KeyError."""
+        """Repeat the reported position, wherever the shaft goes. Raises KeyError."""
         for row in self.rows(id):
             self._nodes.motors.freeze(row, on)
 
     def record(self, count: int) -> None:
-        """Keep the last `count` places, in counts; 0: none. Raises ValueError outside 0..100,000."""
+        """Keep the last `count` positions, in counts; 0: none. Raises ValueError outside 0..100,000."""
         self.history = ReadingHistory(len(self._nodes.each), count) if count else None
 
     def rows(self, id: int) -> list[int]:
@@ -173,7 +174,7 @@ class NodeFaults:
         return found
 
     def clear(self) -> None:
-        """Every connector is plugged in, nobody has a twin, no other master."""
+        """Plug in every connector; remove all twins and the other master."""
         for node in self._nodes.each:
             node.silenced = False
         self._nodes.twins.clear()
@@ -181,11 +182,11 @@ class NodeFaults:
         self._changed()
 
     def next_command(self) -> float:
-        """When the other master speaks next, s."""
+        """Return the time of the other master's next frame, s."""
         return min(self.masters.values(), default=inf)
 
     def commands(self, now: float) -> list[CanMessage]:
-        """What it says by then."""
+        """Return the frames that the other master sends until then."""
         said = []
         for row, at in list(self.masters.items()):
             if at <= now:
@@ -206,7 +207,7 @@ class NodeFaults:
 
 
 def _limp(node: VirtualCanNode) -> CanMessage:
-    """A command without torque, as each family has it."""
+    """Return a command without torque, in the form of the node's family."""
     family = node.spec.spoken()
     if family == "robstride":
         return CanMessage(EXTENDED | 1 << 24 | 0x7FFF << 8 | node.id, bytes.fromhex("7FFF7FFF00000000"))

@@ -1,4 +1,4 @@
-"""One virtual CAN actuator as it is screwed in."""
+"""Description of one virtual CAN actuator as installed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
 
 @dataclass(frozen=True, slots=True)
 class NodeSpec:
-    """Who it is, and its settings that are not as from the factory.
+    """Identity of one actuator, and its settings that differ from the factory's.
 
     `settings`, by family. Damiao: any register by its name, raw. RobStride: any parameter by its name, raw.
-    CubeMars: `timeout` s. ODrive: `watchdog_timeout`, `heartbeat`, `estimates` s (0: never),
-    `velocity_limit` rev/s, `current_limit` A, `torque_constant` N·m/A, `position_gain`, `velocity_gain`.
-    All: `hottest` °C, `lowest`, `highest` V, `boot` s.
+    CubeMars: `timeout` s. ODrive: `watchdog_timeout`, `heartbeat`, `estimates` s (0: never), `velocity_limit`
+    rev/s, `current_limit` A, `torque_constant` N·m/A, `position_gain`, `velocity_gain`. All: `hottest` °C,
+    `lowest`, `highest` V, `boot` s.
     """
 
     id: int
@@ -41,7 +41,10 @@ class NodeSpec:
         return self.chip or int.from_bytes(made, "little")
 
     def gains(self) -> tuple[float, float]:
-        """What its Kp (N·m/rad) and Kd (N·m·s/rad) fields span from 0: the three big RobStrides have more."""
+        """Return the spans, from 0, of its Kp (N·m/rad) and Kd (N·m·s/rad) fields.
+
+        The three big RobStrides have larger ones.
+        """
         return STRONG if self.model[:4] in ("RS03", "RS04", "RS06") else USUAL
 
     def spoken(self) -> str:

@@ -1,7 +1,8 @@
-"""Closes to other machines what Cyclone DDS opens: it binds its ports on every address.
+"""Closes the ports of Cyclone DDS to other machines: it binds them on every address.
 
-Its interface only says where it sends, and no setting of version 11 says where it listens. So each of its
-sockets is bound to the loopback device as well: the kernel then hands over nothing that came by a network.
+Its setting of the interface only determines where it sends. No setting of version 11 determines where it
+listens. So each of its sockets is bound to the loopback device as well: the kernel then delivers no packet
+that came by a network.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ _LOOPBACK = b"lo\0"
 
 
 def sockets() -> set[int]:
-    """Descriptors of this process that are sockets."""
+    """Return the descriptors of this process that are sockets."""
     if not _OPEN.is_dir():
         return set()
     return {int(each.name) for each in _OPEN.iterdir() if _target(each).startswith("socket:")}
 
 
 def keep_here(opened: Collection[int], tell: Callable[[str], None]) -> None:
-    """Of these sockets, those of UDP hear this machine alone from now on; where that fails it is told."""
+    """Bind the UDP sockets of these to the loopback device, so that only this machine reaches them.
+
+    `tell` receives a line where that fails.
+    """
     if not hasattr(socket, "SO_BINDTODEVICE"):
         tell("dds: its ports are open to other machines, no packet goes there; a firewall closes them")
         return

@@ -1,7 +1,8 @@
-"""How the session of a ROS node over Zenoh is set up, as `rmw_zenoh_cpp` does where nobody says otherwise.
+"""Configuration of a ROS node's Zenoh session, by default as `rmw_zenoh_cpp` sets it up.
 
-A peer: it knows the router of this machine, hears from it who else is there, and speaks to those directly.
-It listens on loopback alone; what goes to other machines goes through the router, whose keeper decides that.
+A peer: it knows the router of this machine, learns of the other peers from it, and connects to those
+directly. It listens on loopback alone. Messages to other machines go through the router, whose configuration
+decides that.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ _AGAIN_MS = (200, 2000)  # a router that is not there is looked for ever more ra
 def session_config(
     environment: Mapping[str, str], connect: str | None, file: Path | str | None
 ) -> zenoh.Config:
-    """Of the options, else of the variables that ROS users set, else ours. Raises TransportError.
+    """Return the configuration by the options, else by the variables that ROS users set, else the default.
 
     `connect`: the router's address, or several by commas; `file`: a Zenoh configuration, taken as it is.
+    Raises TransportError.
     """
     path = str(file or ("" if connect else environment.get(CONFIG, "")))
     try:

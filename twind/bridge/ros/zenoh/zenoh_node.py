@@ -23,12 +23,12 @@ _END_S = 0.5  # for what is being answered or handed over when the graph is left
 
 
 class ZenohNode:
-    """Its endpoints live as long as it is open. Raises zenoh.ZError where the session cannot."""
+    """One node; its endpoints live as long as it is open. Raises zenoh.ZError where the session fails."""
 
     def __init__(
         self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
     ) -> None:
-        """`tell`: a line where what was heard or asked for fails."""
+        """`tell`: receives a line where handling of a message or request fails."""
         self._session, self._names, self._labelled, self._tell = session, names, labelled, tell
         self._numbers = itertools.count(1)
         self._tokens = [session.liveliness().declare_token(names.node_token())]
@@ -37,7 +37,7 @@ class ZenohNode:
         self._hearing: list[threading.Thread] = []
 
     def offer(self, topics: Sequence[RosTopic], heard: Heard) -> None:
-        """Publish those that go out and hear the others."""
+        """Publish the outgoing topics and subscribe to the others."""
         for topic in topics:
             token = self._token(topic)
             if topic.out:
@@ -60,7 +60,7 @@ class ZenohNode:
         self._writers[topic].put(data)
 
     def close(self) -> None:
-        """Leave the graph; whoever sees our tokens knows it at once."""
+        """Leave the graph; nodes that watch its tokens notice at once."""
         for served in self._served:
             served.close(_END_S)
         with suppress(zenoh.ZError):
@@ -72,7 +72,7 @@ class ZenohNode:
         return self._names.token(next(self._numbers), endpoint)
 
     def _hear(self, topic: RosTopic, heard: Heard) -> None:
-        """KEEP_LAST `depth`: of what comes faster than it is taken the oldest goes."""
+        """Subscribe with KEEP_LAST `depth`: of messages faster than they are taken the oldest is dropped."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)
 
@@ -99,21 +99,24 @@ class ZenohWriter:
         self._numbers, self._lock = itertools.count(1), threading.Lock()
 
     def put(self, data: bytes) -> None:
-        """Send; what the way to a reader has no room for within a millisecond is dropped there."""
+        """Send a message; a reader's path without room for it within a millisecond drops it."""
         with self._lock:
             beside = ZenohAttachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
             self._put(data, attachment=beside.pack())
 
 
 def _bytes(payload: zenoh.ZBytes) -> bytes:
-    """Of what is too long only that it is: nothing of it is copied, and a stop is a stop all the same."""
+    """Return the bytes of a payload, or LONGEST + 1 zero bytes where it is longer than LONGEST.
+
+    A payload that is too long is not copied; its length alone is kept, so a stop still takes effect.
+    """
     return payload.to_bytes() if len(payload) <= LONGEST else bytes(LONGEST + 1)
 
 
 def _channel(
     session: zenoh.Session, key: str, topic: RosTopic
 ) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
-    """Reliable on the way, dropped where there is no room: a reader that hangs holds up nobody."""
+    """Reliable delivery, dropped where there is no room: a reader that hangs delays no other."""
     drop, reliable = zenoh.CongestionControl.DROP, zenoh.Reliability.RELIABLE
     if not topic.latched:
         return session.declare_publisher(key, congestion_control=drop, reliability=reliable)

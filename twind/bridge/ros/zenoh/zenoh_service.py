@@ -1,6 +1,7 @@
-"""One service of ROS over Zenoh: a queryable and who answers it, so that none waits behind another.
+"""One service of ROS over Zenoh: a queryable and its threads; no request waits behind another.
 
-A stop is a stop, whatever came with it: its bytes and its attachment are not looked at before it is done.
+A stop takes effect whatever its request contains: its bytes and its attachment are not read before it is
+done.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _AT_ONCE = 4  # stops that are answered beside each other: a second does not wai
 
 
 class ZenohServiceServer:
-    """Answers until it is closed. `key`: where its requests come. `tell`: a line where an answer fails."""
+    """Answers until closed. `key`: that of its requests. `tell`: receives a line where an answer fails."""
 
     def __init__(
         self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
@@ -39,7 +40,7 @@ class ZenohServiceServer:
             thread.start()
 
     def close(self, seconds: float) -> None:
-        """No more requests; waits so long for those that are being answered."""
+        """Take no more requests; wait so long for those that are being answered."""
         with suppress(zenoh.ZError):
             self._requests.undeclare()
         end = time.monotonic() + seconds
@@ -69,7 +70,7 @@ class ZenohServiceServer:
         query.reply(self._key, response, attachment=reply.pack())
 
     def _response(self, query: zenoh.Query) -> bytes:
-        """CDR. What cannot be read is refused in words, unless it asks for a stop."""
+        """Return the response as CDR. An unreadable request is refused with a text, unless it is a stop."""
         try:
             success, message = self._asked(self._service, None if self._stops else self._data(query))
         except CdrError as error:
@@ -79,7 +80,7 @@ class ZenohServiceServer:
         return encode(f"{self._service.kind}_Response", {"success": success, "message": message})
 
     def _data(self, query: zenoh.Query) -> bool | None:
-        """What is asked for, where the service's type has such a field. Raises CdrError."""
+        """Return field `data` of the request; None where its type has no such field. Raises CdrError."""
         data = b"" if query.payload is None else query.payload.to_bytes()
         asked: bool | None = decode(f"{self._service.kind}_Request", data).get("data")
         return asked
@@ -91,7 +92,7 @@ class ZenohServiceServer:
 
 
 def _beside(query: zenoh.Query) -> tuple[ZenohAttachment | None, str]:
-    """The attachment; None, and what is wrong with it."""
+    """Return the attachment and ""; or None and the error in it."""
     try:
         return attachment(b"" if query.attachment is None else query.attachment.to_bytes()), ""
     except AttachmentError as error:

@@ -1,4 +1,4 @@
-"""One errand of many robots at once: each has its own, so nobody waits for another's answer."""
+"""One action on many robots at once: each has its own errand, so none waits for another's answer."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -8,13 +8,15 @@ from twind.observe.viewing.stop_threads import StopAction, StopOutcome, Tell
 
 
 class Broadcast:
-    """`errands`: of those who are known when it is asked, by name."""
+    """Action on many robots. `errands` returns the errands of the robots known at the time of a request, by
+    name."""
 
     def __init__(self, name: str, errands: Callable[[], Mapping[str, StopAction]]) -> None:
         self._name, self._errands = name, errands
 
     def ask(self, tell: Tell) -> None:
-        """What failed is told at once, robot by robot; how many did it, when the last has answered."""
+        """Start all errands. Each failure is reported at once; the count of successes follows after the last
+        answer."""
         errands = self._errands()
         if not errands:
             tell(StopOutcome(False, f"{self._name}: nobody was asked", "no robot was found yet"))
@@ -24,7 +26,7 @@ class Broadcast:
 
 
 class _ReplyCount:
-    """Of one press: who has answered."""
+    """Count of the robots that have answered one button press."""
 
     def __init__(self, name: str, asked: frozenset[str], tell: Tell) -> None:
         self._name, self._asked, self._tell = name, asked, tell
@@ -32,7 +34,7 @@ class _ReplyCount:
         self._open, self._failed = set(asked), set[str]()
 
     def answered(self, robot: str, outcome: StopOutcome) -> None:
-        """In the thread of that robot's errand."""
+        """Process the outcome of one robot; runs in the thread of that robot's errand."""
         with self._lock:
             self._open.discard(robot)
             if not outcome.done:

@@ -1,4 +1,4 @@
-"""How a robot is, in one word that has a colour, and in a line. Pure."""
+"""Health of a robot as one word with a colour, and as a line of text. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -38,19 +38,19 @@ GREY = (HealthLevel.LOST, HealthLevel.ODD, HealthLevel.OLD)  # what is drawn of 
 
 @dataclass(frozen=True, slots=True)
 class RobotHealth:
-    """Of one robot."""
+    """Health of one robot: its level, and a line of text."""
 
     kind: HealthLevel
     said: str
 
     @property
     def colour(self) -> str:
-        """As HTML has it."""
+        """Colour of the level, in HTML notation."""
         return COLOURS[self.kind]
 
 
 def standing(now: ViewerSnapshot) -> RobotHealth:
-    """Of a robot that is known so far."""
+    """Return the health of a robot from the snapshot known so far."""
     status = now.status
     if now.lost is not None:
         return RobotHealth(HealthLevel.LOST, "lost" if status is not None else "not reached")
@@ -71,7 +71,8 @@ def standing(now: ViewerSnapshot) -> RobotHealth:
 
 
 def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
-    """How it is, and `page`, whatever it says: a robot of another version is not the others' trouble."""
+    """Return the health and `page` of a robot, whatever it sends: a robot of another version must not disturb
+    the others."""
     try:
         how = standing(now)
         return how, page(now, how, problem)
@@ -83,14 +84,15 @@ def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
 
 
 def _said(status: Message) -> str:
-    """In sim the robot is always disconnected, which is no news."""
+    """Return mode, state and motion as text. In sim the robot is always disconnected, so that state is left
+    out."""
     mode, state = str(status["mode"]), str(status["state"])
     states = [] if (mode, state) == ("sim", "disconnected") else [state]
     return ", ".join([mode, *states, str(status["motion"])])
 
 
 def _whole(now: ViewerSnapshot, status: Message) -> bool:
-    """Every joint is heard, with a new number, and tells no fault."""
+    """Check that all buses are connected, and every joint answers with a new value and without a fault."""
     told = now.joints
     assert told is not None
     if status["mode"] != "sim" and not all(bus["connected"] for bus in status["buses"]):
@@ -99,7 +101,7 @@ def _whole(now: ViewerSnapshot, status: Message) -> bool:
 
 
 def summary(standings: Iterable[RobotHealth]) -> str:
-    """How many there are of each kind, as HTML."""
+    """Return the number of robots at each health level, as HTML."""
     found = Counter(each.kind for each in standings)
     told = [
         f'<span style="color:{COLOURS[kind]};font-weight:600">{found[kind]} {kind}</span>'
@@ -131,7 +133,7 @@ def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
 
 
 def _status(status: Message) -> list[str]:
-    """What is worth a line where many robots stand: faults, who commands, a loop that is late."""
+    """Build the HTML rows worth a line where many robots are shown: faults, the lease holder, a late loop."""
     lease, loop = status["lease"], status["loop"]
     rows = [
         status_html.row("fault", f"{each['code']}: {each['message']}", status_html.RED)

@@ -39,8 +39,10 @@ def _news(ways: RobotConnections, ended: threading.Event) -> Iterable[News]:
 
 
 class RobotRegistry:
-    """All who were ever found, in that order. Each keeps the ways and the name that it was given first: who
-    comes later and is called the same has where it is behind its name."""
+    """All robots ever found, in that order. Each keeps the connections and the name that it was given first.
+
+    A later robot of the same name has its place appended to the name.
+    """
 
     def __init__(self, found: Found) -> None:
         self._found, self._ended = found, threading.Event()
@@ -51,7 +53,7 @@ class RobotRegistry:
 
     @property
     def members(self) -> tuple[RegisteredRobot, ...]:
-        """Of this moment; more come, none goes."""
+        """Robots found up to now; later ones are added, none is removed."""
         return self._members
 
     def close(self) -> None:
@@ -78,7 +80,10 @@ class RobotRegistry:
             self._ended.wait(LOOKED)
 
     def _take(self, found: Mapping[Whose, RobotConnections]) -> str:
-        """Who is new. Why some are left out: each has a thread, and the page a folder for it."""
+        """Add the robots of `found` that are new; return why some are left out, or "".
+
+        At most `MOST` are added, since each has a thread, and the page a folder for it.
+        """
         for whose, ways in found.items():
             if whose not in self._names:
                 if len(self._names) >= MOST:
