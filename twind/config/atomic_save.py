@@ -83,7 +83,7 @@ def alone(folder: Path) -> Iterator[LockedFolder]:
 
 
 def save_text(folder: Path, name: str, text: str, history: int, rights: FileOwnership | None = None) -> Path:
-    """`Folder.save_text`, of a text that owes nothing to what is there. Raises as it and as `alone`."""
+    """`LockedFolder.save_text`, of a text that owes nothing to what is there. Raises as it and as `alone`."""
     with alone(folder) as held:
         return held.save_text(name, text, history, rights)
 

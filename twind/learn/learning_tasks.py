@@ -1,6 +1,6 @@
 """What a robot is to learn, as data: how an episode begins, what is asked for, what each thing is worth.
 
-How it is judged stands in `judge.py`, the same for all tasks.
+How it is judged stands in `reward.py`, the same for all tasks.
 """
 
 from collections.abc import Mapping

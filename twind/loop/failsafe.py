@@ -156,7 +156,8 @@ def _afterwards(loop: Loop) -> str:
 
 
 class HeadlessLink:
-    """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
+    """The `ControlLink` of a loop without a front: nobody commands, events are lines of a descriptor, or
+    lost."""
 
     def __init__(self, fd: int, record: Record | None = None) -> None:
         """`record`: who writes down what is told; None: nobody."""

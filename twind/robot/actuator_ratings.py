@@ -1,4 +1,5 @@
-"""What each joint's actuator bears: voltage, heat, current. Beside `Limits`, which says what it may do."""
+"""What each joint's actuator bears: voltage, heat, current. Beside `JointLimits`, which says what it may
+do."""
 
 from dataclasses import dataclass
 from math import inf

@@ -150,7 +150,7 @@ class ActuatorGroup:
         return made if rows is None else self._only(made, rows)
 
     def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
-        """What must be told beside the commands (m,): see `Family.gains`. Raises WireClamp."""
+        """What must be told beside the commands (m,): see `ActuatorFamily.gains`. Raises WireClamp."""
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 

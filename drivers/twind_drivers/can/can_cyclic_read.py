@@ -1,7 +1,7 @@
 """The cyclic reading of a CAN bus: what the next request asks of whom, and the sample that its answers make.
 
 Whoever is commanded answers the command, where his family does; all others are asked. Those who stay silent
-are not waited for (`Attendance`), but go on being asked: that costs nobody a time-out.
+are not waited for (`DevicePresence`), but go on being asked: that costs nobody a time-out.
 
 A late answer. It carries no number of its request, so that of the last cycle looks like that of this one.
 Whoever missed an answer is a suspect: not heard until three requests in a row brought exactly as many frames

@@ -93,7 +93,7 @@ class CanCommandEncoder:
         """Goals (m,) in counts for the next request. Raises WireClamp, ValueError; then nothing is pending.
 
         Speed beside them: the step from the goal of the cycle before. A step that the field cannot say is a
-        jump, and has no speed. Who is barred (`Cyclic`) is not commanded.
+        jump, and has no speed. Who is barred (`CanCyclicRead`) is not commanded.
         """
         self.line.goals = None
         self._require(ticks)

@@ -1,7 +1,7 @@
 """What stands in a new servo's registers, and how far each may go: the columns "Initial Value" and "Range".
 
 Raw units. Source: each model's e-manual page (`models.page`), as printed in the newest edition at hand. A
-value that the page leaves open ("-") is None. Ranges that a whole series shares are in `registers.py`.
+value that the page leaves open ("-") is None. Ranges that a whole series shares are in `register_rules.py`.
 """
 
 from collections.abc import Mapping

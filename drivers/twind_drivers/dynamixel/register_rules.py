@@ -1,7 +1,7 @@
 """What the vendor's tables do not say: access, sign, range and default of each register. Ours, pure.
 
 Source: the e-manual page of each model. What is the same for a whole series stands here, what differs from
-model to model in `factory.py`. Keys are snake case. A default that the page leaves open is None.
+model to model in `factory_defaults.py`. Keys are snake case. A default that the page leaves open is None.
 """
 
 from collections.abc import Mapping

@@ -141,21 +141,21 @@ class FirstOrderPhysics:
         self._look()
 
     def aim(self, goal: Floats) -> None:
-        """See `Muscles.aim`."""
+        """See `ServoPhysics.aim`."""
         self._goal[:] = goal
 
     def block(self, held: Bools) -> None:
-        """See `Muscles.block`."""
+        """See `ServoPhysics.block`."""
         self._blocked = held.copy()
         self._look()
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """See `Muscles.grip`. A hand goes through everything but a stop and what is held fast."""
+        """See `ServoPhysics.grip`. A hand goes through everything but a stop and what is held fast."""
         self._hand, self._reach = place.copy(), speed.copy()
         self._look()
 
     def lay(self, base: str) -> None:
-        """See `Muscles.lay`."""
+        """See `ServoPhysics.lay`."""
         raise ValueError("lay: these are joints without load, which no body holds together")
 
     def fence(self, lower: Floats, upper: Floats) -> None:

@@ -42,7 +42,7 @@ PATIENCE = 1.0  # s for a word of the daemon
 
 
 class GoalConsumer(Protocol):
-    """Who takes trajectories: `Orders.goal`."""
+    """Who takes trajectories: `TrajectoryDispatcher.goal`."""
 
     def __call__(
         self,

@@ -1,8 +1,9 @@
 """The daemon's lease, held for whoever has ours from afar, and the goals under it.
 
-The motions are driven by `Driving`: the lease is renewed call by call. So a lease that lapses, a link that is
-lost, a sender that dies and an uplink that hangs all end alike: nobody renews any more, and the daemon holds.
-While it judges a goal the daemon renews by itself; then `watch` sees that ours lapsed, and hangs up.
+The motions are driven by `MotionSession`: the lease is renewed call by call. So a lease that lapses, a link
+that is lost, a sender that dies and an uplink that hangs all end alike: nobody renews any more, and the
+daemon holds. While it judges a goal the daemon renews by itself; then `watch` sees that ours lapsed, and
+hangs up.
 
 `renew`, `stopped`, `heard` and `watch` are for any thread, all else for one.
 """

@@ -1,8 +1,8 @@
 """One robot's uplink while it runs: what is told, what is asked, who commands.
 
-Threads: a tap for each connection of the daemon that tells (`telling.py`), a lane for each kind of question
-(`lanes.py`), one for each kind of stop, which waits for nothing but the stop before it (`together.py`); and
-those of the engine, in which nothing of ours waits for anything.
+Threads: a tap for each connection of the daemon that tells (`topic_outlets.py`), a lane for each kind of
+question (`worker_queue.py`), one for each kind of stop, which waits for nothing but the stop before it
+(`coalesced_stop.py`); and those of the engine, in which nothing of ours waits for anything.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class Unreadable(Rejected):
 class RecordedMessage:
     """Something that was said at a moment, as the daemon sent it: an event, a verdict, a status."""
 
-    time: float  # s since `Recording.start_ns`
+    time: float  # s since `RobotRecording.start_ns`
     what: Parameters
 
 
@@ -64,7 +64,7 @@ class LatencyColumns:
 
 @dataclass(frozen=True, slots=True)
 class ImuColumns:
-    """What an IMU told, in the axes of the base; in mode sim the simulation's. Rows as `Recording.time`.
+    """What an IMU told, in the axes of the base; in mode sim the simulation's. Rows as `RobotRecording.time`.
 
     NaN where nothing new was heard.
     """

@@ -71,7 +71,8 @@ class VirtualCanSegment:
         return [node.id for node in self.nodes.each]
 
     def truth(self, now: float) -> list[dict[str, Any]]:
-        """What is true of each node at `now`, past the bus; raw units of `can.units`. See `Node.truth`."""
+        """What is true of each node at `now`, past the bus; raw units of `can.units`. See
+        `VirtualCanNode.truth`."""
         self._run(now)
         self.nodes.motors.advance(now)
         return [node.truth(now) for node in self.nodes.each]
