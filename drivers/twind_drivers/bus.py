@@ -7,7 +7,8 @@ for the rare path), lets `feed` take bytes until it says done or `deadline` pass
 `answer`). What takes several transactions (identify, prepare, torque) is a **script**: a generator that
 yields one request and is sent its reply, so that the loop steps it, one transaction a tick.
 
-The `Reader` exists in mirror and live, the `Writer` in live only: a mirror has no object that could write.
+The `BusReader` exists in mirror and live, the `BusWriter` in live only: a mirror has no object that could
+write.
 
     BusError
     ├── PortError          the port could not be opened, or was lost (`lost` is True)

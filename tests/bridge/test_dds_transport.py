@@ -1,4 +1,4 @@
-"""`Dds` by itself: settings of its library, refusals of what it cannot send, joining and leaving."""
+"""`DdsTransport` by itself: settings of its library, refusals of what it cannot send, joining and leaving."""
 
 import importlib.metadata
 import importlib.util

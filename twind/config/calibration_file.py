@@ -1,7 +1,7 @@
 """The calibration file `twind-calibration/1`: what was measured of one specimen. State, hashed.
 
 Raw counts are integers, so that a round trip is exact. The hash is of the file's text (UTF-8, LF) without its
-`sha256:` line. `device_check.py` compares it with the servos, `saving.py` writes it.
+`sha256:` line. `device_check.py` compares it with the servos, `atomic_save.py` writes it.
 """
 
 import hashlib

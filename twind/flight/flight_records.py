@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-NO_BUS = 255  # `Entry.bus` of what belongs to none
+NO_BUS = 255  # `FlightEntry.bus` of what belongs to none
 RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
 HEAD = RECORD.size
 MORE, ON = 0x80, 0x40  # of a kind: a piece, and more of it follow; a piece that goes on with the one before

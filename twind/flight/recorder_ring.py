@@ -13,7 +13,7 @@ import struct
 
 from twind.flight.flight_records import HEAD, MORE, ON, RECORD, FlightContents, PackedFlight, broken
 
-TRANSCRIPT = 256 << 10  # bytes that `Ring.keep` takes of one bus
+TRANSCRIPT = 256 << 10  # bytes that `FlightRing.keep` takes of one bus
 SEGMENTS = 64  # of a ring: one of them is what a copy may lack of the oldest
 SETTLE = 0.001  # s after which all cores see what one wrote, whatever order it wrote it in
 LEAST = 4096  # bytes of a ring

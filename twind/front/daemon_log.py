@@ -1,8 +1,9 @@
 """Logs of the daemon: structured lines, written by a thread of their own. Front process.
 
-To the journal where standard error is the journal's, as datagrams of fields (`journal.py`); else lines to
-standard error for people. What cannot be written, because the reader is slow or gone or the disk full, blocks
-no client and ends nothing: it is dropped and counted, and the count told when lines are taken again.
+To the journal where standard error is the journal's, as datagrams of fields (`systemd_journal.py`); else
+lines to standard error for people. What cannot be written, because the reader is slow or gone or the disk
+full, blocks no client and ends nothing: it is dropped and counted, and the count told when lines are taken
+again.
 """
 
 import contextlib

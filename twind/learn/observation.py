@@ -60,7 +60,7 @@ class BodyReading:
 
 
 def columns(base: Floats) -> "list[Any] | Floats":
-    """The numbers of `Reading.base` one by one, each a float of one robot or an array (count,) of many.
+    """The numbers of `BodyReading.base` one by one, each a float of one robot or an array (count,) of many.
 
     What is made of them by arithmetic alone is then the same for both, and of one robot ten times as fast.
     """

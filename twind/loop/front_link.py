@@ -99,7 +99,7 @@ def unrecorded(_kind: EntryKind, _data: bytes) -> None:
 
 
 class FrontLink:
-    """Commands in, news out: the `Outside` that is a front."""
+    """Commands in, news out: the `ControlLink` that is a front."""
 
     def __init__(self, front: FrontProcess, record: Record = unrecorded) -> None:
         """`record`: who writes down what goes over the link."""

@@ -14,7 +14,7 @@ _FIRST = 3  # SD_LISTEN_FDS_START
 
 @dataclass(frozen=True, slots=True)
 class InheritedDescriptors:
-    """What the service manager handed over, ours to close; the memfd by who takes it (`Wreck`)."""
+    """What the service manager handed over, ours to close; the memfd by who takes it (`CrashRecording`)."""
 
     sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
     wreck: int | None = None  # memfd of a daemon before us

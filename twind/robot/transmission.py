@@ -8,7 +8,7 @@ position  q = F(a)        a = F⁻¹(q)
 velocity  dq = J da       J = dF/da at the place
 effort    τ_a = Jᵀ τ_q    τ_q = J⁻ᵀ τ_a    (no power is lost: τ_a · da = τ_q · dq)
 
-Here stand what every transmission can be asked and the differential; `linkage.py` has the table.
+Here stand what every transmission can be asked and the differential; `linkage_table.py` has the table.
 """
 
 from collections.abc import Sequence

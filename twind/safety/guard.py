@@ -67,9 +67,9 @@ class Guard:
         ratings: ActuatorRatings | None = None,
         linked: Sequence[MappedTransmission] = (),
     ) -> None:
-        """`buses`: their names, in the order of `Facts.traffic`. `can`: the joints of each of them that is a
-        CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's supply,
-        heat or load has a bound. `linked`: whose actuators turn joints together."""
+        """`buses`: their names, in the order of `GuardInput.traffic`. `can`: the joints of each of them that
+        is a CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's
+        supply, heat or load has a bound. `linked`: whose actuators turn joints together."""
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")

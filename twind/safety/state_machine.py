@@ -1,6 +1,6 @@
 """The states of robot and bus, and what may follow what (docs/safety.md). A table: no clock, no device.
 
-FAULT and ESTOP latch. A latch outlives a lost port, so `Latch` carries it beside the state.
+FAULT and ESTOP latch. A latch outlives a lost port, so `StateLatch` carries it beside the state.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """Does every joint go where it is told: rules R15, R16 and R25. Pure.
 
-A servo that moves is behind its goal by the lag of its own loop: R15 allows for `Thresholds.lag` at the
-goal's speed. What takes long to go wrong is looked at every `Thresholds.look`. An encoder is an actuator's:
-where several turn joints together, it is their angles that are looked at.
+A servo that moves is behind its goal by the lag of its own loop: R15 allows for `GuardThresholds.lag` at the
+goal's speed. What takes long to go wrong is looked at every `GuardThresholds.look`. An encoder is an
+actuator's: where several turn joints together, it is their angles that are looked at.
 """
 
 from collections.abc import Iterator, Sequence

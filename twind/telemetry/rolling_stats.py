@@ -15,7 +15,7 @@ import numpy as np
 from twind.robot.arrays import Ints
 
 SIZE = 100  # values of a window
-KEPT = 1024  # values of a `Recent`: half a second at up to 1000 Hz and beyond
+KEPT = 1024  # values of a `RecentValues`: half a second at up to 1000 Hz and beyond
 RECENT = 0.5  # s
 SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
 _FIRST = log(SMALLEST)

@@ -1,8 +1,9 @@
 """How far apart the robot's bodies are in a pose: kinematics and collision on a model copy of its own.
 
 Which pairs are judged is settled once, from the model's own filters and the robot file. Distances are those
-of surfaces, negative inside each other, exact up to `Bodies.reach` and never overstated: contacts are exact
-with multi-point contacts off (but for two boxes, which are measured one by one). Knows no path and no time.
+of surfaces, negative inside each other, exact up to `CollisionModel.reach` and never overstated: contacts are
+exact with multi-point contacts off (but for two boxes, which are measured one by one). Knows no path and no
+time.
 """
 
 import copy

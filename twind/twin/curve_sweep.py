@@ -1,9 +1,9 @@
 """Does a whole curve keep its distance (S23, S24)? Proved between samples, not only at them.
 
 A joint turns by no more than the length of its control polygon, and no two geoms come closer by more than
-lever x angle (`levers.py`). So where two poses with distances d and e lie L of such motion apart, the curve
-between them is clear of `block` if (d + e - L) / 2 > block; what is not proved so is halved. No clear verdict
-is wrong; a curve is refused wrongly only where its true clearance is within `BAND` above `block`.
+lever x angle (`lever_bounds.py`). So where two poses with distances d and e lie L of such motion apart, the
+curve between them is clear of `block` if (d + e - L) / 2 > block; what is not proved so is halved. No clear
+verdict is wrong; a curve is refused wrongly only where its true clearance is within `BAND` above `block`.
 """
 
 from collections.abc import Generator, Sequence
@@ -29,7 +29,7 @@ MOST = 60_000  # poses and measurements of one curve: some 0.4 s; what needs mor
 class CloseGeoms:
     """Two geoms too close, or nearly so."""
 
-    pair: int  # place in `Bodies.pairs`
+    pair: int  # place in `CollisionModel.pairs`
     time: float  # s on the curve: the first moment of it
     clearance: float  # m, the least that was found
     at: float  # s, when that was

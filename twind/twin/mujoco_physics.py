@@ -139,7 +139,7 @@ class MujocoPhysics:
 
 
 class BusPhysics:
-    """The motors of one bus. Keeps the protocol of `MujocoMuscles` for m of its n motors."""
+    """The motors of one bus. Keeps the protocol of `MujocoPhysics` for m of its n motors."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at
@@ -148,23 +148,23 @@ class BusPhysics:
         self.current, self.pwm = whole.current[at], whole.pwm[at]
 
     def drive(self, drive: MotorDrive) -> None:
-        """As `MujocoMuscles.drive`."""
+        """As `MujocoPhysics.drive`."""
         self._loops.drive(self._at, drive)
 
     def aim(self, goal: Floats) -> None:
-        """As `MujocoMuscles.aim`."""
+        """As `MujocoPhysics.aim`."""
         self._whole.data.ctrl[self._at] = self._loops.aim(self._at, goal)
 
     def block(self, held: Bools) -> None:
-        """As `MujocoMuscles.block`."""
+        """As `MujocoPhysics.block`."""
         self._loops.block(self._at, held)
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """As `MujocoMuscles.grip`."""
+        """As `MujocoPhysics.grip`."""
         self._loops.grip(self._at, place, speed)
 
     def lay(self, base: str) -> None:
-        """As `MujocoMuscles.lay`: of the whole body."""
+        """As `MujocoPhysics.lay`: of the whole body."""
         self._whole.lay(base)
 
     def advance(self, now: float) -> None:
@@ -210,7 +210,7 @@ class CanBusPhysics:
         self._gains[:] = np.nan
 
     def lay(self, base: str) -> None:
-        """As `MujocoMuscles.lay`: of the whole body."""
+        """As `MujocoPhysics.lay`: of the whole body."""
         self._whole.lay(base)
 
     def advance(self, now: float) -> None:

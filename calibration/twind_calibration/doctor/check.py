@@ -1,7 +1,7 @@
 """What a complaint is, and what it looks like once found. Pure: it looks at nothing and prints nothing.
 
-A `Complaint` is a row of the table (`host_rows.py`, `robot_rows.py`): what the troubleshooting page says.
-A `Found` is that complaint met on this machine: about which thing, what was measured, what mends it.
+A `Check` is a row of the table (`host_rows.py`, `robot_rows.py`): what the troubleshooting page says.
+A `DoctorFinding` is that complaint met on this machine: about which thing, what was measured, what mends it.
 """
 
 from collections.abc import Callable, Sequence

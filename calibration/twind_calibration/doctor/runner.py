@@ -27,7 +27,7 @@ LAST = frozenset(row.code for row in MACHINE)  # of one severity, after ports, b
 class DoctorReport:
     """What one run found, and what it could not see."""
 
-    about: dict[str, Any] = field(default_factory=dict)  # `Examined.about`
+    about: dict[str, Any] = field(default_factory=dict)  # `CheckContext.about`
     found: list[DoctorFinding] = field(default_factory=list)  # in the order of telling
     because: dict[int, str] = field(
         default_factory=dict

@@ -10,7 +10,7 @@ class CanActuator:
 
     id: int
     feedback_id: int  # what it speaks on (Damiao: master id, register 7); the same as `id` for the others
-    model: str  # a name of `models.py`
+    model: str  # a name of `can_models.py`
     position: float  # rad, symmetric about 0
     velocity: float  # rad/s
     torque: float  # N·m

@@ -1,7 +1,7 @@
 """The reading half of a CAN bus: cyclic reading, upkeep of the slow registers, identification.
 
 Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write. Raw units are
-those of `units.py` for every family.
+those of `can_units.py` for every family.
 """
 
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ FAULTS = "hardware_error_status"  # the name under which the loop asks what is w
 
 
 class CanReader:
-    """A bus by its actuators. Arrays are in the order of `ids`, raw units of `units.py`.
+    """A bus by its actuators. Arrays are in the order of `ids`, raw units of `can_units.py`.
 
     An actuator that tells where it is only in answer to a command (CubeMars in MIT mode) is not heard by a
     reader alone.

@@ -1,6 +1,6 @@
 """One wire of frames: one transaction at a time, what is pending before it, its deadline.
 
-Does the I/O through a `Channel`; time is an argument. It also judges what came unasked (R08), and what
+Does the I/O through a `CanChannel`; time is an argument. It also judges what came unasked (R08), and what
 silence means: frames that nobody acknowledges wait in the adapter, and must not leave when somebody is back.
 """
 

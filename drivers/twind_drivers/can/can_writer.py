@@ -45,7 +45,7 @@ ELSEWHERE = {
 
 
 class CanWriter:
-    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in counts (`units.py`).
+    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in counts (`can_units.py`).
 
     What an actuator holds cannot be read back: `aim` and `aimed` speak of what was sent and acknowledged.
     """

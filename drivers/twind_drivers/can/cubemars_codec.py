@@ -47,7 +47,7 @@ _CELSIUS = np.array([float(octet if octet <= HOTTEST else octet - 256) for octet
 
 
 class CubeMarsCodec:
-    """k AK actuators of one bus, as `Family` says."""
+    """k AK actuators of one bus, as `ActuatorFamily` says."""
 
     name = "cubemars"
     parameters: Mapping[str, FamilyRegister] = {}

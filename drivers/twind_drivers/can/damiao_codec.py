@@ -98,7 +98,7 @@ IDENTITY = (
 
 
 class DamiaoCodec:
-    """k Damiao actuators of one bus, as `Family` says."""
+    """k Damiao actuators of one bus, as `ActuatorFamily` says."""
 
     name = "damiao"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS

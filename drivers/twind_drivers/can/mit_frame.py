@@ -43,7 +43,7 @@ def pack(fields: Words) -> Words:
 def unpack(data: Octets) -> Floats:
     """Fields (3, j), position, velocity and torque, of replies (j, 8), of which D1 to D5 are read.
 
-    Whole numbers, as floats: what `Scale.values` takes.
+    Whole numbers, as floats: what `FieldScale.values` takes.
     """
     words = np.ascontiguousarray(data).view(">u8")[:, 0].astype(np.uint64)
     fields = (words >> _wide(_REPLY, len(words))) & _wide(_REPLY_MASK, len(words))

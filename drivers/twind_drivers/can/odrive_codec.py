@@ -105,7 +105,7 @@ _ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
 
 
 class ODriveCodec:
-    """k axes of one bus, as `Family` says."""
+    """k axes of one bus, as `ActuatorFamily` says."""
 
     name = "odrive"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS

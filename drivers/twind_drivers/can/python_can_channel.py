@@ -1,6 +1,6 @@
 """A channel over any adapter that python-can drives: no thread, no Notifier, time is an argument.
 
-Importing this costs a tenth of a second, so `ports.py` does it only for a robot that has such an adapter.
+Importing this costs a tenth of a second, so `can_ports.py` does it only for a robot that has such an adapter.
 
 Over socketcan the queue tells only by being full (ENOBUFS), and what it took before stays in the kernel: of a
 batch that was refused, the first frames may have left. After a loss no probe is sent: identification, which
@@ -52,8 +52,8 @@ FAILURES = Exception
 class PythonCanChannel:
     """One `can.Bus`. `bitrate` in bit/s; a socketcan interface has its own, set by `ip link`.
 
-    A socketcan interface has one owner (`owner.py`). Whether another adapter can be opened twice is the
-    matter of its library.
+    A socketcan interface has one owner (`can_interface_lock.py`). Whether another adapter can be opened twice
+    is the matter of its library.
     """
 
     def __init__(self, interface: str, channel: str, bitrate: int) -> None:
@@ -137,7 +137,7 @@ class PythonCanChannel:
         return np.frombuffer(b"".join(records), FRAME) if records else NOTHING
 
     def drive(self, owner: object) -> None:
-        """See `Channel.drive`."""
+        """See `CanChannel.drive`."""
         self._owner = weakref.ref(owner)
 
     def purge(self) -> None:

@@ -102,7 +102,7 @@ _REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14
 
 
 class RobStrideCodec:
-    """k RobStride actuators of one bus, as `Family` says."""
+    """k RobStride actuators of one bus, as `ActuatorFamily` says."""
 
     name = "robstride"
     parameters: Mapping[str, FamilyRegister] = PARAMETERS

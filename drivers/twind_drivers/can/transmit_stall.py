@@ -66,7 +66,7 @@ class TransmitStall:
 
 
 class ChannelStatusTracker:
-    """What was told of the line, and what refusals say of it, as one `Condition`."""
+    """What was told of the line, and what refusals say of it, as one `CanChannelStatus`."""
 
     def __init__(self, condition: CanChannelStatus) -> None:
         self.condition, self.stall = condition, TransmitStall()

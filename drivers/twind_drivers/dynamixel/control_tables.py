@@ -1,7 +1,7 @@
 """The vendor's control tables, read from the installed `dynamixel-sdk` package's own files, plus our rules.
 
 The SDK's code is never imported: its `.model` files are text. They know address and size of every register of
-every model; sign, access and ranges are `registers.py`'s.
+every model; sign, access and ranges are `register_rules.py`'s.
 """
 
 import re

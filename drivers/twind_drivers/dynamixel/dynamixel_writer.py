@@ -1,7 +1,8 @@
 """The writing half of a Dynamixel bus: goals, torque, registers. Exists in live only.
 
 Every packet is judged by its own bytes before it leaves (R22): ids of this bus, writable addresses, goal
-words inside what each device may be sent. Devices may differ in model and operating mode (`modes.py`).
+words inside what each device may be sent. Devices may differ in model and operating mode
+(`operating_modes.py`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

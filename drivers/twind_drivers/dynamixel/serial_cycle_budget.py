@@ -110,7 +110,8 @@ def _cut(groups: Sequence[int], turns: int) -> int:
 def indirect_bytes(count: int, rate_hz: float, *, fast: bool) -> int:
     """What a slice would cost if torque, error, watchdog, tick, voltage and temperature were mapped together.
 
-    8 bytes at the servos' indirect addresses, all of them at STATUS_HZ. Why it is not done: `slow.py`.
+    8 bytes at the servos' indirect addresses, all of them at STATUS_HZ. Why it is not done:
+    `dynamixel_slow_registers.py`.
     """
     return slice_bytes(ceil(count / max(1, floor(rate_hz / STATUS_HZ + 1e-9))), INDIRECT_BLOCK, fast=fast)
 

@@ -9,8 +9,8 @@ from twind_drivers.virtual.servo_physics import Bools, DriveState, Floats, Servo
 class Backlash:
     """Muscles whose encoders follow the joints with play: they move once it is used up, and stay behind it.
 
-    Keeps `Muscles`. What the motors seek is the joint's place, so a servo that has arrived shows up to half
-    of its play away from its goal, on the side that it came from.
+    Keeps `ServoPhysics`. What the motors seek is the joint's place, so a servo that has arrived shows up to
+    half of its play away from its goal, on the side that it came from.
     """
 
     def __init__(self, muscles: ServoPhysics, play: NDArray[np.float64]) -> None:
@@ -22,27 +22,27 @@ class Backlash:
         self.stall = muscles.stall
 
     def drive(self, drive: DriveState) -> None:
-        """See `Muscles.drive`."""
+        """See `ServoPhysics.drive`."""
         self._muscles.drive(drive)
 
     def aim(self, goal: Floats) -> None:
-        """See `Muscles.aim`."""
+        """See `ServoPhysics.aim`."""
         self._muscles.aim(goal)
 
     def block(self, held: Bools) -> None:
-        """See `Muscles.block`."""
+        """See `ServoPhysics.block`."""
         self._muscles.block(held)
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """See `Muscles.grip`: a hand holds the joint, not the encoder."""
+        """See `ServoPhysics.grip`: a hand holds the joint, not the encoder."""
         self._muscles.grip(place, speed)
 
     def lay(self, base: str) -> None:
-        """See `Muscles.lay`."""
+        """See `ServoPhysics.lay`."""
         self._muscles.lay(base)
 
     def advance(self, now: float) -> None:
-        """See `Muscles.advance`."""
+        """See `ServoPhysics.advance`."""
         self._muscles.advance(now)
         place, before = self._muscles.position, self.position.copy()
         if np.array_equal(place, self._seen):  # no time has passed, or nothing turns

@@ -67,7 +67,7 @@ class MemoryLayout:
         self.rows = indirect_addresses.rows(table)
         self.end = max(field.end for field in self.fields.values())
         self.defined = np.zeros(self.end, np.bool_)  # (end,) does a register hold this byte?
-        self.live = np.zeros(self.end, np.uint8)  # (end,) see `Memory.live`
+        self.live = np.zeros(self.end, np.uint8)  # (end,) see `RegisterMemory.live`
         for field in self.fields.values():
             self.defined[field.address : field.end] = True
             live = 1 if field.key in LIVELIEST else 2 if field.key.startswith(LIVE) else 0

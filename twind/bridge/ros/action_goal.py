@@ -24,7 +24,7 @@ CODES = {
 
 COLUMNS = (*TAKEN, "effort")
 
-Said = Mapping[str, Any]  # of `Orders.goal`: phase, findings, message
+Said = Mapping[str, Any]  # of `TrajectoryDispatcher.goal`: phase, findings, message
 State = Mapping[str, Any]  # an answer of Monitor, topic `state`
 
 

@@ -43,7 +43,7 @@ class DatasetContents:
     fps: int
     robot_type: str
     joints: tuple[str, ...]
-    features: tuple[str, ...]  # of `Frames.columns`, those that are known in all of them
+    features: tuple[str, ...]  # of `EpisodeFrames.columns`, those that are known in all of them
     episodes: tuple[EpisodeFrames, ...]
     left: tuple[OmittedSpan, ...]  # what is not in it, and why
     damage: tuple[str, ...]  # of the recordings, in words

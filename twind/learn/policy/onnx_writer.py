@@ -1,4 +1,5 @@
-"""The ONNX graph that a policy is written as. What is read of anybody's: `model.py`, `chain.py`."""
+"""The ONNX graph that a policy is written as. What is read of anybody's: `onnx_reader.py`,
+`chain_inference.py`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

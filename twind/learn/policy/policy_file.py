@@ -1,7 +1,8 @@
 """A policy in a file: ONNX with its normalisation baked in, and a card that says what it was made for.
 
 A file may come from anybody: its size is bounded before it is read, no library but numpy sees it, no other
-file is opened for it, and only a chain of operations runs whose work is known before: `model.py`, `chain.py`.
+file is opened for it, and only a chain of operations runs whose work is known before: `onnx_reader.py`,
+`chain_inference.py`.
 """
 
 import os

@@ -14,7 +14,8 @@ class TrainingSettings:
     task: str
     robot: str = "h24"  # name or path of a robot file
     profile: str | None = None  # of the ranges of randomisation, or a file of them
-    robot_sha256: str = ""  # of robot file and MJCF, as they were when the training began (`origin.py`)
+    # of robot file and MJCF, as they were when the training began (`training_origin.py`)
+    robot_sha256: str = ""
     profile_sha256: str = ""  # of the file of ranges
     seed: int = 0
     steps: int = 61_440  # control steps, of all environments together

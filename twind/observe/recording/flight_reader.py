@@ -20,7 +20,7 @@ from twind.observe.recording.recording_columns import (
 
 SECOND = 1_000_000_000  # ns
 NEWER = 1.0  # ms from one reading of an IMU to the next, at least
-SLOW_PERIOD = 0.5  # s between rows of `Recording.slow`
+SLOW_PERIOD = 0.5  # s between rows of `RobotRecording.slow`
 
 
 def read(path: Path) -> RobotRecording:

@@ -28,7 +28,7 @@ class Unreadable(Rejected):
 class RecordedMessage:
     """One recorded message, as the daemon sent it: an event, a verdict, a status."""
 
-    time: float  # s since `Recording.start_ns`
+    time: float  # s since `RobotRecording.start_ns`
     what: Parameters
 
 

@@ -66,7 +66,7 @@ class ReplayOutcome:
 
 
 def outcome_of(plain: Mapping[str, Any]) -> ReplayOutcome:
-    """The inverse of `Outcome.plain`. Raises KeyError."""
+    """The inverse of `ReplayOutcome.plain`. Raises KeyError."""
     return ReplayOutcome(
         tuple(
             CommandOutcome(

@@ -84,22 +84,22 @@ class FirstOrderCanPhysics:
         torque: Floats,
         limit: Floats,
     ) -> None:
-        """See `CanMuscles.drive`."""
+        """See `CanMotorPhysics.drive`."""
         self._kp, self._kd = np.where(on, kp, 0.0), np.where(on, kd, 0.0)
         self._ahead = np.where(on, kp * position + kd * velocity + torque, 0.0)
         self._limit = np.where(on, limit, 0.0)
         self._limp = ~on
 
     def block(self, held: Bools) -> None:
-        """See `CanMuscles.block`."""
+        """See `CanMotorPhysics.block`."""
         self._blocked = held.copy()
 
     def grip(self, place: Floats, speed: Floats) -> None:
-        """See `CanMuscles.grip`."""
+        """See `CanMotorPhysics.grip`."""
         self._hand, self._reach = place.copy(), speed.copy()
 
     def lay(self, base: str) -> None:
-        """See `CanMuscles.lay`."""
+        """See `CanMotorPhysics.lay`."""
         raise ValueError("lay: these are shafts without load, which no body holds together")
 
     def fence(self, lower: Floats, upper: Floats) -> None:
@@ -107,7 +107,7 @@ class FirstOrderCanPhysics:
         self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
 
     def advance(self, now: float) -> None:
-        """See `CanMuscles.advance`."""
+        """See `CanMotorPhysics.advance`."""
         while now - self._time > 1e-9:
             step = min(now - self._time, STEP)
             self._time += step

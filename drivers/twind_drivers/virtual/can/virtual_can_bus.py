@@ -9,7 +9,7 @@ from twind_drivers.virtual.can.can_segment import VirtualCanSegment
 
 
 class VirtualCanBus(VirtualCanSegment):
-    """A `CanLine` that speaks slcan text too. Its channel is closed until it is opened."""
+    """A `VirtualCanSegment` that speaks slcan text too. Its channel is closed until it is opened."""
 
     kind = "can"
     _held = b""  # the host has sent it while the adapter is stalled
@@ -39,7 +39,7 @@ class VirtualCanBus(VirtualCanSegment):
             self._said_back += self.text.hear(data, now)
 
     def due(self) -> float:
-        """As `CanLine.due`, for text: the adapter hands over what has come at the next batch."""
+        """As `VirtualCanSegment.due`, for text: the adapter hands over what has come at the next batch."""
         if self._held and not self.faults.stalled:
             return -inf
         controller = self.controller
