@@ -219,7 +219,5 @@ def _offset(misfits: Floats, room: float) -> tuple[float, float]:
     fitting = ZEROS[misfits <= room]
     if not len(fitting) or fitting[0] == ZEROS[0] or fitting[-1] == ZEROS[-1]:
         return float("nan"), float("nan")
-    step = float(
-        ZEROS[1] - ZEROS[0]
-    )  # a zero error that fits may lie up to one row further out
+    step = float(ZEROS[1] - ZEROS[0])  # a zero error that fits may lie up to one row further out
     return float(fitting[0] + fitting[-1]) / 2.0, float(fitting[-1] - fitting[0]) / 2.0 + step
