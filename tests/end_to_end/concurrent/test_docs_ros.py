@@ -16,14 +16,19 @@ from tests.support.zenoh_router import free_port
 CLIENT, ROUTER = fenced((ROOT / "docs" / "ros.md").read_text(), "python")
 PEER = '{mode: "client", connect: {endpoints: ["WHERE"]}, scouting: {multicast: {enabled: false}}}'
 JOIN = "import sys, zenoh; zenoh.open(zenoh.Config.from_json5(sys.argv[1])).close()"
+TRIES = 6
+LATE = "ticks missed in a row"  # of LOOP_LATE: the machine was too busy for the loop, and the motion held
 
 
 def test_the_client_of_the_page_moves_the_robot_and_hears_that_it_did(tmp_path: Path) -> None:
     with closing(Graph(REAL, tmp_path)) as graph, simulated(tmp_path / "run") as daemon:
         bridge = graph.bridge(daemon.sockets)
-        printed = graph.run(CLIENT).communicate(timeout=120.0)[0]
+        for _ in range(TRIES):
+            printed = graph.run(CLIENT).communicate(timeout=120.0)[0]
+            phases = [line.split()[0] for line in printed.splitlines()]
+            if phases[-1:] != ["aborted"] or LATE not in printed:
+                break
         told = bridge.log.read_text()
-    phases = [line.split()[0] for line in printed.splitlines()]
     assert phases[:1] == ["accepted"] and phases[-1:] == ["succeeded"], (printed, told)
     assert {*phases} <= {"accepted", "replaced", "dropped", "succeeded"}, (printed, told)
 
