@@ -28,6 +28,8 @@ from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
 TRIES = 3  # of one motion
+ARMING = 15.0  # s of refusals: the first run after an installation compiles what it imports, and reads late
+AGAIN = 0.5  # s between two tries: by then every slow register was read once more
 LOWERING = 5.0  # s kept for the way to the rest pose
 
 
@@ -177,12 +179,25 @@ def _tracked(folder: str) -> Iterator[TrackingErrorMeter]:
 
 def _show(client: Client, folder: str) -> None:
     """What everybody sees: armed, a motion, a refusal, latency."""
-    client.call("AcquireLease")
-    joints = client.call("Arm")["joints"]
+    joints = _arm(client)
     print(f"armed     {len(joints)} joints hold where they were found")
     _play(client, folder, motion_names()[0])
     _refusal(client)
     _latency(client)
+
+
+def _arm(client: Client) -> list[Any]:
+    """Arm, and return the joints; a refusal is tried again for ARMING s. Raises Refused."""
+    deadline = time.monotonic() + ARMING
+    while True:
+        client.call("AcquireLease")
+        try:
+            return list(client.call("Arm")["joints"])
+        except Refused as error:
+            if time.monotonic() >= deadline:
+                raise
+            print("\n".join(finding_lines(error.findings, "waiting   ")[:1]))
+            time.sleep(AGAIN)
 
 
 def _play_until(client: Client, folder: str, until: float) -> None:
