@@ -230,7 +230,7 @@ def _carried(climbed: Sequence[FleetMeasurement]) -> float:
     return max(held, default=0.0)
 
 
-def _told(climbed: Sequence[FleetMeasurement]) -> str:
+def _format_climb(climbed: Sequence[FleetMeasurement]) -> str:
     steps = (
         f"{w.sent / SPAN:.0f}/s: lost {w.lost:.2%}, p99 {w.p99 * 1e3:.0f} ms, cores of router"
         f" {w.cpu['router'] / SPAN:.2f}, robots {w.cpu['robots'] / SPAN:.2f},"
@@ -255,8 +255,10 @@ def _figures(
     one, two = _carried(climbed), _carried(twice)
     at = f"{COUNT} robots at {RATE:g} Hz, all heard by one"
     return {
-        "fleet.carried": MeasuredFigure(one, f"{size} B each, up to 0.1 % lost. {_told(climbed)}"),
-        "fleet.carried_by_two": MeasuredFigure(two, f"two routers, half the robots each. {_told(twice)}"),
+        "fleet.carried": MeasuredFigure(one, f"{size} B each, up to 0.1 % lost. {_format_climb(climbed)}"),
+        "fleet.carried_by_two": MeasuredFigure(
+            two, f"two routers, half the robots each. {_format_climb(twice)}"
+        ),
         "fleet.router_cpu": MeasuredFigure(
             each["router"], f"{at}; {over}; robots {each['robots']:.1f}, listener {each['listener']:.1f}"
         ),

@@ -42,7 +42,7 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     plant = plant_of(load_robot("h24-standing"), period=0.02)
     layers = [NetworkLayer(*each) for each in _network()]
-    card = PolicyCard.of(
+    card = PolicyCard.for_training(
         "Stand",
         "h24-standing",
         plant.layout,
@@ -121,7 +121,7 @@ def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
     from twind.learn.learning_tasks import task_of
     from twind.learn.live.base_estimator import BaseEstimator
-    from twind.learn.live.state_message import heard
+    from twind.learn.live.state_message import decode_state_message
     from twind.learn.policy.policy_controller import PolicyController
     from twind.learn.reward import RewardFunction
 
@@ -142,8 +142,8 @@ def _step(policy: Any, plant: Any) -> float:
     answer = {"time": 0.0, "sequence": 0, "joints": joints, "imu": imu}
 
     def one(_number: int) -> None:
-        pilot.step(heard(answer, 0.0, names), 0.0)
-        pilot.taken()
+        pilot.step(decode_state_message(answer, 0.0, names), 0.0)
+        pilot.record_acceptance()
 
     return cpu_per_call(one, CALLS)
 

@@ -39,7 +39,7 @@ class ScriptedServos:
         self._framer = Framer(status=False)
         self._left = b""
 
-    def hear(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+    def parse_requests(self, data: bytes) -> Iterator[tuple[int, bytes]]:
         """(size, answer) of each whole packet in what has come so far."""
         data = self._left + data
         while len(data) >= 10 and data.startswith(HEADER):
@@ -83,7 +83,7 @@ def at_once(master: int, servos: ScriptedServos) -> None:
         except BlockingIOError:
             continue
         heard = time.perf_counter()
-        for _, answer in servos.hear(data):
+        for _, answer in servos.parse_requests(data):
             if answer:
                 os.write(master, answer)
 
@@ -103,7 +103,7 @@ def paced(master: int, servos: ScriptedServos, baud: int, tick: float) -> None:
             data = b""
         if data:
             heard = now
-            for size, answer in servos.hear(data):
+            for size, answer in servos.parse_requests(data):
                 free = max(free, now) + size * byte
                 if answer:
                     start, out, given = free, answer, 0

@@ -74,31 +74,31 @@ def publish(send: Callable[[int], None], rate: float, seconds: float) -> Mapping
     return {"sent": count, "cpu": share, "call": within / count}
 
 
-def hear(endpoint: str) -> Callable[[], Mapping[str, Any]]:
+def subscribe(endpoint: str) -> Callable[[], Mapping[str, Any]]:
     """What came since it was asked last: how many, and s from stamp to decoded by rank."""
     from zenoh_ros2_sdk import ROS2Subscriber
 
     ways: list[float] = []
 
-    def heard(message: Any) -> None:
+    def on_message(message: Any) -> None:
         stamp = message.header.stamp
         ways.append((time.time_ns() - (stamp.sec * 10**9 + stamp.nanosec)) / 1e9)
 
-    subscriber = ROS2Subscriber(callback=heard, **wanted(endpoint))
+    subscriber = ROS2Subscriber(callback=on_message, **wanted(endpoint))
 
-    def told() -> Mapping[str, Any]:
+    def latency_summary() -> Mapping[str, Any]:
         assert subscriber is not None
         came, ways[:] = sorted(ways), []
         ranks = {str(rank): came[int(rank * (len(came) - 1))] if came else None for rank in (0.5, 0.99, 1.0)}
         return {"count": len(came), "way": ranks}
 
-    return told
+    return latency_summary
 
 
 def main(what: str, endpoint: str, rate: str = "0") -> None:
     """Answer until standard input ends."""
     if what == "hears":
-        told = hear(endpoint)
+        told = subscribe(endpoint)
         print("up", flush=True)
         for _ in sys.stdin:
             print(json.dumps(told()), flush=True)

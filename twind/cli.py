@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from twind.briefing import fingerprint
-from twind.config.config_files import CommandLineError, ConfigSources, LoadedConfig, describe, packed
+from twind.config.config_files import CommandLineError, ConfigSources, LoadedConfig, describe, pack
 from twind.config.daemon_settings import DaemonSettings
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
@@ -35,7 +35,7 @@ from twind.loop.tick import Loop
 from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
-from twind.standard_streams import lines, stand_in_for_closed, tell
+from twind.standard_streams import lines, stand_in_for_closed, write_line
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
 from twind_drivers.bus import PortError, PortInUse
@@ -121,7 +121,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
     raised = descriptors.ensure(descriptors.needed(len(robot.buses), reserved_descriptors.NEEDED))
     if raised:
-        tell(2, "info", f"twind: {raised}")
+        write_line(2, "info", f"twind: {raised}")
     notifier = Notifier()
     stack.callback(notifier.close)
     notifier.send(STATUS=f"starting: the model of {robot.name} is compiled")
@@ -132,13 +132,13 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         stack.callback(listener.close)
     if mode is not Mode.SIM:
         buses.refuse_taken()
-    briefing = assembly.brief(
+    briefing = assembly.make_briefing(
         one,
         described.rate_hz,
         settings.parameters(),
         settings.log_level,
         described.files,
-        packed(sources, described),
+        pack(sources, described),
     )
     recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     if recorder is not None:
@@ -227,16 +227,16 @@ def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, m
 
     Nothing about it is urgent, and nothing that goes wrong with it changes what is told of the robot.
     """
-    realtime.leave()
+    realtime.drop_realtime()
     settings = described.settings
     folder = FlightFolder(_flights(settings))
     try:
         briefing = assembly.briefing(one, described.rate_hz, settings.parameters(), files=described.files)
         meta = meta_of(briefing, "failsafe", FAILSAFE, mode)
         path = folder.write(FAILSAFE, meta, plain(briefing), copy(recorder.fd))
-        tell(2, "info", f"twind --failsafe: what was done is written down in {path}")
+        write_line(2, "info", f"twind --failsafe: what was done is written down in {path}")
     except Exception as error:  # noqa: BLE001 - the robot is down, or left, whatever breaks here
-        tell(2, "warning", f"twind --failsafe: what was done could not be written down: {error!r}")
+        write_line(2, "warning", f"twind --failsafe: what was done could not be written down: {error!r}")
 
 
 def _loop(
@@ -283,7 +283,7 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    hang_ups.tell(reread=loop.reloads.want, end=end)
+    hang_ups.enable_delivery(reread=loop.reloads.want, end=end)
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     said = f"twind {__version__}, {_what(loop)}; "
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
@@ -338,7 +338,7 @@ def _with_virtual(sources: ConfigSources, stack: ExitStack) -> ConfigSources:
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualRobotProcess(settings.robot))
-    tell(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
+    write_line(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
     ports = [f"{name}={virtual_port(robot.bus(name).kind, path)}" for name, path in child.ports.items()]
     return replace(sources, calibration=str(child.calibration), ports=tuple(ports))
 

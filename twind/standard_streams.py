@@ -38,7 +38,7 @@ def lines(fd: int, level: str, text: str) -> str:
     return prefix + text.replace("\n", f"\n{prefix}")
 
 
-def tell(fd: int, level: str, text: str) -> None:
+def write_line(fd: int, level: str, text: str) -> None:
     """`text` and a line's end, now or never: a reader that is too slow, or gone, costs the line alone."""
     data = (lines(fd, level, text) + "\n").encode("utf-8", "backslashreplace")[: select.PIPE_BUF]
     room = select.poll()

@@ -37,7 +37,7 @@ class CommandHint:
         return f"twindctl {self.socket}{verb}{self.files if verb in WITH_FILES else ''}"
 
 
-def again(options: argparse.Namespace, place: str | None = None) -> CommandHint:
+def command_hint(options: argparse.Namespace, place: str | None = None) -> CommandHint:
     """Build the hint from the options of this call.
 
     `place`: folder of the daemon's sockets, if another option gives it.

@@ -39,7 +39,7 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     bauds, ids = tuple(options.baud or BAUDS), options.ids or IDS
     timer = (port.latency_ms or 0) * 1e-3
 
-    def at(baud: int) -> Prober:
+    def open_prober(baud: int) -> Prober:
         port.set_baud(baud)
         return Prober(port, clock, baud, timer=timer)
 
@@ -47,8 +47,8 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     _begin(options, port, bauds, ids, seconds)
     rates = []
     with ProgressLine(options, "scan", seconds=seconds, now=clock.now) as progress:
-        tell = partial(_tell, progress)
-        for rate in scan(at, bauds, ids, thorough=options.thorough, tell=tell):
+        tell = partial(_report_progress, progress)
+        for rate in scan(open_prober, bauds, ids, thorough=options.thorough, tell=tell):
             progress.clear()
             rates.append(rate)
             _show(options, rate)
@@ -59,8 +59,8 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     return REFUSED if any(each.trouble for each in found) else DONE
 
 
-def _tell(progress: ProgressLine, baud: int, what: str) -> None:
-    progress.tell(f"{baud} baud: {what}")
+def _report_progress(progress: ProgressLine, baud: int, what: str) -> None:
+    progress.update(f"{baud} baud: {what}")
 
 
 def _begin(

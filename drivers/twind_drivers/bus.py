@@ -354,7 +354,7 @@ class BusReader(Protocol):
 class BusWriter(Protocol):
     """The half that exists in live only."""
 
-    def bound(self, lower: Ints, upper: Ints) -> None:
+    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
         """Goals (m,) that may be sent from now on (R22); pending goals are dropped. Raises ValueError."""
 
     def goals(self, ticks: Ints) -> None:
@@ -380,10 +380,10 @@ class BusWriter(Protocol):
         tripped servo whose torque is still on must not resume its old goal.
         """
 
-    def aim(self, ticks: Ints) -> Script[None]:
+    def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs."""
 
-    def aimed(self) -> Script[Ints]:
+    def read_goals(self) -> Script[Ints]:
         """The goals (m,) that the devices hold now, in ticks. Writes nothing. Raises NoReply."""
 
     def torque(self, on: bool) -> Script[None]:
@@ -396,11 +396,11 @@ class BusWriter(Protocol):
         device holds nobody up: whoever asks for it goes on to torque off. `prepare` gives the strength back.
         """
 
-    def alone(self, id: int, *, cap: int, profile: int) -> "SingleDeviceControl":
+    def begin_single_device(self, id: int, *, cap: int, profile: int) -> "SingleDeviceControl":
         """One device by itself, `cap` its most current and `profile` its speed, raw. Until `together` nobody
         else is given anything but torque off. Raises ValueError: it cannot be driven so."""
 
-    def together(self) -> None:
+    def end_single_device(self) -> None:
         """All devices again, as before `alone`."""
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:

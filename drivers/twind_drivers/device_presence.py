@@ -24,11 +24,11 @@ class DevicePresence:
         self._pause = np.full(count, FIRST)  # s, from its last probe to the next
         self._back_at = np.full(count, -np.inf)  # s, when each came back
 
-    def whole(self) -> None:
+    def record_complete_reply(self) -> None:
         """Everybody who was asked answered."""
         self._misses.fill(0)
 
-    def missed(self, heard: Bools, could: Bools, now: float) -> bool:
+    def record_missing_reply(self, heard: Bools, could: Bools, now: float) -> bool:
         """A reading with a hole. True: somebody is parked now.
 
         `heard` (m,): who was; `could` (m,): who could have been. In a fast reply those

@@ -16,7 +16,7 @@ class SingleDeviceControl(Protocol):
     id: int
     watchdog: int  # what its watchdog reads while it has torque
 
-    def bound(self, lower: int, upper: int) -> None:
+    def set_goal_limits(self, lower: int, upper: int) -> None:
         """Goals that may be sent from now on; none before (R22). Raises ValueError."""
 
     def goal(self, tick: int) -> None:
@@ -25,10 +25,10 @@ class SingleDeviceControl(Protocol):
     def look(self) -> Script[Any]:
         """What it is set to, to be given back. Refused while its torque is on, or with a hardware error."""
 
-    def left(self, kept: Any) -> str:
+    def describe_leftovers(self, kept: Any) -> str:
         """What it is left with where it is not given back, in words."""
 
-    def enter(self, kept: Any) -> Script[None]:
+    def enter_current_mode(self, kept: Any) -> Script[None]:
         """Into the mode in which it obeys a current cap, read back."""
 
     def prepare(self, kept: Any, tick: int) -> Script[None]:

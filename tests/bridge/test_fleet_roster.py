@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twind.bridge.fleet import fleet_roster as roll_module
 from twind.bridge.fleet.fleet_roster import UPLINK, FleetRoster
-from twind.bridge.fleet.fleet_table import OLD, rows, told
+from twind.bridge.fleet.fleet_table import OLD, rows, to_json
 from twind.ctl.picture.picture_renderer import plain
 
 
@@ -31,7 +31,7 @@ def shown(roll: FleetRoster, now: float, width: int = 120) -> list[str]:
 
 def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_is() -> None:
     roll = FleetRoster()
-    roll.told(
+    roll.update_status(
         "h1", UPLINK, answer(heard=23, faults=[{"code": "BUS_LOST"}, {"code": "BUS_ERRORS"}]), 10.0, 0.02
     )
     head, row = shown(roll, 10.5)
@@ -39,7 +39,7 @@ def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_
     assert row.split("  ")[0] == "h1"
     for said in ("uplink", "live", "armed", "holding", "23/24", "BUS_LOST +1", "2.5 ms", "0.5 s"):
         assert said in row
-    assert told(roll.robots()[0], 10.5) == {
+    assert to_json(roll.robots()[0], 10.5) == {
         "name": "h1",
         "where": UPLINK,
         "lost": None,
@@ -59,29 +59,29 @@ def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_
 
 def test_one_that_went_away_is_lost_with_the_reason_and_its_last_words_and_never_with_its_old_state() -> None:
     roll = FleetRoster()
-    roll.told("h1", UPLINK, answer(), 10.0, 0.02)
-    roll.lost("h1", UPLINK, "its uplink ended")
+    roll.update_status("h1", UPLINK, answer(), 10.0, 0.02)
+    roll.mark_lost("h1", UPLINK, "its uplink ended")
     _, row, _, why = shown(roll, 100.0)
     assert "lost" in row and "armed" not in row and "live" in row and "2 min" in row
     assert why == "h1: its uplink ended"
-    roll.told("h1", UPLINK, answer(), 101.0, 0.02)
+    roll.update_status("h1", UPLINK, answer(), 101.0, 0.02)
     assert "armed" in shown(roll, 101.0)[1]
 
 
 def test_one_that_is_there_and_says_nothing_is_not_shown_as_it_was() -> None:
     roll = FleetRoster()
     roll.there("new", UPLINK)
-    roll.told("old", UPLINK, answer(), 10.0, 0.02)
+    roll.update_status("old", UPLINK, answer(), 10.0, 0.02)
     _, new, old = shown(roll, 10.0 + OLD + 1.0)
     assert "no answer" in new
     assert "no answer" in old and "armed" not in old
-    assert roll.waiting()
+    assert roll.has_unknown_robots()
 
 
 def test_who_was_named_is_in_the_list_there_or_not_and_nobody_else() -> None:
     roll = FleetRoster(["h1", "h2"])
-    roll.told("h2", UPLINK, answer(), 1.0, 0.0)
-    roll.told("h3", UPLINK, answer(), 1.0, 0.0)
+    roll.update_status("h2", UPLINK, answer(), 1.0, 0.0)
+    roll.update_status("h3", UPLINK, answer(), 1.0, 0.0)
     first, second = roll.robots()
     assert (first.name, bool(first.lost)) == ("h1", True)
     assert (second.name, bool(second.lost)) == ("h2", False)
@@ -90,7 +90,7 @@ def test_who_was_named_is_in_the_list_there_or_not_and_nobody_else() -> None:
 def test_two_ways_to_one_name_are_two_rows_that_of_this_machine_first() -> None:
     roll = FleetRoster()
     for where in (UPLINK, "/run/twind"):
-        roll.told("h1", where, answer(), 1.0, 0.0)
+        roll.update_status("h1", where, answer(), 1.0, 0.0)
     assert [each.where for each in roll.robots()] == ["/run/twind", UPLINK]
 
 
@@ -106,9 +106,9 @@ def test_whatever_happens_everybody_who_was_known_has_a_row_that_fits(
         if what == "there":
             roll.there(name, UPLINK)
         elif what == "told":
-            roll.told(name, UPLINK, answer(), float(now), 0.0)
+            roll.update_status(name, UPLINK, answer(), float(now), 0.0)
         else:
-            roll.lost(name, UPLINK, "gone")
+            roll.mark_lost(name, UPLINK, "gone")
     lines = shown(roll, 1e3, width)
     assert all(len(each) <= width for each in lines)
     known = sorted({name for name, _ in happened})
@@ -141,23 +141,23 @@ ODD: list[Any] = [
 def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said: Any) -> None:
     roll = FleetRoster()
     for name in ("a", "odd", "z"):
-        roll.told(name, UPLINK, answer(), 10.0, 0.02)
-    roll.told("odd", UPLINK, said, 10.5, 0.02)
-    roll.told("new", UPLINK, said, 10.5, 0.02)
+        roll.update_status(name, UPLINK, answer(), 10.0, 0.02)
+    roll.update_status("odd", UPLINK, said, 10.5, 0.02)
+    roll.update_status("new", UPLINK, said, 10.5, 0.02)
     _, first, new, row, last, _, *why = shown(roll, 10.5, 200)
     assert "armed" in first and "armed" in last
     assert "  odd  " in row and "  odd  " in new and "armed" not in row
     assert [each.split(":")[0] for each in why] == ["new", "odd"] and "cannot be understood" in why[0]
-    json.dumps([told(each, 10.5) for each in roll.robots()], allow_nan=False)
-    assert not roll.waiting()
-    roll.told("odd", UPLINK, answer(), 11.0, 0.02)
+    json.dumps([to_json(each, 10.5) for each in roll.robots()], allow_nan=False)
+    assert not roll.has_unknown_robots()
+    roll.update_status("odd", UPLINK, answer(), 11.0, 0.02)
     assert "armed" in shown(roll, 11.0, 200)[3]
 
 
 def test_what_a_newer_robot_says_besides_is_not_odd() -> None:
     roll = FleetRoster()
     newer = answer(mood="good", faults=[{"code": "BUS_LOST", "since": 3.0}]) | {"weather": "fine"}
-    roll.told("newer", UPLINK, newer, 10.0, 0.02)
+    roll.update_status("newer", UPLINK, newer, 10.0, 0.02)
     assert "BUS_LOST" in shown(roll, 10.0)[1] and roll.robots()[0].odd == ""
 
 
@@ -165,5 +165,5 @@ def test_no_more_robots_are_kept_than_can_be(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(roll_module, "MOST", 2)
     roll = FleetRoster()
     assert [roll.there(name, UPLINK) for name in ("a", "b", "c", "a")] == [True, True, False, True]
-    roll.told("d", UPLINK, answer(), 1.0, 0.0)
+    roll.update_status("d", UPLINK, answer(), 1.0, 0.0)
     assert [each.name for each in roll.robots()] == ["a", "b"]

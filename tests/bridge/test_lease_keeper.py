@@ -95,14 +95,14 @@ def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_do
     name = hand.goal("runs", lease)["id"]
     came = time.monotonic()
     stop = ended(name, "cancelled")
-    hand.reins.heard({**stop, "time": time.monotonic()})
+    hand.reins.on_monitor_reply({**stop, "time": time.monotonic()})
     assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
 
     second = hand.goal("more", lease)["id"]
     came = time.monotonic()
     hand.reins.lease({"op": "release", "lease": lease})
     lease = hand.acquire("next")
-    hand.reins.heard({**ended(second, "aborted"), "time": time.monotonic()})
+    hand.reins.on_monitor_reply({**ended(second, "aborted"), "time": time.monotonic()})
     assert hand.goal("own", lease, came)["phase"] == "accepted"
 
 
@@ -172,7 +172,7 @@ def test_who_holds_the_lease_beside_the_robot_is_not_taken_it_from_afar(hand: Ha
         hand.acquire("far", take=True, deadline=hand.time + 1.0)
     assert held.value.parameters["now"] == hand.time
     assert hand.daemon.named("AcquireLease") == [{}], "it is not even asked for with take"
-    assert not hand.tenancy.held(hand.time)
+    assert not hand.tenancy.is_held(hand.time)
 
 
 def test_a_goal_is_asked_after_by_its_name(hand: Hand) -> None:
@@ -203,7 +203,7 @@ def test_a_stop_beside_the_robot_counts_by_its_fields_whatever_its_text_says(han
     came = time.monotonic()
     stop = {**ended(name, "cancelled"), "time": time.monotonic()}
     stop["event"]["message"] = text
-    hand.reins.heard(stop)
+    hand.reins.on_monitor_reply(stop)
     assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
 
 
@@ -211,7 +211,7 @@ def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_wait
     lease = hand.acquire("desk")
     hand.goal("runs", lease)
     came = time.monotonic()
-    hand.reins.heard({**ended_in_words("of_another", "succeeded"), "time": time.monotonic()})
+    hand.reins.on_monitor_reply({**ended_in_words("of_another", "succeeded"), "time": time.monotonic()})
     assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
-    hand.reins.tend()
+    hand.reins.renew_and_report()
     assert hand.given_back and not hand.tenancy.holds(lease, hand.time)

@@ -47,13 +47,13 @@ def hand() -> Hand:
 def test_a_motion_has_the_lease_until_it_ends_and_no_longer(hand: Hand) -> None:
     assert hand.driving.submit(PATH)["id"] == "m1"
     assert [method for method, _ in hand.daemon.calls] == ["AcquireLease", "SubmitTrajectory"]
-    hand.driving.heard(moving("active"))
+    hand.driving.on_monitor_reply(moving("active"))
     kept = [hand.time]
     hand.daemon.meanwhile = lambda method: kept.append(hand.time)
     assert hand.after(3.0) == [] and hand.driving.driving == ("m1",)
     hand.daemon.meanwhile = lambda method: None
     assert max(after - before for before, after in pairwise([*kept, hand.time])) < TRAJECTORY / 2.0
-    hand.driving.heard(ended("m1", "succeeded"))
+    hand.driving.on_monitor_reply(ended("m1", "succeeded"))
     assert hand.after(LINGER + 0.3) == [MotionEnd("m1", "succeeded", [])]
     assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
 
@@ -62,14 +62,14 @@ def test_a_newer_motion_goes_on_the_same_connection(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.after(0.2)
     hand.driving.submit(PATH)
-    hand.driving.heard(ended("m1", "replaced"))
+    hand.driving.on_monitor_reply(ended("m1", "replaced"))
     assert hand.after(0.2) == [MotionEnd("m1", "replaced", [])]
     assert hand.driving.driving == ("m2",) and len(hand.daemon.lines) == 1
 
 
 def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
     hand.daemon.meanwhile = lambda method: (
-        hand.driving.heard(ended("m1", "succeeded")) if method == "SubmitTrajectory" else None
+        hand.driving.on_monitor_reply(ended("m1", "succeeded")) if method == "SubmitTrajectory" else None
     )
     hand.driving.submit(PATH)
     assert hand.after(0.1) == [MotionEnd("m1", "succeeded", [])]
@@ -77,7 +77,7 @@ def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
 
 def test_ends_of_others_are_not_ours_and_are_forgotten(hand: Hand) -> None:
     for number in range(1000):
-        hand.driving.heard(ended(f"x{number}", "succeeded"))
+        hand.driving.on_monitor_reply(ended(f"x{number}", "succeeded"))
     assert hand.after(0.2) == [] and len(hand.driving._over) <= 64
 
 
@@ -98,7 +98,7 @@ def test_a_refusal_leaves_what_runs_as_it_is(hand: Hand) -> None:
     )
     with pytest.raises(Refused, match="POS_LIMIT: far"):
         hand.driving.submit(PATH)
-    hand.driving.heard(moving("active"))
+    hand.driving.on_monitor_reply(moving("active"))
     assert hand.after(2.0) == [] and hand.driving.driving == ("m1",)
 
 
@@ -122,18 +122,18 @@ def test_a_lease_that_is_kept_for_somebody_outlives_a_refusal(hand: Hand) -> Non
 
 def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(hand: Hand) -> None:
     hand.driving.submit(PATH)
-    hand.driving.heard(moving("holding"))  # as it was when it was accepted
+    hand.driving.on_monitor_reply(moving("holding"))  # as it was when it was accepted
     assert hand.after(0.5) == []
-    hand.driving.heard(moving("active"))
+    hand.driving.on_monitor_reply(moving("active"))
     assert hand.after(5.0) == []
-    hand.driving.heard(moving("holding"))  # a status overtakes the end that goes with it
+    hand.driving.on_monitor_reply(moving("holding"))  # a status overtakes the end that goes with it
     assert hand.after(0.1) == []
-    hand.driving.heard(ended("m1", "succeeded"))
+    hand.driving.on_monitor_reply(ended("m1", "succeeded"))
     assert [each.phase for each in hand.after(0.2)] == ["succeeded"]
     hand.driving.submit(PATH)
     lost = []
     for _ in range(3):
-        hand.driving.heard(moving("holding"))
+        hand.driving.on_monitor_reply(moving("holding"))
         lost += hand.after(LATE)
     assert lost == [MotionEnd("m2", LOST)]
 
@@ -141,7 +141,7 @@ def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(han
 def test_one_that_is_to_begin_later_is_not_lost_before(hand: Hand) -> None:
     hand.driving.submit(PATH | {"start_in": 10.0})
     for _ in range(8):
-        hand.driving.heard(moving("holding"))
+        hand.driving.on_monitor_reply(moving("holding"))
         assert hand.after(1.0) == []
 
 
@@ -150,7 +150,7 @@ def test_with_its_connection_a_motion_is_lost_unless_its_end_is_heard_soon(hand:
     hand.driving.submit(PATH)
     hand.daemon.dead = True
     hand.after(RENEW + 0.2)
-    hand.driving.heard(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "gone"}))
+    hand.driving.on_monitor_reply(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "gone"}))
     first, second = hand.after(LATE + 0.2)
     assert (first.id, first.phase) == ("m1", "aborted")
     assert second == MotionEnd("m2", LOST, BROKEN)  # and it is said why nobody knows
@@ -170,7 +170,7 @@ def test_who_lost_the_lease_does_not_take_it_again(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.daemon.refuse["RenewLease"] = ("Refused", {"findings": [{"code": "LEASE_MISSING", "message": "no"}]})
     hand.after(1.0)
-    hand.driving.heard(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "taken"}))
+    hand.driving.on_monitor_reply(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "taken"}))
     assert [each.phase for each in hand.after(0.2)] == ["aborted"]
     assert len(hand.daemon.named("AcquireLease")) == 1
 
@@ -181,7 +181,7 @@ def test_an_end_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: st
     hand.driving.submit(PATH)
     end = ended("m1", "succeeded")
     end["event"]["message"] = text
-    hand.driving.heard(end)
+    hand.driving.on_monitor_reply(end)
     assert hand.after(0.1) == [MotionEnd("m1", "succeeded", [])]
     assert hand.driving.driving == ("m2",)
 
@@ -192,14 +192,14 @@ def test_an_end_that_only_a_text_tells_is_the_end_of_every_motion_and_gives_the_
     hand.driving.hold()
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
-    hand.driving.heard(ended_in_words("m1", "replaced"))
+    hand.driving.on_monitor_reply(ended_in_words("m1", "replaced"))
     assert hand.after(0.1) == [MotionEnd("m1", LOST, UNREADABLE), MotionEnd("m2", LOST, UNREADABLE)]
     assert hand.driving.driving == () and not hand.driving.held
     assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
 
 
 def test_after_an_end_that_cannot_be_read_a_new_motion_runs_as_the_first_did(hand: Hand) -> None:
-    hand.driving.heard(ended_in_words("of_another", "succeeded"))
+    hand.driving.on_monitor_reply(ended_in_words("of_another", "succeeded"))
     hand.after(0.1)
     hand.driving.submit(PATH)
     assert hand.after(1.0) == [] and hand.driving.driving == ("m1",)
@@ -208,6 +208,6 @@ def test_after_an_end_that_cannot_be_read_a_new_motion_runs_as_the_first_did(han
 def test_a_phase_that_is_not_known_ends_its_own_motion_as_lost_and_no_other(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
-    hand.driving.heard(ended("m1", "vanished"))
+    hand.driving.on_monitor_reply(ended("m1", "vanished"))
     assert hand.after(0.5) == [MotionEnd("m1", LOST, UNREADABLE)]
     assert hand.driving.driving == ("m2",) and not hand.daemon.named("ReleaseLease")

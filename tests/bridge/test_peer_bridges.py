@@ -16,31 +16,33 @@ def said(**bridge: Any) -> bytes:
 def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent() -> None:
     time = [100.0]
     neighbours = PeerBridges(lambda: time[0])
-    neighbours.heard(said(id="abc", commands=True))
-    assert "right (bridge abc)" in neighbours.wrong() and "ROS_DOMAIN_ID" in neighbours.wrong()
+    neighbours.on_bridge_status(said(id="abc", commands=True))
+    assert (
+        "right (bridge abc)" in neighbours.conflict_text() and "ROS_DOMAIN_ID" in neighbours.conflict_text()
+    )
     time[0] += SILENT
-    assert not neighbours.wrong()
+    assert not neighbours.conflict_text()
 
 
 def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None:
     neighbours = PeerBridges()
-    neighbours.heard(said(id=neighbours.id, commands=True))
-    neighbours.heard(said(id="looks", commands=False))
-    neighbours.heard(said(id="ends", commands=True))
-    neighbours.heard(said(id="ends", commands=False))
-    assert not neighbours.wrong()
+    neighbours.on_bridge_status(said(id=neighbours.id, commands=True))
+    neighbours.on_bridge_status(said(id="looks", commands=False))
+    neighbours.on_bridge_status(said(id="ends", commands=True))
+    neighbours.on_bridge_status(said(id="ends", commands=False))
+    assert not neighbours.conflict_text()
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"bridge": 7}', '{"bridge": null}', "[" * 100_000])
 def test_what_is_no_status_is_nobody(text: str) -> None:
     neighbours = PeerBridges()
-    neighbours.heard(encode(STRING, {"data": text}))
-    neighbours.heard(text.encode())
-    assert not neighbours.wrong()
+    neighbours.on_bridge_status(encode(STRING, {"data": text}))
+    neighbours.on_bridge_status(text.encode())
+    assert not neighbours.conflict_text()
 
 
 def test_of_many_some_are_kept() -> None:
     neighbours = PeerBridges()
     for number in range(10 * MOST):
-        neighbours.heard(said(id=str(number), commands=True))
-    assert neighbours.wrong().count("(bridge ") == MOST
+        neighbours.on_bridge_status(said(id=str(number), commands=True))
+    assert neighbours.conflict_text().count("(bridge ") == MOST

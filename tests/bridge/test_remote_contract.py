@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.bridge.uplink import remote_contract
-from twind.bridge.uplink.remote_contract import HOLDER, MOST, SMALL, question
+from twind.bridge.uplink.remote_contract import HOLDER, MOST, SMALL, check_query
 from twind.bridge.zenoh.zenoh_keys import ASKED, STOPS
 from twind.client import CallError
 
@@ -18,7 +18,7 @@ GOAL = {"goal": "g", "lease": "l", "deadline": 1.5, "trajectory": {"joint_names"
 @given(st.sampled_from(METHODS), st.binary(max_size=200))
 def test_bytes_that_are_no_question_are_refused_and_break_nothing(method: str, data: bytes) -> None:
     try:
-        said = question(method, data)
+        said = check_query(method, data)
     except CallError as error:
         said = {"name": error.name, **error.parameters}
     assert isinstance(said, dict)
@@ -26,7 +26,7 @@ def test_bytes_that_are_no_question_are_refused_and_break_nothing(method: str, d
 
 
 def test_nothing_at_all_asks_what_needs_no_parameters() -> None:
-    assert question("GetStatus", b"") == question("Cancel", b"{}") == {}
+    assert check_query("GetStatus", b"") == check_query("Cancel", b"{}") == {}
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_nothing_at_all_asks_what_needs_no_parameters() -> None:
 )
 def test_a_wrong_parameter_is_named(method: str, asked: dict[str, object], where: str) -> None:
     with pytest.raises(CallError) as told:
-        question(method, json.dumps(asked).encode())
+        check_query(method, json.dumps(asked).encode())
     assert told.value.parameters["parameter"] == where
 
 
@@ -56,20 +56,20 @@ def test_a_wrong_parameter_is_named(method: str, asked: dict[str, object], where
 )
 def test_what_two_readers_could_take_for_two_things_is_refused(data: bytes) -> None:
     with pytest.raises(CallError, match="parameter"):
-        question("Lease", data)
+        check_query("Lease", data)
 
 
 def test_only_what_carries_a_trajectory_may_be_large() -> None:
     for method, most in (("Lease", SMALL), ("GetStatus", SMALL), ("Goal", MOST), ("Check", MOST)):
         with pytest.raises(CallError, match=f"{most + 1} bytes, bound {most}"):
-            question(method, b" " * (most + 1))
+            check_query(method, b" " * (most + 1))
 
 
 def test_a_holders_name_is_cut_before_anybody_keeps_or_tells_it() -> None:
     said = json.dumps({"op": "acquire", "holder": "h" * 60_000}).encode()
-    assert question("Lease", said)["holder"] == "h" * HOLDER
+    assert check_query("Lease", said)["holder"] == "h" * HOLDER
 
 
 def test_a_finding_of_ours_has_the_fields_of_the_daemons() -> None:
-    said = remote_contract.refused("CMD_EXPIRED", "late", 0.5, 0.0).parameters["findings"][0]
+    said = remote_contract.make_refusal("CMD_EXPIRED", "late", 0.5, 0.0).parameters["findings"][0]
     remote_contract.load(remote_contract.CONTROL).types["Finding"].check(said, "finding")

@@ -57,7 +57,7 @@ def test_at_most_one_token_commands_and_only_until_a_second_after_its_last_renew
             renewed.clear()
         holding = [token for token in tokens if tenancy.holds(token, now)]
         assert holding in ([], tokens[-1:])
-        assert bool(holding) == tenancy.held(now)
+        assert bool(holding) == tenancy.is_held(now)
         assert not holding or now - renewed[holding[0]] <= LEASE_S
         assert not tenancy.holds("", now)
 

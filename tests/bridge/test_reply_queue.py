@@ -28,14 +28,14 @@ def test_answers_always_come_in_order_and_every_piece_of_news_comes_or_is_counte
 ) -> None:
     inbox = ReplyQueue(room=600)
     for number, (is_news, dropped, size) in enumerate(put):
-        (inbox.news if is_news else inbox.answer)(news(number, dropped if is_news else 0, size))
+        (inbox.put_news if is_news else inbox.answer)(news(number, dropped if is_news else 0, size))
     came = [parameters(message) for message in inbox.rest()]
     numbers = [each["number"] for each in came]
     assert numbers == sorted(numbers)
     assert {number for number, (is_news, _, _) in enumerate(put) if not is_news} <= set(numbers)
     lost_here = len(put) - len(came)
     # What was lost behind the last piece that came is told with the next one.
-    inbox.news(news(len(put)))
+    inbox.put_news(news(len(put)))
     last = inbox.take(0.0)
     assert last is not None
     told_lost = sum(each["dropped"] for each in came) + parameters(last)["dropped"]
@@ -74,7 +74,7 @@ def test_answers_that_nobody_takes_are_bounded_and_then_it_is_over() -> None:
 @pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
 def test_news_that_do_not_say_what_was_dropped_are_taken_as_they_are(odd: bytes) -> None:
     inbox = ReplyQueue(room=100)
-    inbox.news(b"x" * 101)
-    inbox.news(odd)
+    inbox.put_news(b"x" * 101)
+    inbox.put_news(odd)
     last = inbox.take(0.0)
     assert last == odd or (last is not None and parameters(last) == {"n": 1, "dropped": 1})

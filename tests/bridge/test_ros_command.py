@@ -112,7 +112,7 @@ def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back
 ) -> None:
     pytest.importorskip("cyclonedds", reason="no wheel for this machine")
     lines: list[str] = []
-    monkeypatch.setattr(ros_command, "tell", lines.append)
+    monkeypatch.setattr(ros_command, "print_line", lines.append)
     monkeypatch.setattr("twind.bridge.ros.ros_bridge.RosBridge.run", lambda course: 0)
     given: Any = options("--backend", "dds")
     given.socket = str(tmp_path)
@@ -128,8 +128,8 @@ def test_a_reader_of_standard_error_that_is_gone_ends_nothing(monkeypatch: pytes
     os.close(reading)
     with monkeypatch.context() as patched, os.fdopen(writing, "w", closefd=False) as gone:
         patched.setattr(sys, "stderr", gone)
-        ros_command.tell("one")
-        ros_command.tell("another")
+        ros_command.print_line("one")
+        ros_command.print_line("another")
         with suppress(BrokenPipeError):
             gone.close()
     os.close(writing)

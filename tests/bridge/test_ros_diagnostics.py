@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.support.picture_messages import HOPS, bus, hop, joints, loop, status
-from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, latencies, words
+from twind.bridge.ros.ros_diagnostics import ERROR, FIELDS, OK, WARN, Diagnostics, encode_string, latencies
 from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}
@@ -108,7 +108,7 @@ def test_what_is_unknown_is_said_so() -> None:
 
 
 def test_words_are_json_in_a_string() -> None:
-    assert json.loads(decode(STRING, words({"mode": "live", "é": None}))["data"]) == {
+    assert json.loads(decode(STRING, encode_string({"mode": "live", "é": None}))["data"]) == {
         "mode": "live",
         "é": None,
     }

@@ -61,7 +61,7 @@ class Desk:
     def heard(self, topic: RosTopic, data: bytes) -> dict[str, Any]:
         """What became of it."""
         before = len(self.results)
-        self.calls.heard(topic, data)
+        self.calls.on_message(topic, data)
         until(lambda: len(self.results) > before, 10.0, "an outcome")
         return self.results[before]
 
@@ -118,7 +118,7 @@ def test_a_stop_does_not_wait_for_a_mode_that_hangs(desk: Desk) -> None:
             go_on.wait(20.0)
 
     desk.daemon.meanwhile = hanging
-    desk.calls.heard(SET_MODE, text("live"))
+    desk.calls.on_message(SET_MODE, text("live"))
     assert hung.wait(10.0)
     assert desk.heard(E_STOP, text(""))["phase"] == "done"
     go_on.set()
@@ -127,8 +127,8 @@ def test_a_stop_does_not_wait_for_a_mode_that_hangs(desk: Desk) -> None:
 
 def test_a_flood_of_modes_ends_with_the_last_that_was_asked_for(desk: Desk) -> None:
     for number in range(300):
-        desk.calls.heard(SET_MODE, text(("sim", "mirror", "live")[number % 3]))
-    desk.calls.heard(SET_MODE, text("mirror"))
+        desk.calls.on_message(SET_MODE, text(("sim", "mirror", "live")[number % 3]))
+    desk.calls.on_message(SET_MODE, text("mirror"))
     until(lambda: {"mode": "mirror"} in desk.daemon.named("SetMode")[1:], 10.0, "the last")
     until(lambda: len(desk.results) == len(desk.daemon.named("SetMode")), 10.0, "all told")
     assert desk.daemon.named("SetMode")[-1] == {"mode": "mirror"} and not desk.calls._mode._what
@@ -148,7 +148,7 @@ def test_a_flood_has_a_call_and_a_result_now_and_then(
     begun = time.monotonic()
     while time.monotonic() < begun + 1.0:
         for each in texts:
-            desk.calls.heard(topic, each)
+            desk.calls.on_message(topic, each)
         time.sleep(0.001)
     most = 1 + (time.monotonic() - begun) / pace
     assert 0 < len(desk.results) <= most and len(desk.daemon.calls) <= most
@@ -163,10 +163,10 @@ def test_a_cut_does_not_wait_for_a_robot_that_does_not_settle(desk: Desk) -> Non
             go_on.wait(20.0)
 
     desk.daemon.meanwhile = hanging
-    desk.calls.heard(E_STOP, text("settle"))
+    desk.calls.on_message(E_STOP, text("settle"))
     assert hung.wait(10.0)
     try:
-        desk.calls.heard(E_STOP, text("cut"))
+        desk.calls.on_message(E_STOP, text("cut"))
         until(lambda: desk.results, 10.0, "an outcome")
     finally:
         go_on.set()
@@ -176,7 +176,7 @@ def test_a_cut_does_not_wait_for_a_robot_that_does_not_settle(desk: Desk) -> Non
 def test_a_stop_whose_outcome_cannot_be_told_is_not_the_last_one(desk: Desk) -> None:
     desk.broken = True
     for count in (1, 2):
-        desk.calls.heard(E_STOP, text("cut"))
+        desk.calls.on_message(E_STOP, text("cut"))
         until(lambda: len(desk.daemon.named("EStop")) == count, 10.0, f"e-stop {count}")  # noqa: B023
         until(lambda: len(desk.lines) == count, 10.0, "a line")  # noqa: B023
     assert "BrokenPipeError" in desk.lines[0]
@@ -211,15 +211,15 @@ def test_a_status_is_that_of_the_time_when_it_was_asked_for(desk: Desk) -> None:
         return json.dumps(status).encode() if b"GetStatus" in message else told
 
     desk.daemon.answer = answered  # type: ignore[method-assign]
-    assert desk.calls.asked(GET_STATUS, None) == (True, '{"mode": "sim"}')
-    assert desk.calls.asked(GET_STATUS, None) == (True, '{"mode": "mirror"}')
+    assert desk.calls.handle_request(GET_STATUS, None) == (True, '{"mode": "sim"}')
+    assert desk.calls.handle_request(GET_STATUS, None) == (True, '{"mode": "mirror"}')
     desk.daemon.absent = True
-    assert desk.calls.asked(GET_STATUS, None) == (True, '"nobody listens"')
+    assert desk.calls.handle_request(GET_STATUS, None) == (True, '"nobody listens"')
 
 
 def test_a_stop_says_what_the_robot_does_and_not_how_its_bus_is(desk: Desk) -> None:
     assert desk.heard(STOP, b"")["message"] == "stopping: the robot decelerates and holds"
-    assert desk.calls.asked(TO_STOP, None) == (True, "stopping: the robot decelerates and holds")
+    assert desk.calls.handle_request(TO_STOP, None) == (True, "stopping: the robot decelerates and holds")
 
 
 def test_what_is_not_taken_is_answered_with_the_reason_and_an_e_stop_always_is(desk: Desk) -> None:
@@ -228,25 +228,27 @@ def test_what_is_not_taken_is_answered_with_the_reason_and_an_e_stop_always_is(d
     assert (told["phase"], told["message"]) == ("refused", "it only looks")
     told = desk.heard(SET_MODE, text("live"))
     assert (told["phase"], told["message"]) == ("refused", "another bridge")
-    assert desk.calls.asked(SET_LIVE, True) == (False, "another bridge")
+    assert desk.calls.handle_request(SET_LIVE, True) == (False, "another bridge")
     assert desk.stops == 0 and not desk.daemon.calls
-    assert desk.heard(E_STOP, b"")["phase"] == "done" and desk.calls.asked(TO_E_STOP, None)[0]
+    assert desk.heard(E_STOP, b"")["phase"] == "done" and desk.calls.handle_request(TO_E_STOP, None)[0]
 
 
 def test_every_service_is_answered(desk: Desk) -> None:
     answer = desk.daemon.answer
     status = b'{"parameters": {"status": {"mode": "sim"}}}'
     desk.daemon.answer = lambda message: status if b"GetStatus" in message else answer(message)  # type: ignore[method-assign]
-    asked = {service: desk.calls.asked(service, None) for service in SERVICES if service is not SET_LIVE}
+    asked = {
+        service: desk.calls.handle_request(service, None) for service in SERVICES if service is not SET_LIVE
+    }
     assert all(done for done, _ in asked.values())
     assert asked[GET_STATUS][1] == '{"mode": "sim"}' and asked[TO_E_STOP][1] == "estop"
     for mode, service in TO_MODE.items():
         assert asked[service] == (True, mode)
-    assert desk.calls.asked(SET_LIVE, True) == (True, "live")
-    assert desk.calls.asked(SET_LIVE, False) == (True, "mirror")
+    assert desk.calls.handle_request(SET_LIVE, True) == (True, "live")
+    assert desk.calls.handle_request(SET_LIVE, False) == (True, "mirror")
 
 
 def test_a_service_that_fails_says_why(desk: Desk) -> None:
     desk.daemon.absent = True
-    assert desk.calls.asked(TO_STOP, None) == (False, "nobody listens")
-    assert desk.calls.asked(GET_STATUS, None)[0]
+    assert desk.calls.handle_request(TO_STOP, None) == (False, "nobody listens")
+    assert desk.calls.handle_request(GET_STATUS, None)[0]

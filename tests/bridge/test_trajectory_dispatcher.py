@@ -45,7 +45,7 @@ def desk() -> Desk:
 def test_a_command_is_accepted_followed_and_told_with_its_own_stamp(desk: Desk) -> None:
     desk.orders.put(GOOD)
     assert desk.after() == ["accepted"]
-    desk.orders.heard(ended("m1", "succeeded"))
+    desk.orders.on_monitor_reply(ended("m1", "succeeded"))
     assert desk.after() == ["succeeded"]
     for told in desk.results:
         assert told["topic"] == "/cmd/joint_trajectory" and told["frame_id"] == "mine" and told["id"] == "m1"
@@ -159,7 +159,7 @@ def test_a_goal_is_followed_to_its_end_with_its_tolerances(desk: Desk) -> None:
     tolerances = [{"joint": "l_knee", "goal": 0.1}]
     phases, _ = followed(desk, goal_time=2.0, tolerances=tolerances)
     desk.after(2.5)
-    desk.orders.heard(ended("m1", "aborted", {"code": "GOAL_TOLERANCE", "message": "off"}))
+    desk.orders.on_monitor_reply(ended("m1", "aborted", {"code": "GOAL_TOLERANCE", "message": "off"}))
     desk.after()
     assert phases[0] == "accepted" and phases[-1] == "aborted" and set(phases[1:-1]) == {"running"}
     (asked,) = desk.daemon.named("SubmitTrajectory")
@@ -176,7 +176,7 @@ def test_a_goal_is_cancelled_before_it_begins_and_while_it_runs(desk: Desk) -> N
     cancel()
     desk.after()
     assert desk.daemon.named("Cancel")
-    desk.orders.heard(ended("m1", "cancelled"))
+    desk.orders.on_monitor_reply(ended("m1", "cancelled"))
     desk.after()
     assert phases[-1] == "cancelled"
 
@@ -222,10 +222,10 @@ def test_what_began_between_a_stop_and_its_being_heard_of_is_cancelled(desk: Des
     desk.after()
     stopped = desk.time
     assert desk.after() == ["accepted"] and not desk.daemon.named("Cancel")
-    desk.orders.heard(ended("m1", "cancelled", time=stopped))
+    desk.orders.on_monitor_reply(ended("m1", "cancelled", time=stopped))
     desk.after()
     assert len(desk.daemon.named("Cancel")) == 1
-    desk.orders.heard(ended("m2", "cancelled", time=desk.time))
+    desk.orders.on_monitor_reply(ended("m2", "cancelled", time=desk.time))
     for_joints(desk, "c")
     desk.time += 0.01
     for_joints(desk, "d")
@@ -237,18 +237,18 @@ def test_what_began_between_a_stop_and_its_being_heard_of_is_cancelled(desk: Des
 def test_a_motion_that_is_replaced_or_arrives_stops_nobody(desk: Desk) -> None:
     for phase in ("replaced", "succeeded"):
         for_joints(desk, "a")
-        desk.orders.heard(ended("x1", phase, time=desk.time))
+        desk.orders.on_monitor_reply(ended("x1", phase, time=desk.time))
         assert desk.after() == ["accepted"]
 
 
 def test_a_command_for_one_mode_does_not_begin_in_another(desk: Desk) -> None:
-    desk.orders.heard(moving("holding", "sim", desk.time))
+    desk.orders.on_monitor_reply(moving("holding", "sim", desk.time))
     desk.time += 0.1
-    desk.orders.heard(moving("holding", "sim", desk.time))
+    desk.orders.on_monitor_reply(moving("holding", "sim", desk.time))
     for_joints(desk, "a")
     desk.time += 0.1
-    desk.orders.heard(moving("holding", "sim", desk.time))
-    desk.orders.heard(moving("holding", "live", desk.time + 0.1))
+    desk.orders.on_monitor_reply(moving("holding", "sim", desk.time))
+    desk.orders.on_monitor_reply(moving("holding", "live", desk.time + 0.1))
     assert desk.after() == ["refused"]
     desk.time += 0.05
     for_joints(desk, "a")
@@ -261,7 +261,7 @@ def test_after_the_cancel_of_a_goal_the_next_one_begins(desk: Desk) -> None:
     cancel()
     phases, _ = followed(desk)
     desk.time += 0.01
-    desk.orders.heard(ended("m1", "cancelled", time=desk.time))
+    desk.orders.on_monitor_reply(ended("m1", "cancelled", time=desk.time))
     desk.after()
     assert phases == ["accepted"]
 
@@ -287,7 +287,7 @@ def test_a_goal_that_has_ended_is_not_cancelled_in_the_place_of_another(desk: De
     _, cancel = followed(desk)
     desk.after()
     desk.orders.put(GOOD)
-    desk.orders.heard(ended("m1", "replaced"))
+    desk.orders.on_monitor_reply(ended("m1", "replaced"))
     desk.after()
     cancel()
     desk.after()
@@ -338,16 +338,16 @@ def test_a_bridge_that_ends_tells_what_it_lets_go_of(desk: Desk) -> None:
 def test_an_end_that_nobody_heard_is_told_in_words(desk: Desk) -> None:
     desk.orders.put(GOOD)
     desk.after()
-    desk.orders.heard(moving("holding"))
+    desk.orders.on_monitor_reply(moving("holding"))
     desk.time += 5.0
-    desk.orders.heard(moving("holding"))
+    desk.orders.on_monitor_reply(moving("holding"))
     assert desk.after(0.2)[-1:] == ["lost"] and "was not heard" in desk.results[-1]["message"]
 
 
 def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(desk: Desk) -> None:
     for_joints(desk, "a", "b")
     assert desk.after() == ["accepted"]
-    desk.orders.heard(ended_in_words("of_another", "succeeded", time=desk.time))
+    desk.orders.on_monitor_reply(ended_in_words("of_another", "succeeded", time=desk.time))
     assert sorted(desk.after(1.0)) == ["lost", "refused"]
     assert desk.daemon.open == 0, "without a connection there is no lease, and the daemon holds"
     (lost,) = [each for each in desk.results if each["phase"] == "lost"]

@@ -45,7 +45,9 @@ def test_without_the_engine_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatc
 def test_a_way_that_others_can_read_is_named(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zenoh_session, "opened", lambda place, stop, tell: None)  # nobody is connected to
+    monkeypatch.setattr(
+        zenoh_session, "open_session", lambda place, stop, tell: None
+    )  # nobody is connected to
     words = ("--connect", "tcp/192.0.2.1:7447", "--connect", "tls/192.0.2.1:7447", "--seconds", "0.1")
     assert run(*words) == 0
     said = capfd.readouterr().err

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.remote_contract import refused
+from twind.bridge.uplink.remote_contract import make_refusal
 from twind.bridge.uplink.uplink_goals import AHEAD, MOST, UplinkGoalTable
 from twind.client import CallError, Refused
 
@@ -23,21 +23,21 @@ def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> Non
     goals = UplinkGoalTable()
     first = goals.begin("wave", "mine", 11.0, 10.0)
     first.id, first.answer = "d1", {"phase": "accepted"}
-    assert goals.again("wave", "mine") is first
-    assert first.told() == {"phase": "accepted"}
+    assert goals.find_repeated("wave", "mine") is first
+    assert first.latest_reply() == {"phase": "accepted"}
     with pytest.raises(CallError, match="used once"):
-        goals.again("wave", "another's")
-    assert goals.again("bow", "mine") is None
+        goals.find_repeated("wave", "another's")
+    assert goals.find_repeated("bow", "mine") is None
 
 
 def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
     goals = UplinkGoalTable()
-    goals.begin("wave", "mine", 11.0, 10.0).refusal = refused("POS_LIMIT", "no")
+    goals.begin("wave", "mine", 11.0, 10.0).refusal = make_refusal("POS_LIMIT", "no")
     for _ in range(2):
-        known = goals.again("wave", "mine")
+        known = goals.find_repeated("wave", "mine")
         assert known is not None
         with pytest.raises(Refused):
-            known.told()
+            known.latest_reply()
 
 
 def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothing_any_more() -> None:
@@ -46,12 +46,12 @@ def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothin
         goals.begin(f"g{number}", "mine", now + 1.0, now)
     with pytest.raises(CallError, match="busy"):
         goals.begin("more", "mine", now + 1.0, now)
-    running = goals.again("g0", "mine")
+    running = goals.find_repeated("g0", "mine")
     assert running is not None
     running.id = "d0"
     now += 2.0
     goals.begin("more", "mine", now + 1.0, now)
-    assert goals.again("g1", "mine") is None and len(goals) == 2
-    assert goals.again("g0", "mine") is running, "one that runs is not forgotten"
+    assert goals.find_repeated("g1", "mine") is None and len(goals) == 2
+    assert goals.find_repeated("g0", "mine") is running, "one that runs is not forgotten"
     with pytest.raises(Refused):
         goals.begin("g1", "mine", 11.0, now)

@@ -65,7 +65,7 @@ def test_a_used_servo_gets_back_what_nobody_asks_for_otherwise(robot: RobotFile)
     )  # fmt: skip
     bench = Bench(robot, [settled(1), settled(9), used])
     bench.bus.servos.registers.put("torque_enable", 0, 2)  # it boots with torque on
-    bench.bus.servos.changed()
+    bench.bus.servos.invalidate_cache()
     bench.adopt()
     assert is_home(bench, 2)
     names = ("operating_mode", "drive_mode", "homing_offset", "secondary_shadow_id", "startup_configuration")
@@ -78,7 +78,7 @@ def test_a_used_servo_gets_back_what_nobody_asks_for_otherwise(robot: RobotFile)
 def test_a_servo_that_does_not_answer_writes_is_told_to(robot: RobotFile, level: int) -> None:
     bench = Bench(robot, [settled(1), settled(9), fresh()])
     bench.bus.servos.registers.put("status_return_level", level, 2)
-    bench.bus.servos.changed()
+    bench.bus.servos.invalidate_cache()
     bench.adopt()
     assert is_home(bench, 2)
     assert bench.value(2, "status_return_level") == 2
@@ -204,7 +204,7 @@ def test_what_is_not_clear_is_refused_with_the_remedy_and_nothing_is_written(
 def set_to(name: str, value: int) -> Callable[[Bench], None]:
     def change(bench: Bench) -> None:
         bench.bus.servos.registers.put(name, value, 1)
-        bench.bus.servos.changed()
+        bench.bus.servos.invalidate_cache()
 
     return change
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.config.test_calibration_file import ROBOT, made
 from twind.config import atomic_save
-from twind.config.atomic_save import FileOwnership, alone, draft_of, save_text
+from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.device_record import DeviceRecord
 from twind.ctl.ctl_main import main
@@ -30,7 +30,7 @@ from twind_calibration.calibrating import (
 )
 from twind_calibration.calibrating.calibration_context import CalibrationContext
 from twind_calibration.calibrating.calibration_draft import CalibrationDraft, DraftTravel
-from twind_calibration.calibrating.entry_writer import written
+from twind_calibration.calibrating.entry_writer import write_entries
 from twind_calibration.calibrating.foreign_values import ImportResult
 
 Captured = pytest.CaptureFixture[str]
@@ -67,8 +67,8 @@ def swept(name: str, calibration: Calibration, longer: int = 0) -> DraftTravel:
 def test_what_another_calibrated_while_one_was_asked_stays(place: CalibrationContext) -> None:
     mine = known(place)
     theirs = known(place)
-    written(place, theirs, [moved(theirs, ELBOW, 50)])
-    after = written(place, mine, [moved(mine, KNEE, 3)])
+    write_entries(place, theirs, [moved(theirs, ELBOW, 50)])
+    after = write_entries(place, mine, [moved(mine, KNEE, 3)])
     assert after == known(place)
     assert after.by_name[ELBOW] == moved(mine, ELBOW, 50)
     assert after.by_name[KNEE] == moved(mine, KNEE, 3)
@@ -80,7 +80,7 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
 ) -> None:
     mine = known(place)
     if theirs == "replaced":
-        written(place, mine, [moved(mine, KNEE, 50)])
+        write_entries(place, mine, [moved(mine, KNEE, 50)])
     elif theirs == "struck out":
         file_ownership.save(
             replace(mine, joints=[each for each in mine.joints if each.name != KNEE]), place.path
@@ -89,7 +89,7 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
         place.path.unlink()
     before = place.path.read_bytes() if place.path.exists() else None
     with pytest.raises(Rejected, match=r"calibrated l_knee meanwhile: .*nothing was written"):
-        written(place, mine, [moved(mine, KNEE, 3)])
+        write_entries(place, mine, [moved(mine, KNEE, 3)])
     assert (place.path.read_bytes() if place.path.exists() else None) == before
 
 
@@ -100,7 +100,7 @@ def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
     rollback = ["calibrate", "rollback", "1", "--robot", "h24", "--calibration", str(place.path), "--yes"]
 
     def asked(*_: Any) -> bool:
-        written(place, known(place), [moved(known(place), KNEE, 50)])
+        write_entries(place, known(place), [moved(known(place), KNEE, 50)])
         return True
 
     with monkeypatch.context() as patch:
@@ -123,7 +123,7 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
             return {"status": {"mode": "live"}}
 
     def asked(*_: Any) -> bool:
-        written(place, mine, [moved(mine, KNEE, 50)])
+        write_entries(place, mine, [moved(mine, KNEE, 50)])
         return True
 
     devices = {each.name: each.device for each in mine.joints}
@@ -154,7 +154,7 @@ def test_the_folder_is_held_while_servos_are_fenced(
             if method != "WriteRegister":
                 return {"status": {"mode": "live"}}
             with pytest.raises(Rejected, match="another program saves there"):
-                written(place, mine, [moved(mine, KNEE, 50)])
+                write_entries(place, mine, [moved(mine, KNEE, 50)])
             refused.append(how["name"])
             return {"register": {"value": how["value"]}}
 
@@ -268,8 +268,8 @@ def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = known(place)
-    with saving_beside(monkeypatch, lambda: written(place, mine, [moved(mine, ELBOW, 50)])):
-        written(place, mine, [moved(mine, KNEE, 3)])
+    with saving_beside(monkeypatch, lambda: write_entries(place, mine, [moved(mine, ELBOW, 50)])):
+        write_entries(place, mine, [moved(mine, KNEE, 3)])
     after = known(place)
     assert after.by_name[KNEE] == moved(mine, KNEE, 3)
     assert after.by_name[ELBOW] == moved(mine, ELBOW, 50)
@@ -278,7 +278,10 @@ def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
 def test_who_waits_too_long_is_told_why(place: CalibrationContext, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(atomic_save, "PATIENCE", 0.05)
     before = place.path.read_bytes()
-    with alone(place.path.parent), pytest.raises(Rejected, match=r"h24\.yaml cannot be written: another"):
+    with (
+        lock_folder(place.path.parent),
+        pytest.raises(Rejected, match=r"h24\.yaml cannot be written: another"),
+    ):
         file_ownership.save(made(2050), place.path)
     assert place.path.read_bytes() == before
     file_ownership.save(made(2050), place.path)

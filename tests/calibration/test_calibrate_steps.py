@@ -222,10 +222,10 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
     sweep = FITTING.by_name["l_knee"].sweep_ticks
     one = place_slot(slot, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert one.entry is not None and one.entry.captures == 1
-    assert one.spread is None and one.told()["sigma_ticks"] is None
+    assert one.spread is None and one.to_json()["sigma_ticks"] is None
     assert "spread unknown" in one.line(6)
     two = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
-    assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.described.values()).sigma
+    assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.endstops_by_side.values()).sigma
     said = zero_command._coarse([one, two])
     assert "+-" in said and "nobody knows how coarse where one end alone is known: l_knee" in said
     assert "+-" not in zero_command._coarse([one])

@@ -15,8 +15,8 @@ from twind_calibration.calibrating.encoder_unwrap import (
     QUARTER,
     EncoderSample,
     UnwrappedEncoder,
+    find_gap_reason,
     framed,
-    lost,
     on_turn,
     shortest,
 )
@@ -113,7 +113,7 @@ def test_whatever_is_missed_at_a_speed_of_hands_is_told_or_made_no_difference(
     ],
 )
 def test_the_edges_of_what_counts_as_lost(step: float, gap: float, speed: float, told: bool) -> None:
-    assert bool(lost(int(step), gap, speed, TURN)) is told
+    assert bool(find_gap_reason(int(step), gap, speed, TURN)) is told
 
 
 def test_an_old_reading_told_again_is_no_reading() -> None:

@@ -18,7 +18,7 @@ from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating import endstop
 from twind_calibration.calibrating.calibration_actuators import slots
-from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, measured
+from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_entry
 
 ROBOT = load_robot("h24")
 MADE = specimen(ROBOT)
@@ -96,7 +96,7 @@ def options(*words: str) -> argparse.Namespace:
 
 def stop_of(name: str, side: str, off: int = 0) -> int:
     joint = next(joint for joint in ROBOT.joints if joint.name == name)
-    angle = joint.stops.at(side)
+    angle = joint.stops.endstop_of_side(side)
     assert angle is not None
     return ticks_of(joint, MADE.zeros[name] + off, angle)
 
@@ -116,12 +116,12 @@ def test_the_zero_is_where_the_stop_says_it_is(
     place: int, side: str, off: int, turns: int, scatter: list[int]
 ) -> None:
     slot = slots(ROBOT)[place]
-    stop = slot.joint.stops.at(side)
+    stop = slot.joint.stops.endstop_of_side(side)
     assert stop is not None
     entry = FITTING.by_name[slot.name]  # coarse: the truth is `off` beside it
     where = ticks_of(slot.joint, entry.zero_ticks + off, stop)
     counts = [where + each + 4096 * turns for each in scatter]
-    fresh = measured(EndstopPlan(slot, side, stop, None, None, None), entry, counts)
+    fresh = make_entry(EndstopPlan(slot, side, stop, None, None, None), entry, counts)
     assert abs(fresh.zero_ticks - (entry.zero_ticks + off)) <= 3
     assert fresh.method == "endstop" and fresh.captures == len(counts)
     assert fresh.zero_sigma_ticks <= 2.0 and fresh.proof is None
@@ -136,7 +136,7 @@ def test_a_stop_that_leaves_no_room_for_the_limits_is_refused() -> None:
     entry = FITTING.by_name[slot.name]
     touch = EndstopPlan(slot, "lower", -1.6, None, None, None)
     with pytest.raises(Rejected, match=r"its limits .* beyond its travel"):
-        measured(touch, entry, [entry.zero_ticks - 200] * 3)
+        make_entry(touch, entry, [entry.zero_ticks - 200] * 3)
 
 
 # ------------------------------------------------------------------------------- the step

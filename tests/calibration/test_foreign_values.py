@@ -22,7 +22,7 @@ from twind_calibration.calibrating.foreign_values import (
     DYNAMIXEL,
     FEETECH,
     ImportResult,
-    fold,
+    convert_entry,
     of_motor,
     of_registers,
 )
@@ -69,7 +69,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
     """`zero` is of the encoder itself: what it tells is that and the offset, whichever is written."""
     low, high = span(slot, zero + then)
     motor = LeRobotMotor("m", slot.joint.id, 0, then, low, high)
-    folded = fold(slot, of_motor(motor, DYNAMIXEL), device(now), zero + then)
+    folded = convert_entry(slot, of_motor(motor, DYNAMIXEL), device(now), zero + then)
     assume(not BEYOND.search("; ".join(folded.wrong)))
     entry = taken(folded)
     assert (entry.zero_ticks - (zero + now)) % TURN == 0
@@ -83,7 +83,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
 def test_the_offset_that_is_on_the_servo_needs_nobody_s_word(zero: int, offset: int) -> None:
     low, high = span(KNEE, zero)
     motor = LeRobotMotor("m", KNEE.joint.id, 0, offset, low, high)
-    folded = fold(KNEE, of_motor(motor, None), device(offset), zero)
+    folded = convert_entry(KNEE, of_motor(motor, None), device(offset), zero)
     assume(not BEYOND.search("; ".join(folded.wrong)))
     assert taken(folded).zero_ticks == zero
 
@@ -92,7 +92,7 @@ def test_the_middle_of_the_travel_may_be_the_zero() -> None:
     slot = next(slot for slot in SLOTS if slot.lower == -slot.upper)
     low, high = span(slot, 2048)
     entry = taken(
-        fold(slot, of_motor(LeRobotMotor("m", slot.joint.id, 0, 0, low, high), None), device(), None)
+        convert_entry(slot, of_motor(LeRobotMotor("m", slot.joint.id, 0, 0, low, high), None), device(), None)
     )
     assert abs(entry.zero_ticks - 2048) <= 1
 
@@ -100,9 +100,12 @@ def test_the_middle_of_the_travel_may_be_the_zero() -> None:
 def test_a_servo_s_own_limits_are_its_travel_unless_it_was_swept() -> None:
     low, high = span(KNEE, 2048)
     limited = device(100, low=low, high=high)
-    assert taken(fold(KNEE, of_registers(KNEE, limited, None), limited, 2048)).sweep_ticks == (low, high)
+    assert taken(convert_entry(KNEE, of_registers(KNEE, limited, None), limited, 2048)).sweep_ticks == (
+        low,
+        high,
+    )
     swept = (low - 5 + TURN, high + 5 + TURN)  # of a sweep it does not matter on which turn it was
-    entry = taken(fold(KNEE, of_registers(KNEE, limited, swept), limited, 2048))
+    entry = taken(convert_entry(KNEE, of_registers(KNEE, limited, swept), limited, 2048))
     assert (entry.sweep_ticks, entry.zero_ticks) == ((low - 5, high + 5), 2048)
 
 
@@ -131,11 +134,11 @@ def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None)
 def test_what_cannot_be_folded_in_is_refused_with_the_reason(
     motor: LeRobotMotor, make: str | None, now: DeviceRecord, why: str
 ) -> None:
-    assert why in refused(fold(KNEE, of_motor(motor, make), now, 2048))
+    assert why in refused(convert_entry(KNEE, of_motor(motor, make), now, 2048))
 
 
 def test_limits_as_delivered_are_no_travel() -> None:
-    said = refused(fold(KNEE, of_registers(KNEE, device(), None), device(), 2048))
+    said = refused(convert_entry(KNEE, of_registers(KNEE, device(), None), device(), 2048))
     assert "a whole turn, as delivered: `twindctl calibrate sweep` first" in said
 
 
@@ -145,19 +148,19 @@ def test_a_travel_that_is_too_long_is_taken_when_told_to_and_one_too_short_is_no
         of_motor(knee(travel=(low - 500, high + 500)), None),
         of_motor(knee(travel=(2000, 2100)), None),
     )
-    assert "`--wide` takes it" in refused(fold(KNEE, long, device(), 2048))
-    taken(fold(KNEE, long, device(), 2048, wide=True))
-    refused(fold(KNEE, short, device(), 2048, wide=True))
+    assert "`--wide` takes it" in refused(convert_entry(KNEE, long, device(), 2048))
+    taken(convert_entry(KNEE, long, device(), 2048, wide=True))
+    refused(convert_entry(KNEE, short, device(), 2048, wide=True))
 
 
 def test_a_drive_mode_s_other_bits_do_not_count() -> None:
-    taken(fold(KNEE, of_motor(knee(drive=4), None), device(drive=0), 2048))
-    taken(fold(KNEE, of_motor(knee(drive=5), None), device(drive=1), 2048))
+    taken(convert_entry(KNEE, of_motor(knee(drive=4), None), device(drive=0), 2048))
+    taken(convert_entry(KNEE, of_motor(knee(drive=5), None), device(drive=1), 2048))
 
 
 def test_a_can_actuator_has_nothing_of_it() -> None:
     mixed = next(slot for slot in slots(load_robot("h24-mixed")) if slot.joint.type.ticks_per_turn != TURN)
-    assert "on CAN" in refused(fold(mixed, of_motor(knee(), None), device(), 2048))
+    assert "on CAN" in refused(convert_entry(mixed, of_motor(knee(), None), device(), 2048))
 
 
 # ------------------------------------------------------------------------------------------- the file

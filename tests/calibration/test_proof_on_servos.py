@@ -75,7 +75,7 @@ def test_a_wrong_sign_is_no_pass_upright_and_is_caught_on_its_back() -> None:
         rig.seconds(0.5)
         back = proved(rig, BACK, "l_shoulder_pitch")
         assert (back.proof, back.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
-        assert "r_shoulder_pitch" in back.told()["like"]  # before the sign is touched
+        assert "r_shoulder_pitch" in back.to_json()["like"]  # before the sign is touched
 
 
 def test_exchanged_twins_look_like_a_wrong_sign_and_the_twin_is_named() -> None:
@@ -84,5 +84,5 @@ def test_exchanged_twins_look_like_a_wrong_sign_and_the_twin_is_named() -> None:
         rig.seconds(0.5)
         found = proved(rig, BACK, "l_hip_pitch")
         assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
-        assert found.told()["like"] == ["r_hip_pitch"]
+        assert found.to_json()["like"] == ["r_hip_pitch"]
         assert any("servo of r_hip_pitch" in line for line in found.lines())

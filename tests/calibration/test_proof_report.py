@@ -18,7 +18,7 @@ from twind_calibration.calibrating.file_ownership import save
 from twind_calibration.proving.load_comparison import LoadComparison
 from twind_calibration.proving.observable_pose import wanted_pose
 from twind_calibration.proving.proof_plan import best
-from twind_calibration.proving.proof_records import recorded
+from twind_calibration.proving.proof_records import with_proofs
 from twind_calibration.proving.proof_report import ProofVerdict
 from twind_calibration.proving.sign_proof import LoadPrediction, LoadVerdict, ProofContradiction, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult
@@ -72,7 +72,11 @@ def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does
         proof if proof is SignProof.PROVED else SignProof.CONFIRMED
     )
     told = verdict(proof, confirmed=False)
-    assert (told.proof, told.against, told.good) == (SignProof.CONTRADICTED, ProofContradiction.EYE, False)
+    assert (told.proof, told.against, told.is_consistent) == (
+        SignProof.CONTRADICTED,
+        ProofContradiction.EYE,
+        False,
+    )
 
 
 def test_an_eye_does_not_make_good_what_gravity_contradicts() -> None:
@@ -110,7 +114,7 @@ def test_a_joint_that_does_not_go_alone_where_it_is_sent_is_contradicted_whateve
     ],
 )
 def test_what_was_not_measured_is_neither_good_nor_contradicted(nothing: ProofVerdict) -> None:
-    assert (nothing.proof, nothing.good, nothing.record(AT)) == (None, False, None)
+    assert (nothing.proof, nothing.is_consistent, nothing.record(AT)) == (None, False, None)
     assert nothing.lines()[0].startswith("not done     l_knee (main id 16)")
 
 
@@ -128,7 +132,7 @@ def test_every_verdict_is_said_in_words_and_in_json() -> None:
         (verdict(SignProof.UNOBSERVABLE, confirmed=True), "confirmed    l_knee"),
     ):
         assert one.lines()[0].startswith(word)
-        assert json.loads(json.dumps(one.told()))["proof"] == one.proof
+        assert json.loads(json.dumps(one.to_json()))["proof"] == one.proof
     said = "\n".join(CONTRADICTED.lines())
     assert "Before the sign is touched" in said and "servo of l_knee" in said
     assert "zero off by +0.04 ± 0.10 rad" in verdict().lines()[0]
@@ -142,7 +146,7 @@ def proof_of(made: Calibration, name: str = "l_knee") -> object:
 
 
 def test_a_proof_is_kept_and_reads_back_as_it_was_written() -> None:
-    after, new, gone = recorded(MADE, {"l_knee": verdict()}, AT)
+    after, new, gone = with_proofs(MADE, {"l_knee": verdict()}, AT)
     assert (new, gone) == (["l_knee"], [])
     again = read_calibration(dump_calibration(after), "file", H24)
     assert proof_of(again) == {
@@ -166,33 +170,33 @@ def test_a_proof_is_kept_and_reads_back_as_it_was_written() -> None:
     ],
 )
 def test_what_proves_nothing_is_not_kept_and_leaves_an_earlier_proof(other: ProofVerdict) -> None:
-    assert recorded(MADE, {"l_knee": other}, AT) == (MADE, [], [])
-    before, _, _ = recorded(MADE, {"l_knee": verdict()}, AT)
-    assert recorded(before, {"l_knee": other}, "2027-01-01T00:00:00Z") == (before, [], [])
+    assert with_proofs(MADE, {"l_knee": other}, AT) == (MADE, [], [])
+    before, _, _ = with_proofs(MADE, {"l_knee": verdict()}, AT)
+    assert with_proofs(before, {"l_knee": other}, "2027-01-01T00:00:00Z") == (before, [], [])
 
 
 def test_what_contradicts_is_never_kept_and_takes_an_earlier_proof_away() -> None:
-    assert recorded(MADE, {"l_knee": CONTRADICTED}, AT) == (MADE, [], [])
-    before, _, _ = recorded(MADE, {"l_knee": verdict()}, AT)
-    after, new, gone = recorded(before, {"l_knee": CONTRADICTED}, AT)
+    assert with_proofs(MADE, {"l_knee": CONTRADICTED}, AT) == (MADE, [], [])
+    before, _, _ = with_proofs(MADE, {"l_knee": verdict()}, AT)
+    after, new, gone = with_proofs(before, {"l_knee": CONTRADICTED}, AT)
     assert (proof_of(after), new, gone) == (None, [], ["l_knee"])
 
 
 def test_an_eye_is_kept_as_such_and_replaces_no_gravity() -> None:
     seen = verdict(SignProof.UNOBSERVABLE, confirmed=True)
-    after, _, _ = recorded(MADE, {"l_knee": seen}, AT)
+    after, _, _ = with_proofs(MADE, {"l_knee": seen}, AT)
     found = proof_of(after)
     assert isinstance(found, dict) and found["sign"] == "operator"
-    before, _, _ = recorded(MADE, {"l_knee": verdict()}, AT)
-    assert recorded(before, {"l_knee": seen}, AT)[0] == before
-    assert recorded(after, {"l_knee": verdict()}, AT)[1] == ["l_knee"]
+    before, _, _ = with_proofs(MADE, {"l_knee": verdict()}, AT)
+    assert with_proofs(before, {"l_knee": seen}, AT)[0] == before
+    assert with_proofs(after, {"l_knee": verdict()}, AT)[1] == ["l_knee"]
 
 
 def test_a_saved_file_keeps_who_may_read_it_and_a_first_one_needs_its_folder(tmp_path: Path) -> None:
     path = tmp_path / "one.yaml"
     save(MADE, path)
     path.chmod(0o604)
-    save(recorded(MADE, {"l_knee": verdict()}, AT)[0], path)
+    save(with_proofs(MADE, {"l_knee": verdict()}, AT)[0], path)
     assert path.stat().st_mode & 0o777 == 0o604
     assert len(list(tmp_path.glob("one.*.yaml"))) == 1, "the earlier one is kept"
     with pytest.raises(Rejected, match="mkdir -p"):

@@ -15,7 +15,7 @@ from twind.config.robot_file import load_robot
 from twind.ctl.verb import Rejected
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating.file_ownership import save
-from twind_calibration.proving.proof_records import in_force, measured, unlike
+from twind_calibration.proving.proof_records import in_force, measurement_records, unlike
 from twind_calibration.proving.prove_command import ProofSession
 from twind_calibration.wiggling.posed_model import PosedModel
 from twind_drivers.clock import FakeClock
@@ -79,15 +79,15 @@ def proofs(path: Path) -> list[str]:
 
 def test_entries_are_compared_as_the_daemon_tells_them_and_proofs_are_no_difference() -> None:
     force = in_force(told(MADE))
-    assert unlike(measured(MADE), force) == []
-    assert unlike(measured(with_proof(MADE, "l_knee")), force) == []
-    assert unlike(measured(MADE), in_force(told(with_proof(MADE, "l_knee")))) == []
-    assert unlike(measured(with_zero(MADE, "l_knee", 1)), force) == ["l_knee"]
+    assert unlike(measurement_records(MADE), force) == []
+    assert unlike(measurement_records(with_proof(MADE, "l_knee")), force) == []
+    assert unlike(measurement_records(MADE), in_force(told(with_proof(MADE, "l_knee")))) == []
+    assert unlike(measurement_records(with_zero(MADE, "l_knee", 1)), force) == ["l_knee"]
     fewer = replace(MADE, joints=MADE.joints[1:])
-    assert unlike(measured(fewer), force) == [MADE.joints[0].name]
-    assert unlike(measured(MADE), in_force(told(fewer))) == [MADE.joints[0].name]
-    assert len(unlike(measured(None), force)) == len(MADE.joints)
-    assert unlike(measured(None), in_force(None)) == []
+    assert unlike(measurement_records(fewer), force) == [MADE.joints[0].name]
+    assert unlike(measurement_records(MADE), in_force(told(fewer))) == [MADE.joints[0].name]
+    assert len(unlike(measurement_records(None), force)) == len(MADE.joints)
+    assert unlike(measurement_records(None), in_force(None)) == []
 
 
 def test_nothing_moves_where_the_daemon_goes_by_another_zero_than_its_file(path: Path) -> None:

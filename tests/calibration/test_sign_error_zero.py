@@ -44,7 +44,7 @@ def error(slot: CalibrationActuator, entry: JointCalibration, *, wrong: bool) ->
 def by_its_ends(slot: CalibrationActuator, entry: JointCalibration) -> JointCalibration:
     """As `zero --from-sweep` places it."""
     stops = slot.joint.stops
-    ends = (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
+    ends = (stops.lower, stops.upper) if stops.endstops_by_side else (slot.lower, slot.upper)
     return replace(entry, zero_ticks=by_ends(slot, entry.sweep_ticks, *ends).ticks)
 
 

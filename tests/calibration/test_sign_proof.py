@@ -125,7 +125,7 @@ def test_torque_that_is_told_the_wrong_way_round_is_called_so() -> None:
     one, joint = body(), place("l_hip_pitch")
     one.lie("upright")
     expected = ExpectedLoads(one, at_places(np.zeros(len(H24.names)), joint, PLACES), joint)
-    wrong = expected.wrong(mirror(H24.joints[joint], None))
+    wrong = expected.loads_with_wrong_sign(mirror(H24.joints[joint], None))
     loads = -np.array([one.torque(pose)[joint] for pose in at_places(np.zeros(24), joint, PLACES)])
     found = judge(loads, loads, expected.right(), wrong, FRICTION, LSB)
     assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.CURRENT)

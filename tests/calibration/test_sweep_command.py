@@ -29,10 +29,10 @@ from twind_calibration.calibrating.zero_placement import (
     ZeroOffset,
     by_ends,
     by_pose,
-    fence,
+    expected_servo_limits,
+    make_entry,
     misfits,
     spread,
-    whole,
 )
 
 ROBOT = load_robot("h24")
@@ -54,13 +54,13 @@ def span_of(slot: CalibrationActuator, share: float) -> int:
 @given(st.sampled_from(SLOTS), st.floats(0.61, 1.29))
 def test_a_travel_near_the_described_one_is_good(slot: CalibrationActuator, share: float) -> None:
     if span_of(slot, share) < TURN:
-        assert judge(slot, span_of(slot, share), SLOTS).good
+        assert judge(slot, span_of(slot, share), SLOTS).is_acceptable
 
 
 @given(st.sampled_from(SLOTS), st.one_of(st.floats(0.0, 0.59), st.floats(1.31, 8.0)))
 def test_any_other_is_refused_with_a_cause(slot: CalibrationActuator, share: float) -> None:
     judged = judge(slot, span_of(slot, share), SLOTS)
-    assert not judged.good and judged.causes
+    assert not judged.is_acceptable and judged.causes
     assert f"{100 * judged.share:.0f} % of" in judged.wrong or "turns of its actuator" in judged.wrong
 
 
@@ -77,14 +77,14 @@ def test_the_cause_is_named_ratio_joint_or_an_end_that_was_left_out() -> None:
 
 def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
     wide = replace(KNEE, joint=replace(KNEE.joint, stops=JointEndstops(-3.1, 3.1)))
-    assert judge(wide, TURN - 1).good
+    assert judge(wide, TURN - 1).is_acceptable
     judged = judge(wide, TURN)
     assert "after a power-up nobody can tell which turn" in judged.wrong and not judged.wide
 
 
 def test_a_nan_range_is_refused() -> None:
     unknown = replace(KNEE.joint, upper=float("nan"), stops=JointEndstops())
-    assert not judge(replace(KNEE, joint=unknown), 1000).good
+    assert not judge(replace(KNEE, joint=unknown), 1000).is_acceptable
 
 
 # ------------------------------------------------------------------------------------------- who moves
@@ -121,10 +121,10 @@ class Hands:
 def test_a_joint_is_done_when_it_rested_at_both_ends_and_the_sweep_when_all_are() -> None:
     hands = Hands(["l_knee", "head_pitch"])
     hands.sweep("l_knee", 1500)
-    assert hands.travels.progress("l_knee").stage is SweepStage.DONE and not hands.travels.over
+    assert hands.travels.progress("l_knee").stage is SweepStage.DONE and not hands.travels.is_finished
     assert hands.travels.progress("head_pitch").stage is SweepStage.STILL
     hands.sweep("head_pitch", 1120)
-    assert hands.travels.over and [each.split()[0] for each in hands.news] == ["done", "done"]
+    assert hands.travels.is_finished and [each.split()[0] for each in hands.news] == ["done", "done"]
     low, high = hands.travels.travel("l_knee") or (0, 0)
     assert 1440 <= high - low <= 1500
     hands.go("l_knee", 1600)  # who moves it further afterwards makes its travel longer
@@ -151,18 +151,18 @@ def test_where_it_hung_at_first_is_no_end_and_three_quarters_are_not_taken_for_a
     assert hands.travels.progress("r_hip_pitch").ends == (False, True)
     hands.go("r_hip_pitch", -1160)
     hands.pass_(100)
-    assert hands.travels.progress("r_hip_pitch").stage is SweepStage.MOVING and not hands.travels.over
+    assert hands.travels.progress("r_hip_pitch").stage is SweepStage.MOVING and not hands.travels.is_finished
     hands.go("r_hip_pitch", -420)
     hands.pass_(100)
     low, high = hands.travels.travel("r_hip_pitch") or (0, 0)
-    assert high - low == pytest.approx(1580, abs=60) and hands.travels.over
+    assert high - low == pytest.approx(1580, abs=60) and hands.travels.is_finished
 
 
 def test_a_travel_that_is_too_wide_is_wrong_unless_it_is_taken_as_it_is() -> None:
     for wide, stage in ((False, SweepStage.WRONG), (True, SweepStage.DONE)):
         hands = Hands(["waist_pitch"], wide=wide)
         hands.sweep("waist_pitch", 1200)
-        assert hands.travels.progress("waist_pitch").stage is stage and hands.travels.over
+        assert hands.travels.progress("waist_pitch").stage is stage and hands.travels.is_finished
         assert ("`--wide` takes it" in hands.news[-1]) is not wide
         assert (hands.travels.travel("waist_pitch", at_once=True) is not None) is wide
 
@@ -224,7 +224,7 @@ def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
     reading = ticks_of(slot.joint, zero, angle) + turns * TURN
     found = by_pose(slot, sweep, float(reading % TURN if wrapped else reading), 0.5, 50, angle)
     assert abs((found.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 1
-    entry = whole(slot, DEVICE, sweep, found)
+    entry = make_entry(slot, DEVICE, sweep, found)
     first, last = tick_range(slot.joint, entry.zero_ticks, slot.lower, slot.upper)
     assert entry.sweep_ticks[0] <= first < last <= entry.sweep_ticks[1]  # in the frame of the travel
 
@@ -240,8 +240,8 @@ def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(
     assert uneven.sigma == pytest.approx(slot.ticks(0.05), abs=2)
     one = by_ends(slot, sweep, None, slot.upper)
     assert abs((one.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2
-    assert spread(whole(slot, DEVICE, sweep, one)) is None, "nobody knows"
-    assert spread(whole(slot, DEVICE, sweep, found)) == found.sigma
+    assert spread(make_entry(slot, DEVICE, sweep, one)) is None, "nobody knows"
+    assert spread(make_entry(slot, DEVICE, sweep, found)) == found.sigma
     with pytest.raises(ValueError):
         by_ends(slot, sweep, None, None)
 
@@ -266,23 +266,23 @@ def test_limits_across_the_seam_are_refused_in_position_mode_alone() -> None:
     assert "cross its encoder's seam, which mode position cannot" in seam
     extended = replace(KNEE, joint=replace(KNEE.joint, mode="extended_position"))
     assert misfits(extended, DEVICE, sweep, zero) == []
-    assert fence(extended, zero) is None
+    assert expected_servo_limits(extended, zero) is None
 
 
 def test_the_fence_is_the_limits_rounded_inwards() -> None:
-    assert fence(KNEE, 2051) == tick_range(KNEE.joint, 2051, KNEE.lower, KNEE.upper)
+    assert expected_servo_limits(KNEE, 2051) == tick_range(KNEE.joint, 2051, KNEE.lower, KNEE.upper)
 
 
 @pytest.mark.parametrize(("offset", "zero"), [(-512, -300), (512, 2900)])
 def test_limits_beyond_the_counts_of_position_mode_are_refused_and_never_cut(offset: int, zero: int) -> None:
     """A homing offset moves the counts, and goals and limits stay within 0..4095."""
     device = replace(DEVICE, homing_offset_ticks=offset)
-    first, last = fence(KNEE, zero) or (0, 0)
+    first, last = expected_servo_limits(KNEE, zero) or (0, 0)
     assert first < 0 or last > 4095
     [wrong] = misfits(KNEE, device, (first - 40, last + 40), zero)
     assert f"{first}..{last} leave the counts 0..4095" in wrong and f"(20) is {offset}, write 0" in wrong
     inside = replace(DEVICE, homing_offset_ticks=-100)
-    first, last = fence(KNEE, 2048) or (0, 0)
+    first, last = expected_servo_limits(KNEE, 2048) or (0, 0)
     assert misfits(KNEE, inside, (first - 40, last + 40), 2048) == []
 
 
@@ -332,7 +332,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anybody_moves(tmp_path: 
 def test_new_entries_take_the_place_of_the_old_ones_in_the_robots_order() -> None:
     place = CalibrationContext(ROBOT, Path("h24.yaml"), named=False)
     knee, yaw = (
-        whole(NAMED[name], DEVICE, true_sweep(NAMED[name], 2000), ZeroOffset(2000, 0.4, 50, "jig"))
+        make_entry(NAMED[name], DEVICE, true_sweep(NAMED[name], 2000), ZeroOffset(2000, 0.4, 50, "jig"))
         for name in ("l_knee", "head_yaw")
     )
     first = merged(place, None, [knee])

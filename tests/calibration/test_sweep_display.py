@@ -33,7 +33,7 @@ def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], said
     board = SweepDisplay(out, live=True, rows=24, columns=80)
     for picture in pictures:
         if said:
-            board.say("told")
+            board.print_line("told")
         board.draw(picture)
     lines = rendered(out.getvalue().replace("\n", "\r\n"))
     kept = [each for each in lines if each != "told"][: len(pictures[-1])]
@@ -52,7 +52,7 @@ def test_a_terminal_that_is_too_low_says_so_and_one_that_is_none_draws_nothing()
     silent = io.StringIO()
     board = SweepDisplay(silent, live=False)
     board.draw(["joint"])
-    board.say("told")
+    board.print_line("told")
     assert silent.getvalue() == "told\n"
 
 

@@ -70,6 +70,6 @@ def verdict(**changes: Any) -> WiggleVerdict:
 )
 def test_a_verdict_says_what_is_known_and_what_is_not(changes: dict[str, Any], good: bool, said: str) -> None:
     made = verdict(**changes)
-    assert made.good is good
+    assert made.is_consistent is good
     assert said in "\n".join(made.lines())
-    assert made.told()["good"] is good
+    assert made.to_json()["good"] is good

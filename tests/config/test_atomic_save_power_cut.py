@@ -20,7 +20,7 @@ import pytest
 from tests.config.test_calibration_file import ROBOT, made
 from tests.support.power_cut_recorder import Recording, holding, laid_out, recorded
 from twind.config import atomic_save
-from twind.config.atomic_save import FileOwnership, alone, draft_of, save_text
+from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
 from twind.config.calibration_file import dump_calibration, load_calibration
 
 
@@ -128,7 +128,7 @@ def test_when_it_returns_it_is_on_the_disk(recording: Recording) -> None:
 
 def test_a_draft_is_old_or_new_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def save_draft(text: str) -> None:
-        with alone(tmp_path) as folder:
+        with lock_folder(tmp_path) as folder:
             folder.save_draft("h24", text)
 
     save_draft(OLD)

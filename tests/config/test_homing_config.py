@@ -29,7 +29,10 @@ def knee(folder: Path, more: str):  # type: ignore[no-untyped-def]
 def test_stops_and_homing_are_read_in_either_unit(tmp_path: Path) -> None:
     one = knee(tmp_path, "stop_rad: {lower: -0.15, upper: 2.3}, homing: {side: lower, current_a: 0.25}")
     assert (one.stops.lower, one.stops.upper) == (-0.15, 2.3)
-    assert one.stops.at("upper") == 2.3 and dict(one.stops.described) == {"lower": -0.15, "upper": 2.3}
+    assert one.stops.endstop_of_side("upper") == 2.3 and dict(one.stops.endstops_by_side) == {
+        "lower": -0.15,
+        "upper": 2.3,
+    }
     assert (one.homing.side, one.homing.current_a, one.homing.speed) == ("lower", 0.25, None)
     degrees = knee(tmp_path, "stop_deg: {lower: -10.0}, homing: {side: lower, speed_deg_s: 5.0}")
     assert degrees.stops.lower == pytest.approx(-0.17453, abs=1e-5) and degrees.stops.upper is None

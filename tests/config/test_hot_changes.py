@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.support.doc_pages_text import ROOT, table
 from twind.config import hot_changes, reload_plan
-from twind.config.config_files import ConfigSources, LoadedConfig, describe, packed, unpacked
+from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack, unpacked
 from twind.config.hot_changes import HOT, RestartRequired, applied, robot_difference, same
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.robot_file import load_robot
@@ -300,10 +300,10 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path: Path) -> None:
 def test_what_the_files_said_travels_whole(tmp_path: Path) -> None:
     sources = files(tmp_path)
     old = describe(sources)
-    known, described = unpacked(packed(sources, old))
+    known, described = unpacked(pack(sources, old))
     assert known == sources
     assert reload_plan.difference(old, described).changes == {}
-    for data in (b"", b"nothing", packed(sources, old)[:-5]):
+    for data in (b"", b"nothing", pack(sources, old)[:-5]):
         with pytest.raises(ValueError, match="nothing is known"):
             unpacked(data)
 

@@ -27,7 +27,7 @@ from twind.robot.finding import ReasonCode
 
 
 def text(block: PictureBlock) -> str:
-    return plain(block.shown(block.whole))
+    return plain(block.shown(block.full_height))
 
 
 def styles(lines: list[Line]) -> set[str]:
@@ -51,7 +51,7 @@ def test_the_header_says_who_in_which_mode_and_what_must_not_be_missed() -> None
 
 def test_a_daemon_that_is_gone_is_said_first_with_since_when_and_why() -> None:
     one = watched()
-    one.gone("/run/twind/observe.sock: the daemon closed the connection", 101.0)
+    one.record_disconnect("/run/twind/observe.sock: the daemon closed the connection", 101.0)
     said = text(trouble(one.view(104.2), 200))
     assert said.startswith("!! no daemon since 3 s; below is what it said last (/run/twind/observe.sock:")
 
@@ -211,4 +211,4 @@ def test_of_an_imu_that_is_silent_no_old_numbers_are_shown() -> None:
     block = summary(leaning(age_ms=4200.0), 120)
     assert "imu      ! silent for 4 s: how it leans is not known" in text(block)
     assert "leans 21" not in text(block) and "rad/s" not in text(block)
-    assert "warn" in styles(block.shown(block.whole))
+    assert "warn" in styles(block.shown(block.full_height))

@@ -41,7 +41,7 @@ def test_who_wants_no_colours_gets_none(environment: dict[str, str], some: bool)
     if not environment:
         asked.pop("NO_COLOR", None)
     console = Console(file=StringIO(), force_terminal=True, _environ=asked)
-    assert bool(colours(Palette.of(console).text(EVERY))) is some
+    assert bool(colours(Palette.for_console(console).text(EVERY))) is some
 
 
 def test_the_words_are_the_same_with_colours_and_without() -> None:

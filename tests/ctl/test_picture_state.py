@@ -8,11 +8,11 @@ from twind.ctl.picture.picture_state import KEPT, MonitorCollector
 
 def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:
     one = MonitorCollector()
-    assert not one.whole
+    assert not one.is_complete
     told(one, "status", status(), 1.0)
-    assert not one.whole
+    assert not one.is_complete
     told(one, "state", joints(), 1.0)
-    assert one.whole
+    assert one.is_complete
     assert one.view(1.0).joints == joints()
 
 
@@ -21,7 +21,7 @@ def test_the_rate_of_a_bus_is_counted_over_a_second_and_anew_after_a_restart() -
     for now, exchanges in ((1.0, 1000), (1.5, 1049), (2.0, 1098)):
         told(one, "status", status(buses=[bus("main", exchanges=exchanges)]), now)
     assert one.view(2.0).rates == {"main": pytest.approx(98.0)}
-    one.gone("it ended", 2.5)
+    one.record_disconnect("it ended", 2.5)
     told(one, "status", status(buses=[bus("main", exchanges=7)]), 3.0)
     told(one, "status", status(buses=[bus("main", exchanges=107)]), 4.0)
     assert one.view(4.0).rates == {"main": pytest.approx(100.0)}
@@ -74,14 +74,14 @@ def test_an_episode_ends_with_the_next_ones_begin_and_with_its_daemon() -> None:
         ("a", 2.0, None),
     ]
     told(one, "events", event("EPISODE_BEGIN", "c", kind="begin", task="c"), 4.0)
-    one.gone("it ended", 5.0)
+    one.record_disconnect("it ended", 5.0)
     assert one.view(6.0).episodes[0].end == 5.0
 
 
 def test_who_goes_away_is_gone_since_the_first_try_and_back_with_the_next_news() -> None:
     one = watched()
-    one.gone("it hung up", 101.0)
-    one.gone("no such socket", 102.0)
+    one.record_disconnect("it hung up", 101.0)
+    one.record_disconnect("no such socket", 102.0)
     seen = one.view(104.0)
     assert (seen.gone, seen.gone_since) == ("it hung up", 101.0)
     assert seen.joints  # what it said last

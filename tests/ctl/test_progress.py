@@ -33,7 +33,7 @@ class Told:
         """What is written when this is told so much later."""
         self.time += seconds
         place = self.out.tell()
-        self.progress.tell(text, share)
+        self.progress.update(text, share)
         return self.out.getvalue()[place:]
 
 
@@ -87,7 +87,7 @@ def test_whatever_ends_the_work_nothing_of_the_line_stays(monkeypatch: pytest.Mo
 
     def interrupted() -> None:
         with told.progress as progress:
-            progress.tell("half", 0.5)
+            progress.update("half", 0.5)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -101,11 +101,11 @@ def test_in_a_pipe_with_json_and_on_a_terminal_that_moves_no_cursor_it_is_silent
 ) -> None:
     assert Told(monkeypatch, json=True).after(0.0, "x", 0.5) == ""
     pipe = io.StringIO()
-    ProgressLine(argparse.Namespace(json=False), "scan", out=pipe).tell("x", 0.5)
+    ProgressLine(argparse.Namespace(json=False), "scan", out=pipe).update("x", 0.5)
     assert pipe.getvalue() == ""
     monkeypatch.setenv("TERM", "dumb")
     terminal = Terminal()
-    ProgressLine(argparse.Namespace(json=False), "scan", out=terminal).tell("x", 0.5)
+    ProgressLine(argparse.Namespace(json=False), "scan", out=terminal).update("x", 0.5)
     assert terminal.getvalue() == ""
 
 
@@ -114,7 +114,7 @@ def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch
     ours, theirs = pty.openpty()
     with open(theirs, "w", encoding="utf-8") as out:
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
-        ProgressLine(argparse.Namespace(json=False), "scan", out=out).tell("a" * 100, 0.5)
+        ProgressLine(argparse.Namespace(json=False), "scan", out=out).update("a" * 100, 0.5)
         shown = os.read(ours, 4096).decode()
     os.close(ours)
     assert len(shown.strip("\r").removesuffix("\x1b[K")) == 39

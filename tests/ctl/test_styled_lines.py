@@ -3,7 +3,17 @@
 import pytest
 
 from twind.ctl.picture.picture_renderer import plain
-from twind.ctl.picture.styled_lines import beside, cut, fitting, left, length, line, padded, right, wrapped
+from twind.ctl.picture.styled_lines import (
+    align_left,
+    beside,
+    cut,
+    fitting,
+    length,
+    line,
+    padded,
+    right,
+    wrapped,
+)
 
 WIDE = "腕一"  # two columns each
 
@@ -22,9 +32,9 @@ def test_what_is_cut_says_so_and_is_never_too_wide(width: int) -> None:
 def test_a_cell_is_as_wide_as_it_is_told(width: int) -> None:
     for text in ("", "abcd", "abcdefghijk", WIDE):
         assert length(padded(line(text), width)) == width
-        assert length(line(left(text, width))) == width or text == WIDE
+        assert length(line(align_left(text, width))) == width or text == WIDE
     assert right("12345", 3) == "…45"
-    assert left("12345", 3) == "12…"
+    assert align_left("12345", 3) == "12…"
 
 
 def test_parts_are_shown_whole_or_not_at_all_but_the_first() -> None:

@@ -102,14 +102,14 @@ def test_buckets_without_anything_at_the_ends_are_left_out_and_many_are_joined()
 def test_what_was_not_told_yet_has_no_block() -> None:
     one = MonitorCollector()
     assert (
-        hops(one.view(0.0), 80).whole
-        == lateness(one.view(0.0), 80).whole
-        == buses(one.view(0.0), 80).whole
+        hops(one.view(0.0), 80).full_height
+        == lateness(one.view(0.0), 80).full_height
+        == buses(one.view(0.0), 80).full_height
         == 0
     )
     known = watched()
     told(known, "latency", [], 101.0)
-    assert hops(known.view(101.0), 80).whole == 0
+    assert hops(known.view(101.0), 80).full_height == 0
     assert "longer, unknown" in plain([row.line for row in lateness(view(loop=odd()), 80).rows])
 
 

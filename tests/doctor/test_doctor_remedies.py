@@ -12,7 +12,7 @@ from twind_calibration import doctor
 from twind_calibration.command_hint import CommandHint
 from twind_calibration.doctor import check_table, report
 from twind_calibration.doctor.check import DoctorFinding, Fix
-from twind_calibration.doctor.finding_commands import told
+from twind_calibration.doctor.finding_commands import add_commands
 from twind_calibration.doctor.runner import DoctorReport
 
 ROWS = check_table.complaints()
@@ -32,7 +32,7 @@ HARMLESS = {
 
 def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it to a call beside a daemon."""
-    ready, fix = told([finding], ROWS, CommandHint(), daemon=True)
+    ready, fix = add_commands([finding], ROWS, CommandHint(), daemon=True)
     return report.text(DoctorReport(found=ready, fix=fix), ROWS, None)
 
 

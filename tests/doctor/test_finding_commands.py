@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.doctor_rig import options
-from twind_calibration.command_hint import CommandHint, again
+from twind_calibration.command_hint import CommandHint, command_hint
 from twind_calibration.doctor import check_table, report, runner
-from twind_calibration.doctor.bus_surveys import together
+from twind_calibration.doctor.bus_surveys import merge_findings
 from twind_calibration.doctor.check import Devices, DoctorFinding, Fix
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.check_table import CheckProbe
-from twind_calibration.doctor.finding_commands import told
+from twind_calibration.doctor.finding_commands import add_commands
 from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.runner import DoctorReport
 
@@ -57,39 +57,41 @@ def test_words_for_people_are_left_as_they_are_but_for_what_is_quoted() -> None:
 def test_the_options_are_quoted_as_a_shell_takes_them() -> None:
     call = options("--robot", "my robot.yaml", "--port", "main=/dev/x", "--port", "b=/dev/y", "--config", "c")
     call.socket = None
-    here = again(call, "/run/it's")
+    here = command_hint(call, "/run/it's")
     assert here.socket == """--socket '/run/it'"'"'s' """
     assert here.files == " --config c --robot 'my robot.yaml' --port main=/dev/x --port b=/dev/y"
-    assert again(argparse.Namespace(socket="/run/b"), "/run/c") == CommandHint("--socket /run/b ")
+    assert command_hint(argparse.Namespace(socket="/run/b"), "/run/c") == CommandHint("--socket /run/b ")
 
 
 def test_without_a_daemon_what_fix_does_is_one_command_that_is_printed_once() -> None:
-    found, fix = told([*together(map(delay, range(1, 25))), delay(30)], ROWS, HERE, daemon=False)
+    found, fix = add_commands(
+        [*merge_findings(map(delay, range(1, 25))), delay(30)], ROWS, HERE, daemon=False
+    )
     assert fix == FIX and {each.command for each in found} == {FIX}
     said = report.text(DoctorReport(found=found, fix=fix), ROWS, None)
     assert said.count(FIX) == 1 and "twindctl register" not in said
-    assert told(found, ROWS, HERE, ["RETURN_DELAY"], daemon=False)[1] == f"{FIX} --only RETURN_DELAY"
+    assert add_commands(found, ROWS, HERE, ["RETURN_DELAY"], daemon=False)[1] == f"{FIX} --only RETURN_DELAY"
 
 
 def test_without_a_daemon_what_only_a_daemon_can_do_is_said_to_need_one() -> None:
-    ((found,), fix) = told([delay(7, fix=False)], ROWS, HERE, daemon=False)
+    ((found,), fix) = add_commands([delay(7, fix=False)], ROWS, HERE, daemon=False)
     assert fix == "" and found.advice.startswith("a running daemon does it")
     assert found.command == "twindctl --socket /tmp/a register write main 7 return_delay_time 5"
 
 
 def test_by_a_daemon_many_equal_writes_are_one_line_of_shell() -> None:
-    (found,), _ = told([*together(map(delay, range(1, 25)))], ROWS, HERE, daemon=True)
+    (found,), _ = add_commands([*merge_findings(map(delay, range(1, 25)))], ROWS, HERE, daemon=True)
     ids = " ".join(map(str, range(1, 25)))
     assert found.command == (
         f"for id in {ids}; do twindctl --socket /tmp/a register write main $id return_delay_time 5; done"
     )
     apart = [delay(id) for id in (1, 2, 3)]
-    assert [each.command.count("\n") for each in told(apart, ROWS, HERE, daemon=True)[0]] == [0, 0, 0]
+    assert [each.command.count("\n") for each in add_commands(apart, ROWS, HERE, daemon=True)[0]] == [0, 0, 0]
 
 
 def test_no_row_of_the_table_is_told_without_the_options_of_the_call() -> None:
     """Neither the remedies of rows nor those of findings: a bare command asks another daemon."""
-    found, _ = told([DoctorFinding(code, "x", "y") for code in ROWS], ROWS, HERE, daemon=True)
+    found, _ = add_commands([DoctorFinding(code, "x", "y") for code in ROWS], ROWS, HERE, daemon=True)
     said = report.text(DoctorReport(found=found), ROWS, None)
     bare = re.findall(r"`twindctl (?!--socket|check|scan --port)[a-z]+", said)
     assert bare == []
@@ -97,16 +99,16 @@ def test_no_row_of_the_table_is_told_without_the_options_of_the_call() -> None:
 
 def test_how_another_daemon_is_asked_is_left_as_it_is() -> None:
     ask = DoctorFinding("PORT_HELD", "/dev/x", "held", advice="ask that one, `twindctl doctor`")
-    assert told([ask], ROWS, HERE, daemon=False) == ([ask], "")
+    assert add_commands([ask], ROWS, HERE, daemon=False) == ([ask], "")
 
 
 def test_what_all_servos_of_a_bus_have_is_told_by_the_first_and_the_last_id() -> None:
-    every, fix = told([*together(map(delay, range(1, 25)))], ROWS, HERE, daemon=False)
+    every, fix = add_commands([*merge_findings(map(delay, range(1, 25)))], ROWS, HERE, daemon=False)
     about = {"robot": "h24", "ports": {"main": "/dev/x"}, "ids": {"main": list(range(1, 25))}, "daemon": None}
     said = report.text(DoctorReport(about=about, found=every, fix=fix), ROWS, None)
     assert "bus main ids 1-24 (all 24): 500 us" in said and "(j7)" not in said
     assert "`--fix` does it: bus main ids 1-24 (all 24): return_delay_time := 5" in said
-    some, _ = told([*together(map(delay, range(1, 24)))], ROWS, HERE, daemon=False)
+    some, _ = add_commands([*merge_findings(map(delay, range(1, 24)))], ROWS, HERE, daemon=False)
     assert "23 (j23): 500 us" in report.text(DoctorReport(about=about, found=some), ROWS, None)
 
 

@@ -97,14 +97,14 @@ def test_no_code_stands_in_the_table_twice() -> None:
 
 def test_the_troubleshooting_page_has_the_table_as_it_is() -> None:
     text = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text()
-    assert table_page.written(text) == text, (
+    assert table_page.render_page(text) == text, (
         "python -m twind_calibration.doctor.table_page docs/troubleshooting.md"
     )
 
 
 def test_a_page_without_a_place_for_the_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no <!-- from the doctor"):
-        table_page.written("# nothing")
+        table_page.render_page("# nothing")
 
 
 # ------------------------------------------------------------------------------------------------ the runner
@@ -153,7 +153,7 @@ def test_two_complaints_that_explain_each_other_are_both_told() -> None:
 
 def test_notes_alone_are_nothing_wrong() -> None:
     outcome = run(check("all", DoctorFinding("NOTE", "x", "y")))
-    assert report.wrong(outcome, ROWS, None) == 0
+    assert report.count_problems(outcome, ROWS, None) == 0
     assert report.text(outcome, ROWS, None).endswith("nothing wrong; looked at 1 thing")
     assert report.text(outcome, ROWS, None, verbose=True).endswith("nothing wrong; looked at: all")
 
@@ -176,7 +176,7 @@ def test_a_fix_is_done_and_then_looked_for_again() -> None:
     outcome = runner.run(nothing_examined(), checks, ROWS)
     tried = runner.mend(outcome, nothing_examined, checks, ROWS)
     assert [(each.found.thing, each.there) for each in tried] == [("lamp", False), ("wheel", True)]
-    assert report.wrong(outcome, ROWS, tried) == 1
+    assert report.count_problems(outcome, ROWS, tried) == 1
     said = report.text(outcome, ROWS, tried)
     assert "mended: mend the lamp" in said and "done, but it is still there: mend the wheel" in said
 
@@ -224,10 +224,10 @@ def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, b
     outcome = runner.run(nothing_examined(), checks, ROWS)
     (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
     if before and isinstance(error, CheckUnavailable):
-        assert (tried.error, tried.there, report.wrong(outcome, ROWS, [tried])) == ("", False, 0)
+        assert (tried.error, tried.there, report.count_problems(outcome, ROWS, [tried])) == ("", False, 0)
         return
     assert tried.error.startswith("it was done, but could not be looked at again: ")
-    assert report.wrong(outcome, ROWS, [tried]) == 1
+    assert report.count_problems(outcome, ROWS, [tried]) == 1
 
 
 def test_a_fix_that_fails_says_why_and_still_counts() -> None:
@@ -237,7 +237,7 @@ def test_a_fix_that_fails_says_why_and_still_counts() -> None:
     checks = [check("all", DoctorFinding("FAULT", "x", "y", fix=Fix("write it", fail)))]
     outcome = run(*checks)
     tried = runner.mend(outcome, nothing_examined, checks, ROWS)
-    assert report.wrong(outcome, ROWS, tried) == 1
+    assert report.count_problems(outcome, ROWS, tried) == 1
     assert "not mended: write it: [Errno 13] Permission denied: '/sys/x'" in report.text(outcome, ROWS, tried)
 
 

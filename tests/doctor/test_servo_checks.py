@@ -24,13 +24,13 @@ from twind_calibration.doctor import (
     runner,
     service_checks,
 )
-from twind_calibration.doctor.bus_surveys import together
+from twind_calibration.doctor.bus_surveys import merge_findings
 from twind_calibration.doctor.check import CheckUnavailable, Devices, DoctorFinding, Fix
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.daemon_inspector import DaemonInspector
 from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
-from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, asked
+from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, is_queried
 from twind_drivers.clock import MonotonicClock
 
 ROBOT = load_robot("h24")
@@ -61,7 +61,9 @@ WELL = {
 LINE = SerialBusInspector(
     "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock()
 )  # opened by who uses it, which nobody does
-CHECKS = runner.chosen(check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
+CHECKS = runner.select_checks(
+    check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes]
+)
 
 
 def servo(joint: JointSpec, **changed: int | None) -> SurveyedServo:
@@ -199,8 +201,8 @@ def test_an_old_servo_among_new_ones_is_a_note_and_one_without_a_watchdog_a_faul
 def test_who_answers_commands_alone_is_not_missing_where_nobody_commands() -> None:
     leg = next(joint for joint in load_robot("h24-mixed").joints if joint.bus == "l_leg")
     assert isinstance(leg.type, CanType)
-    assert asked(leg)
-    assert not asked(replace(leg, type=replace(leg.type, family="cubemars")))
+    assert is_queried(leg)
+    assert not is_queried(replace(leg, type=replace(leg.type, family="cubemars")))
 
 
 def test_a_robot_in_sim_has_no_buses_to_look_at(tmp_path: Path) -> None:
@@ -264,7 +266,7 @@ def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> No
         for id in range(1, 6)
     ]
     apart = DoctorFinding("RETURN_DELAY", Devices("main", [(9, "j9")]), "500 us", "10 us", "write 9")
-    one, other = together([*same, apart])
+    one, other = merge_findings([*same, apart])
     assert one.thing == "bus main ids 1 (j1), 2 (j2), 3 (j3), 4 (j4), 5 (j5)"
     assert one.command.splitlines() == [f"write {id}" for id in range(1, 6)]
     assert one.fix is not None

@@ -23,7 +23,7 @@ def give(call: BroadcastPingReply, data: bytes, chunk: int = 7) -> bool:
     done = False
     for at in range(0, len(data), chunk):
         piece = data[at : at + chunk]
-        call.room()[: len(piece)] = piece
+        call.receive_buffer()[: len(piece)] = piece
         done = call.take(len(piece))
     return done
 
@@ -58,7 +58,7 @@ def test_no_noise_raises_or_grows_what_is_held(noise: bytes) -> None:
     call = BroadcastPingReply()
     for _ in range(20):
         give(call, noise, 64)
-    assert len(call.room()) == 4096
+    assert len(call.receive_buffer()) == 4096
     call.end()
     assert call.strays <= 20 * len(noise)
 

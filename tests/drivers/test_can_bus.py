@@ -31,8 +31,8 @@ def sent_to(rig: CanRig, row: int) -> list[float]:
     """Positions (rad) that one was commanded to, in order."""
     found: list[float] = []
     for train in rig.channel.trains:
-        own = train[rig.reader.fleet.commands_to(train) == row]
-        place = rig.reader.fleet.commanded(own)
+        own = train[rig.reader.fleet.commanded_rows(train) == row]
+        place = rig.reader.fleet.decode_commanded_position(own)
         found += place[~np.isnan(place)].tolist()
     return found
 
@@ -85,7 +85,7 @@ def test_a_bus_cut_for_longer_than_a_watchdog_gets_no_goal_until_it_is_prepared(
     samples = rig.ticks(40, here + 500)
     assert samples[-1].heard.all()
     assert samples[-1].line == CanErrorState.ACTIVE
-    late = [rig.reader.fleet.commands_to(train) for train in rig.channel.trains[before:]]
+    late = [rig.reader.fleet.commanded_rows(train) for train in rig.channel.trains[before:]]
     assert not any((rows >= 0).any() for rows in late), "a goal left after the line was dead"
     assert abs(rig.places() - places).max() <= 3
     assert (rig.registers.watchdog == 255).all()
@@ -148,7 +148,7 @@ def test_a_turn_that_changes_at_torque_on_ends_it_and_nothing_ran_after_it() -> 
     rig = CanRig(MODELS)
     here = rig.heard()
     rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.aim(here))
+    rig.beside(rig.writer.write_goals(here))
     rig.faults.wrap(2)
     before = rig.places()
     with pytest.raises(DeviceRefused, match="turn changed") as told:
@@ -166,7 +166,7 @@ def test_torque_comes_soft_first_and_only_then_stiff() -> None:
     before = len(rig.channel.trains)
     rig.perform(rig.writer.torque(True))
     first = rig.channel.trains[before]
-    enable = rig.reader.fleet.special(0, ValuelessCommand.ENABLE)
+    enable = rig.reader.fleet.encode_valueless_command(0, ValuelessCommand.ENABLE)
     assert first[0].tobytes() == enable[0].tobytes()
     gains = [int(frame["data"][3] & 0xF) << 8 | int(frame["data"][4]) for frame in first[3:6]]
     assert gains == [0, 0, 0], "stiffness before anybody has said where he is"
@@ -307,8 +307,8 @@ def test_every_goal_inside_passes_its_last_check_and_says_what_was_meant(ticks: 
     goal = np.array(ticks)
     rig.writer.goals(goal)
     frames = rig.reader.line.goals.frames
-    place = rig.reader.fleet.commanded(frames) / COUNT
-    assert abs(place - goal[rig.reader.fleet.commands_to(frames)]).max() <= 1.0
+    place = rig.reader.fleet.decode_commanded_position(frames) / COUNT
+    assert abs(place - goal[rig.reader.fleet.commanded_rows(frames)]).max() <= 1.0
 
 
 def test_the_last_check_refuses_an_order_that_is_outside_or_to_nobody() -> None:

@@ -66,7 +66,7 @@ def _last(feedback: ActuatorFeedback, name: str) -> list[float]:
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_they_tell_where_they_are(name: str) -> None:
     bench = Bench(name)
-    asked = bench.codec.question()
+    asked = bench.codec.make_position_request()
     told = bench.tell(asked if len(asked) else bench.command((0.0, 0.0), 0.0, 0.0))
     assert bench.newest(told)["position"] == pytest.approx(START, abs=LSB)
     assert len(bench.codec.feedback(told)[0].rows) >= 2 * max(1, bench.codec.answers)
@@ -80,18 +80,22 @@ def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str
     assert list(bench.muscles.position) == pytest.approx(START, abs=1e-6)
     gains = bench.codec.gains(np.full(2, 40.0), np.full(2, 2.0))
     heard = [bench.tell(gains)] if len(gains) else []
-    heard += [bench.tell(bench.codec.special(row, ValuelessCommand.ENABLE)) for row in range(2)]
+    heard += [
+        bench.tell(bench.codec.encode_valueless_command(row, ValuelessCommand.ENABLE)) for row in range(2)
+    ]
     heard += [bench.tell(bench.command(goal)) for _ in range(250)]
     told = bench.newest(np.concatenate(heard))
     assert list(bench.muscles.position) == pytest.approx(goal, abs=0.02)
-    asked = bench.codec.question()
+    asked = bench.codec.make_position_request()
     last = bench.newest(bench.tell(asked if len(asked) else bench.command(goal)))
     assert last["position"] == pytest.approx(list(bench.muscles.position), abs=0.01)
     if name != "cubemars":  # does not tell
         assert told["enabled"] == [1.0, 1.0]
     assert told["fault"] == [0.0, 0.0]
-    off = [bench.tell(bench.codec.special(row, ValuelessCommand.DISABLE)) for row in range(2)]
-    off += [bench.tell(bench.codec.question()) for _ in range(50)]
+    off = [
+        bench.tell(bench.codec.encode_valueless_command(row, ValuelessCommand.DISABLE)) for row in range(2)
+    ]
+    off += [bench.tell(bench.codec.make_position_request()) for _ in range(50)]
     if name != "cubemars":
         assert bench.newest(np.concatenate(off))["enabled"] == [0.0, 0.0]
 
@@ -105,7 +109,7 @@ def test_the_watchdog_is_written_and_reads_back(name: str) -> None:
     answers = []
     for row in range(2):
         bench.tell(bench.codec.write(row, watchdog, ticks))
-        answers += bench.codec.answered(bench.tell(bench.codec.read(row, watchdog)))[0]
+        answers += bench.codec.decode_register_replies(bench.tell(bench.codec.read(row, watchdog)))[0]
     assert [(answer.row, answer.address, answer.data) for answer in answers] == [
         (0, watchdog.address, ticks),
         (1, watchdog.address, ticks),
@@ -117,5 +121,5 @@ def test_everything_that_identification_reads_is_answered(name: str) -> None:
     bench = Bench(name)
     for wanted in bench.codec.identity:
         parameter = bench.codec.parameters[wanted]
-        answers, _ = bench.codec.answered(bench.tell(bench.codec.read(1, parameter)))
+        answers, _ = bench.codec.decode_register_replies(bench.tell(bench.codec.read(1, parameter)))
         assert (1, parameter.address) in [(answer.row, answer.address) for answer in answers], wanted

@@ -16,7 +16,7 @@ def test_the_acknowledgement_of_a_write_is_no_reading_of_the_register() -> None:
     timeout = rig.reader.fleet.families[0][0].parameters["timeout"]
     rig.reader.begin(ReadRequest((1,), timeout.address, 4), rig.clock.now())
     forged = bytes([1, 0, 0x55, timeout.address]) + (2000).to_bytes(4, "little")
-    rig.bus.controller.hear(CanMessage(0x11, forged), rig.clock.now())
+    rig.bus.controller.receive_frame(CanMessage(0x11, forged), rig.clock.now())
     rig.wait()
     reply = rig.reader.answer(rig.clock.now())
     assert reply.data == {1: bytes(4)}, "a watchdog that is off reads as armed"

@@ -5,7 +5,7 @@ import pytest
 
 from tests.support.can_codec_frames import ranges
 from twind_drivers.can.actuator_family import ActuatorFamily, ValuelessCommand
-from twind_drivers.can.can_models import MODELS, model, named, number_of
+from twind_drivers.can.can_models import MODELS, model, model_by_number, number_of
 from twind_drivers.can.codec_factory import FAMILIES, apart, make, ranges_of
 from twind_drivers.can.damiao_codec import DamiaoCodec
 from twind_drivers.can.frame import STANDARD_MASK
@@ -52,9 +52,9 @@ def test_numbers_are_for_ever() -> None:
     assert [numbers[name] for name in ("DM3507", "DM4340", "DMG6220")] == [71001, 71004, 71013]
     assert [numbers[name] for name in ("AK70-10", "AK80-9", "RS00", "EL05")] == [72001, 72005, 73000, 73006]
     assert [numbers[name] for name in ("ODrive", "ODrive-S1", "ODrive-Pro")] == [74001, 74002, 74003]
-    assert all(named(number).name == name for name, number in numbers.items())
+    assert all(model_by_number(number).name == name for name, number in numbers.items())
     with pytest.raises(KeyError, match="71099"):
-        named(71099)
+        model_by_number(71099)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_a_damiao_speaks_on_its_id_and_10h_unless_told() -> None:
     assert isinstance(beside, DamiaoCodec)
     assert list(beside.ranges.velocity) == [30.0, 8.0]
     for id, family in ((0x12, beside), (0x21, given)):
-        heard = np.zeros(1, beside.question().dtype)
+        heard = np.zeros(1, beside.make_position_request().dtype)
         heard["id"], heard["size"], heard["data"][0, 0] = id, 8, 0x12
         heard["data"][0, 1] = 0x7F
         assert list(family.feedback(heard)[0].rows) == [1]
@@ -112,7 +112,7 @@ def test_a_damiao_speaks_on_its_id_and_10h_unless_told() -> None:
 
 def test_the_host_id_reaches_a_robstride() -> None:
     family = make("robstride", "can0", [1], ["RS01"], host=0x1F)
-    assert int(family.question()["id"][0]) & 0x1FFF_FFFF == 0x11001F01
+    assert int(family.make_position_request()["id"][0]) & 0x1FFF_FFFF == 0x11001F01
 
 
 def test_the_name_tells_which_board_an_odrive_is() -> None:
@@ -136,13 +136,13 @@ def test_what_does_not_fit_together_is_refused() -> None:
 def test_a_bus_without_one_of_them_is_no_special_case(family: str) -> None:
     empty = make(family, "can0", [], [])
     nothing: np.ndarray[tuple[int], np.dtype[np.float64]] = np.zeros(0)
-    assert len(empty.question()) == 0
+    assert len(empty.make_position_request()) == 0
     assert len(empty.command(nothing, nothing, nothing, nothing, nothing)) == 0
     assert len(empty.gains(nothing, nothing)) == 0
     strange = np.zeros(3, empty.command(nothing, nothing, nothing, nothing, nothing).dtype)
     assert not empty.feedback(strange)[1].any()
-    assert not empty.answered(strange)[1].any()
-    assert list(empty.commands_to(strange)) == [-1, -1, -1]
+    assert not empty.decode_register_replies(strange)[1].any()
+    assert list(empty.commanded_rows(strange)) == [-1, -1, -1]
 
 
 def of(family: str, *ids: int, masters: tuple[int, ...] | None = None) -> ActuatorFamily:
@@ -178,9 +178,13 @@ def test_families_that_share_a_frame_id_are_refused(
 @pytest.mark.parametrize("family", ["damiao", "cubemars", "odrive"])
 def test_every_frame_of_ours_has_an_id_that_is_claimed(family: str) -> None:
     codec, zero = of(family, 1, 2), np.zeros(2)
-    made = [codec.question(), codec.command(zero, zero, zero, zero, zero), codec.gains(zero + 1, zero + 1)]
+    made = [
+        codec.make_position_request(),
+        codec.command(zero, zero, zero, zero, zero),
+        codec.gains(zero + 1, zero + 1),
+    ]
     made += [
-        codec.special(0, what)
+        codec.encode_valueless_command(0, what)
         for what in (ValuelessCommand.ENABLE, ValuelessCommand.DISABLE, ValuelessCommand.ZERO)
     ]
     made += [codec.read(0, parameter) for parameter in codec.parameters.values()]

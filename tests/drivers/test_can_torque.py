@@ -19,7 +19,7 @@ def test_who_held_before_keeps_its_torque_when_one_stays_silent(models: Sequence
     rig.open()  # another daemon finds them holding
     rig.heard()
     rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.aim(here))
+    rig.beside(rig.writer.write_goals(here))
     rig.faults.silence(2)
     with pytest.raises(NoReply):
         rig.beside(rig.writer.torque(True))
@@ -32,7 +32,7 @@ def test_who_was_limp_is_let_go_again_when_one_stays_silent() -> None:
     rig = CanRig(("DM4310",) * 3)
     here = rig.heard()
     rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.aim(here))
+    rig.beside(rig.writer.write_goals(here))
     rig.faults.silence(2)
     with pytest.raises(NoReply):
         rig.beside(rig.writer.torque(True))
@@ -48,7 +48,7 @@ def test_a_place_that_changes_at_torque_on_by_a_part_of_a_turn_ends_it_before_an
     rig = CanRig(("DM4310",) * 3)
     here = rig.heard()
     rig.beside(rig.writer.prepare(here))
-    rig.beside(rig.writer.aim(here))
+    rig.beside(rig.writer.write_goals(here))
     rig.faults.wrap(2, turns)
     before = rig.places()
     with pytest.raises(DeviceRefused, match="turn changed"):

@@ -26,13 +26,15 @@ def test_the_command_has_the_bytes_of_the_manual() -> None:
 
 @pytest.mark.parametrize(("what", "last"), [("ENABLE", "FC"), ("DISABLE", "FD"), ("ZERO", "FE")])
 def test_special_frames(what: str, last: str) -> None:
-    assert wire(drive().special(1, ValuelessCommand[what])) == [(0x68, "FF FF FF FF FF FF FF " + last)]
+    assert wire(drive().encode_valueless_command(1, ValuelessCommand[what])) == [
+        (0x68, "FF FF FF FF FF FF FF " + last)
+    ]
 
 
 @pytest.mark.parametrize("what", [ValuelessCommand.CLEAR, ValuelessCommand.REBOOT])
 def test_what_no_source_has_is_refused(what: ValuelessCommand) -> None:
     with pytest.raises(ValueError, match=what.name.lower()):
-        drive().special(0, what)
+        drive().encode_valueless_command(0, what)
 
 
 def test_it_has_no_registers_and_nothing_to_ask() -> None:
@@ -40,7 +42,7 @@ def test_it_has_no_registers_and_nothing_to_ask() -> None:
     for order in (lambda: drive().read(0, register), lambda: drive().write(0, register, bytes(4))):
         with pytest.raises(ValueError, match="no registers"):
             order()
-    assert len(drive().question()) == 0
+    assert len(drive().make_position_request()) == 0
     assert drive().answers == 0
     assert drive().watchdog is None
     assert drive().replies.all()
@@ -125,12 +127,12 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
     motors, zero = drive(), np.zeros(2)
     made = motors.command(column(3.0, -3.0), zero, zero, zero, zero)
-    assert list(motors.commands_to(made)) == [0, 1]
-    assert motors.commanded(made) == pytest.approx([3.0, -3.0], abs=25 / 65535)
+    assert list(motors.commanded_rows(made)) == [0, 1]
+    assert motors.decode_commanded_position(made) == pytest.approx([3.0, -3.0], abs=25 / 65535)
     for what in (ValuelessCommand.ENABLE, ValuelessCommand.DISABLE, ValuelessCommand.ZERO):
-        assert list(motors.commands_to(motors.special(1, what))) == [1]
-        assert np.isnan(motors.commanded(motors.special(1, what))).all()
-    assert list(motors.commands_to(frame(2, bytes(8)))) == [-1]
+        assert list(motors.commanded_rows(motors.encode_valueless_command(1, what))) == [1]
+        assert np.isnan(motors.decode_commanded_position(motors.encode_valueless_command(1, what))).all()
+    assert list(motors.commanded_rows(frame(2, bytes(8)))) == [-1]
 
 
 def test_what_a_field_cannot_hold_is_refused() -> None:

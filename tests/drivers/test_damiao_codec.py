@@ -43,16 +43,18 @@ def test_the_command_has_the_bytes_of_the_manual() -> None:
     ("what", "last"), [("ENABLE", "FC"), ("DISABLE", "FD"), ("ZERO", "FE"), ("CLEAR", "FB")]
 )
 def test_special_frames(what: str, last: str) -> None:
-    assert wire(damiao().special(2, ValuelessCommand[what])) == [(0x15, "FF FF FF FF FF FF FF " + last)]
+    assert wire(damiao().encode_valueless_command(2, ValuelessCommand[what])) == [
+        (0x15, "FF FF FF FF FF FF FF " + last)
+    ]
 
 
 def test_there_is_no_reboot() -> None:
     with pytest.raises(ValueError, match="id 2: a Damiao actuator has no reboot"):
-        damiao().special(1, ValuelessCommand.REBOOT)
+        damiao().encode_valueless_command(1, ValuelessCommand.REBOOT)
 
 
 def test_the_question_asks_each_for_one_frame() -> None:
-    assert wire(damiao().question()) == [
+    assert wire(damiao().make_position_request()) == [
         (0x7FF, "01 00 CC 00 00 00 00 00"),
         (0x7FF, "02 00 CC 00 00 00 00 00"),
         (0x7FF, "15 00 CC 00 00 00 00 00"),
@@ -131,7 +133,7 @@ def test_register_traffic_never_passes_for_feedback(order: int, register: int) -
     feedback, told = damiao().feedback(received)
     assert not told.any()
     assert len(feedback.rows) == 0
-    answers, answered = damiao().answered(received)
+    answers, answered = damiao().decode_register_replies(received)
     assert answered.all() == (order in (0x33, 0x55))
     if answered.all():
         assert answers[0] == (1, register, bytes([1, 2, 3, 4]), order == 0x55)
@@ -171,13 +173,13 @@ def test_an_actuator_that_stands_at_that_place_is_still_heard() -> None:
 )
 def test_strangers_are_left_alone(stranger: Frames) -> None:
     assert not damiao().feedback(stranger)[1].any()
-    assert not damiao().answered(stranger)[1].any()
+    assert not damiao().decode_register_replies(stranger)[1].any()
 
 
 def test_an_answer_must_name_its_sender_in_full() -> None:
     for id in ("05 00", "15 01", "25 00"):
-        assert not damiao().answered(frame(0x11, f"{id} 33 09 00 00 00 00"))[1].any()
-    assert damiao().answered(frame(0x11, "15 00 33 09 00 00 00 00"))[1].all()
+        assert not damiao().decode_register_replies(frame(0x11, f"{id} 33 09 00 00 00 00"))[1].any()
+    assert damiao().decode_register_replies(frame(0x11, "15 00 33 09 00 00 00 00"))[1].all()
 
 
 @given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
@@ -190,13 +192,13 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 @settings(max_examples=30)
 def test_nothing_is_both_feedback_and_a_register(frames: Frames) -> None:
     motor = damiao()
-    assert not (motor.feedback(frames)[1] & motor.answered(frames)[1]).any()
+    assert not (motor.feedback(frames)[1] & motor.decode_register_replies(frames)[1]).any()
 
 
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
     motor = damiao()
     zero = np.zeros(3)
-    assert list(motor.commands_to(motor.command(zero, zero, zero, zero, zero))) == [0, 1, 2]
+    assert list(motor.commanded_rows(motor.command(zero, zero, zero, zero, zero))) == [0, 1, 2]
     for row in range(3):
         for what in (
             ValuelessCommand.ENABLE,
@@ -204,27 +206,31 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
             ValuelessCommand.ZERO,
             ValuelessCommand.CLEAR,
         ):
-            assert list(motor.commands_to(motor.special(row, what))) == [row]
+            assert list(motor.commanded_rows(motor.encode_valueless_command(row, what))) == [row]
         for parameter in PARAMETERS.values():
-            assert list(motor.commands_to(motor.read(row, parameter))) == [-1]
+            assert list(motor.commanded_rows(motor.read(row, parameter))) == [-1]
             if parameter.writable:
-                assert list(motor.commands_to(motor.write(row, parameter, bytes(4)))) == [row]
-    assert (motor.commands_to(motor.question()) == -1).all()
+                assert list(motor.commanded_rows(motor.write(row, parameter, bytes(4)))) == [row]
+    assert (motor.commanded_rows(motor.make_position_request()) == -1).all()
     stored = frame(0x7FF, "15 00 AA 01 00 00 00 00")
     others = np.concatenate([frame(base + 2, bytes(8)) for base in (0x100, 0x200, 0x300)])
-    assert list(motor.commands_to(np.concatenate([stored, others]))) == [2, 1, 1, 1]
+    assert list(motor.commanded_rows(np.concatenate([stored, others]))) == [2, 1, 1, 1]
     foreign = np.concatenate([frame(3, bytes(8)), frame(0x7FF, "03 00 55 09 00 00 00 00")])
-    assert (motor.commands_to(foreign) == -1).all()
+    assert (motor.commanded_rows(foreign) == -1).all()
 
 
 def test_the_position_of_a_command_is_read_back() -> None:
     motor = damiao()
     zero, wanted = np.zeros(3), column(-12.5, 0.3, 12.5)
     made = motor.command(wanted, zero, zero, zero, zero)
-    assert motor.commanded(made) == pytest.approx(wanted, abs=25 / 65535)
-    assert np.isnan(motor.commanded(motor.special(0, ValuelessCommand.ENABLE))).all()
-    assert np.isnan(motor.commanded(motor.question())).all()
-    assert np.isnan(motor.commanded(frame(0x101, bytes(8)))).all()  # another mode: no MIT fields
+    assert motor.decode_commanded_position(made) == pytest.approx(wanted, abs=25 / 65535)
+    assert np.isnan(
+        motor.decode_commanded_position(motor.encode_valueless_command(0, ValuelessCommand.ENABLE))
+    ).all()
+    assert np.isnan(motor.decode_commanded_position(motor.make_position_request())).all()
+    assert np.isnan(
+        motor.decode_commanded_position(frame(0x101, bytes(8)))
+    ).all()  # another mode: no MIT fields
 
 
 def test_ranges_that_were_read_replace_those_that_were_given() -> None:
@@ -274,7 +280,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
 @settings(max_examples=40)
 def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
-    (answer,), _ = damiao().answered(made)
+    (answer,), _ = damiao().decode_register_replies(made)
     parameter: FamilyRegister = PARAMETERS["position_range"]
     assert answer.address == parameter.address
     assert struct.unpack(parameter.kind.value, answer.data)[0] == value

@@ -18,34 +18,34 @@ def test_misses_count_in_a_row_only() -> None:
     roll = DevicePresence(3)
     for _ in range(5):
         for _ in range(MISSES - 1):
-            assert not roll.missed(heard(1, 0, 1), ALL, 0.0)
-        assert not roll.missed(heard(1, 1, 0), ALL, 0.0)
+            assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
+        assert not roll.record_missing_reply(heard(1, 1, 0), ALL, 0.0)
         for _ in range(MISSES - 1):
-            assert not roll.missed(heard(1, 0, 1), ALL, 0.0)
-        roll.whole()
+            assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
+        roll.record_complete_reply()
     assert not roll.parked
 
 
 def test_who_could_not_be_heard_is_not_missed() -> None:
     roll = DevicePresence(3)
     for _ in range(9):
-        assert not roll.missed(heard(1, 0, 0), heard(1, 0, 0), 0.0)
+        assert not roll.record_missing_reply(heard(1, 0, 0), heard(1, 0, 0), 0.0)
     for _ in range(MISSES - 1):
-        assert not roll.missed(heard(1, 0, 0), heard(1, 1, 0), 0.0)
-    assert roll.missed(heard(1, 0, 0), heard(1, 1, 0), 0.0)
+        assert not roll.record_missing_reply(heard(1, 0, 0), heard(1, 1, 0), 0.0)
+    assert roll.record_missing_reply(heard(1, 0, 0), heard(1, 1, 0), 0.0)
     assert roll.asked.tolist() == [True, False, True]
 
 
 def test_a_reading_that_nobody_answered_parks_nobody() -> None:
     roll = DevicePresence(3)
-    assert not any(roll.missed(heard(0, 0, 0), ALL, 0.0) for _ in range(9))
+    assert not any(roll.record_missing_reply(heard(0, 0, 0), ALL, 0.0) for _ in range(9))
 
 
 def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> None:
     roll, now = DevicePresence(3), 5.0
     assert roll.due(1e9) is None
     for _ in range(MISSES):
-        roll.missed(heard(1, 0, 1), ALL, now)
+        roll.record_missing_reply(heard(1, 0, 1), ALL, now)
     assert roll.due(now + 0.99 * FIRST) is None
     pauses = []
     for _ in range(9):
@@ -66,7 +66,7 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
     for _ in range(8):
         for _ in range(MISSES):
             now += 0.01
-            roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+            roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
         before = now
         while roll.due(now) is None:
             now += 0.001
@@ -79,20 +79,20 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
 def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> None:
     roll, now = DevicePresence(2), 0.0
     for _ in range(MISSES):
-        roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+        roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
     for _ in range(9):
         roll.probed(1, now)
     roll.back(1, now)
     now += 1.5 * PROBE
     for _ in range(MISSES):
-        roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+        roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
     assert roll.due(now + 1.01 * FIRST) == 1
 
 
 def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
     roll = DevicePresence(3)
     for _ in range(MISSES):
-        roll.missed(heard(1, 0, 0), ALL, 5.0)
+        roll.record_missing_reply(heard(1, 0, 0), ALL, 5.0)
     before = roll.asked
     roll.probed(1, 6.0)
     roll.probed(2, 6.01)
@@ -108,8 +108,8 @@ def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
 def test_who_came_back_is_missed_anew_before_it_is_parked_again() -> None:
     roll = DevicePresence(3)
     for _ in range(MISSES):
-        roll.missed(heard(1, 0, 1), ALL, 0.0)
+        roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
     roll.back(1, 1.0)
     for _ in range(MISSES - 1):
-        assert not roll.missed(heard(1, 0, 1), ALL, 1.0)
-    assert roll.missed(heard(1, 0, 1), ALL, 1.0)
+        assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 1.0)
+    assert roll.record_missing_reply(heard(1, 0, 1), ALL, 1.0)

@@ -182,7 +182,7 @@ def test_a_reader_begins_nothing_that_writes() -> None:
     with pytest.raises(TypeError, match="does not write"):
         reader.begin(WriteRequest({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
     assert wire.writes == []
-    assert not any(hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "aim"))
+    assert not any(hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "write_goals"))
 
 
 def test_ping_and_reads_answer_by_id() -> None:

@@ -22,7 +22,7 @@ def registers(fast: bool) -> DynamixelSlowRegisters:
 
 
 def answer(slow: DynamixelSlowRegisters, query: ReadRequest, ids: tuple[int, ...], now: float) -> None:
-    slow.fold(query, ids, np.zeros((len(ids), query.size), np.uint8), now)
+    slow.update_from_replies(query, ids, np.zeros((len(ids), query.size), np.uint8), now)
 
 
 @pytest.mark.parametrize("fast", [True, False])

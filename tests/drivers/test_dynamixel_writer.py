@@ -128,7 +128,7 @@ def test_scripts_fail_when_one_servo_is_silent() -> None:
     bench.servos.silent = {3}
     for script in (
         bench.writer.prepare(HERE),
-        bench.writer.aim(HERE),
+        bench.writer.write_goals(HERE),
         bench.writer.torque(True),
         bench.writer.torque(False),
     ):
@@ -160,20 +160,20 @@ def test_a_servo_that_does_not_obey_is_explained_by_what_its_registers_said() ->
     with pytest.raises(DeviceRefused, match=r"hardware error 0x20.*reboot"):
         bench.run(bench.writer.torque(True))
     with pytest.raises(DeviceRefused, match="watchdog has tripped"):
-        bench.run(bench.writer.aim(HERE))
+        bench.run(bench.writer.write_goals(HERE))
 
 
 def test_aim_reads_back_and_refuses_what_is_outside_without_a_byte() -> None:
     bench = Bench()
-    bench.run(bench.writer.aim(HERE))
+    bench.run(bench.writer.write_goals(HERE))
     assert bench.servos.get(3, 116, 4) == 2200
     before = len(bench.wire.writes)
     with pytest.raises(WireClamp):
-        bench.run(bench.writer.aim(HERE + 5000))
+        bench.run(bench.writer.write_goals(HERE + 5000))
     assert len(bench.wire.writes) == before
     bench.servos.frozen = {2: {116}}
     with pytest.raises(DeviceRefused, match="id 2: goal position"):
-        bench.run(bench.writer.aim(HERE + 1))
+        bench.run(bench.writer.write_goals(HERE + 1))
 
 
 def test_a_register_is_written_by_name_and_read_back() -> None:

@@ -12,7 +12,7 @@ from tests.support.can_codec_frames import column, frame, ranges
 from twind_drivers.bus import Floats, WireClamp
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.can.frame import Octets
-from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, special, unpack
+from twind_drivers.can.mit_frame import BITS, NAMES, WIDE, FieldScale, commands, is_special_frame, unpack
 
 TOLD = (16, 12, 12)
 # Ranges 12.5, 30, 10: position, velocity, kp, kd, torque -> bytes, worked out from the layout in the manual.
@@ -134,8 +134,8 @@ def test_a_command_that_would_be_an_order_is_refused() -> None:
     with pytest.raises(WireClamp, match="torque field"):
         encoded((12.5, 30.0, 500.0, 5.0, 10.0 - 1.5 * 20 / 4095), by)  # would be FF x7 FE: zero here
     assert encoded((12.5, 30.0, 500.0, 5.0, 9.9), by)[0, 7] < 0xF0
-    assert special(frame(7, "FF FF FF FF FF FF FF FC")).all()
-    assert not special(frame(7, "FF FF FF FF FF FF FF EF")).any()
+    assert is_special_frame(frame(7, "FF FF FF FF FF FF FF FC")).all()
+    assert not is_special_frame(frame(7, "FF FF FF FF FF FF FF EF")).any()
 
 
 def test_the_one_outside_is_named_and_nothing_is_made() -> None:

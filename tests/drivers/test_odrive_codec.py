@@ -51,11 +51,11 @@ def test_the_command_has_the_bytes_of_the_csv() -> None:
     ],
 )
 def test_special_frames(what: ValuelessCommand, id: int, data: str) -> None:
-    assert wire(axes().special(0, what)) == [(id, data)]
+    assert wire(axes().encode_valueless_command(0, what)) == [(id, data)]
 
 
 def test_the_question_is_a_remote_frame_for_the_estimates() -> None:
-    asked = axes().question()
+    asked = axes().make_position_request()
     assert wire(asked) == [(0x069 | REMOTE & 0x1FFF_FFFF, ""), (0x7E9, "")]
     assert (asked["id"] & REMOTE == REMOTE).all()
 
@@ -178,7 +178,7 @@ def test_the_supply_is_feedback_and_two_parameters() -> None:
     feedback, told = axes().feedback(made)
     assert told.all()
     assert feedback.voltage[0] == 24.5
-    answers, found = axes().answered(made)
+    answers, found = axes().decode_register_replies(made)
     assert found.all()
     assert [each[:3] for each in answers] == [
         (0, 0x17, struct.pack("<f", 24.5)),
@@ -191,7 +191,9 @@ def test_a_parameter_is_asked_for_and_found_in_the_answer(name: str) -> None:
     parameter = PARAMETERS[name]
     asked = axes().read(0, parameter)
     assert int(asked["id"][0]) & REMOTE
-    answers, _ = axes().answered(frame(int(asked["id"][0]) & ~REMOTE, "01 02 03 04 05 06 07 08"))
+    answers, _ = axes().decode_register_replies(
+        frame(int(asked["id"][0]) & ~REMOTE, "01 02 03 04 05 06 07 08")
+    )
     assert [answer.data for answer in answers if answer.address == parameter.address] == [
         bytes([5, 6, 7, 8] if parameter.address > 0xFF else [1, 2, 3, 4])
     ]
@@ -226,7 +228,7 @@ def test_nothing_can_be_written_and_no_watchdog_read() -> None:
 )
 def test_strangers_are_left_alone(stranger: Frames) -> None:
     assert not axes().feedback(stranger)[1].any()
-    assert not axes().answered(stranger)[1].any()
+    assert not axes().decode_register_replies(stranger)[1].any()
 
 
 @given(noise([node << 5 | cmd for node in IDS for cmd in range(32)]))
@@ -238,31 +240,31 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
     axis, zero = axes(), np.zeros(2)
     made = axis.command(column(1.0, -599.0), zero, zero, zero, zero)
-    assert list(axis.commands_to(made)) == [0, 1]
-    assert axis.commanded(made) == pytest.approx([1.0, -599.0], rel=1e-6)
-    assert list(axis.commands_to(axis.gains(column(1, 1), column(1, 1)))) == [0, 1] * 3
-    assert list(axis.commands_to(limits(IDS, column(1, 1), column(1, 1)))) == [0, 1]
+    assert list(axis.commanded_rows(made)) == [0, 1]
+    assert axis.decode_commanded_position(made) == pytest.approx([1.0, -599.0], rel=1e-6)
+    assert list(axis.commanded_rows(axis.gains(column(1, 1), column(1, 1)))) == [0, 1] * 3
+    assert list(axis.commanded_rows(limits(IDS, column(1, 1), column(1, 1)))) == [0, 1]
     for row in range(2):
         for what in ValuelessCommand:
-            order = axis.special(row, what)
-            assert list(axis.commands_to(order)) == [row]
-            assert np.isnan(axis.commanded(order)).all()
+            order = axis.encode_valueless_command(row, what)
+            assert list(axis.commanded_rows(order)) == [row]
+            assert np.isnan(axis.decode_commanded_position(order)).all()
     for parameter in PARAMETERS.values():
-        assert list(axis.commands_to(axis.read(0, parameter))) == [-1]
-    assert (axis.commands_to(axis.question()) == -1).all()
-    assert (axis.commands_to(beat(3)) == -1).all()
+        assert list(axis.commanded_rows(axis.read(0, parameter))) == [-1]
+    assert (axis.commanded_rows(axis.make_position_request()) == -1).all()
+    assert (axis.commanded_rows(beat(3)) == -1).all()
 
 
 def test_every_command_number_moves_or_changes_unless_it_is_known_to_tell() -> None:
     telling = {0x01, 0x03, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 0x1D}
     for number in range(32):
         remote, data = (
-            axes().commands_to(made)[0]
+            axes().commanded_rows(made)[0]
             for made in (frame(3 << 5 | number | REMOTE), frame(3 << 5 | number, bytes(8)))
         )
         assert (remote == -1) == (data == -1) == (number in telling or number == 0x04)
-    assert axes().commands_to(frame(0x3F << 5 | 4, bytes(8)))[0] == 1  # writes an endpoint on later boards
-    assert axes().commands_to(frame(0x3F << 5 | 4 | REMOTE))[0] == -1
+    assert axes().commanded_rows(frame(0x3F << 5 | 4, bytes(8)))[0] == 1  # writes an endpoint on later boards
+    assert axes().commanded_rows(frame(0x3F << 5 | 4 | REMOTE))[0] == -1
 
 
 def test_nodes_must_differ_and_fit_six_bits() -> None:

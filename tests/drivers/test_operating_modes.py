@@ -130,7 +130,7 @@ def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
     assert bus.addresses() == [(FAST, 126)]
     before = len(bus.wire.writes)
     with pytest.raises(WireClamp):
-        bus.run(bus.writer.aim(np.array(goals)))
+        bus.run(bus.writer.write_goals(np.array(goals)))
     assert len(bus.wire.writes) == before
 
 
@@ -165,14 +165,14 @@ def test_speeds_and_currents_are_prepared_at_zero_whatever_stood_there() -> None
     bus.servos.put(1, 104, 400, 4)
     bus.servos.put(2, 102, -400, 2)
     bus.run(bus.writer.prepare(np.array([1500, 1500, 1500])))
-    assert bus.run(bus.writer.aimed()).tolist() == [0, 0, 1500]
+    assert bus.run(bus.writer.read_goals()).tolist() == [0, 0, 1500]
     assert (bus.servos.get(1, 116, 4), bus.servos.get(2, 116, 4)) == (0, 0)
 
 
 @pytest.mark.parametrize("goals", [[2000], [2000, 0, 0], [2000.0, 0.0], [np.nan, 0.0], []])
 def test_goals_of_another_shape_are_not_stretched_to_fit(goals: list[float]) -> None:
     bus = bench([3, 1])
-    for script in (bus.writer.prepare, bus.writer.aim):
+    for script in (bus.writer.prepare, bus.writer.write_goals):
         with pytest.raises(ValueError, match="2 whole ticks needed"):
             bus.run(script(np.array(goals)))
     assert all(each.instruction != SYNC for each in bus.servos.seen)
@@ -255,7 +255,7 @@ def test_position_limits_explain_a_goal_that_does_not_stay() -> None:
     with pytest.raises(
         DeviceRefused, match=r"goal 2600 is outside its position limits 100..2500 \(registers 52, 48\)"
     ):
-        bus.run(bus.writer.aim(np.array([2600])))
+        bus.run(bus.writer.write_goals(np.array([2600])))
 
 
 # --------------------------------------------------------------------------------- X and P on one bus
@@ -313,11 +313,11 @@ def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> N
     assert [families.servos.get(id, at, 2) for id, at in ((1, 84), (2, 532), (3, 84), (4, 532))] == [640] * 4
     families.run(families.writer.torque(True))
     assert [families.servos.get(id, at, 1) for id, at in ((1, 64), (2, 512), (3, 64), (4, 512))] == [1] * 4
-    families.run(families.writer.aim(HERE + 5))
-    assert families.run(families.writer.aimed()).tolist() == (HERE + 5).tolist()
+    families.run(families.writer.write_goals(HERE + 5))
+    assert families.run(families.writer.read_goals()).tolist() == (HERE + 5).tolist()
     families.servos.frozen = {4: set(range(564, 568))}
     with pytest.raises(DeviceRefused, match=r"id 4: goal position \(564\)"):
-        families.run(families.writer.aim(HERE))
+        families.run(families.writer.write_goals(HERE))
     with pytest.raises(WireClamp, match="read-only address"):
         families.writer.begin(WriteRequest({1: b"\1", 2: b"\1"}, 512), 0.0)
 

@@ -75,7 +75,7 @@ def test_each_servo_obeys_in_its_own_unit() -> None:
     assert first.velocity[SPEED] == 100
     last = bench.go(np.array([2500, 12_000, 1500, 100, 0]), 1.0)
     assert last.position[SPEED] - first.position[SPEED] == pytest.approx(100 * TICKS_PER_SECOND, rel=0.02)
-    assert bench.run(bench.writer.aimed()).tolist() == [2500, 12_000, 1500, 100, 0]
+    assert bench.run(bench.writer.read_goals()).tolist() == [2500, 12_000, 1500, 100, 0]
 
 
 def test_a_current_drives_without_a_place_to_go() -> None:

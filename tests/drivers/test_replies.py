@@ -30,7 +30,7 @@ def give(reply: PendingReply, data: bytes, chunk: int = 4096) -> bool:
     reply.start()
     done = False
     while data and not done:
-        room = reply.room()
+        room = reply.receive_buffer()
         count = min(chunk, len(room), len(data))
         assert count > 0
         room[:count] = data[:count]
@@ -226,7 +226,7 @@ def test_endless_babble_never_fills_the_buffer(
     reply = kind(MANY, SIZE)
     reply.start()
     for _ in range(300):
-        room = reply.room()
+        room = reply.receive_buffer()
         assert len(room) > 0
         count = min(len(room), 300)
         room[:count] = (babble * 300)[:count]

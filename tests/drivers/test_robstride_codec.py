@@ -59,14 +59,14 @@ def test_the_command_carries_its_torque_in_the_id() -> None:
     ],
 )
 def test_special_frames(what: ValuelessCommand, id: int, first: str) -> None:
-    made = motors().special(0, what)
+    made = motors().encode_valueless_command(0, what)
     assert wire(made) == [(id, first + " 00" * 7)]
     assert int(made["id"][0]) & EXTENDED
 
 
 def test_there_is_no_reboot() -> None:
     with pytest.raises(ValueError, match="id 127: a RobStride has no reboot"):
-        motors().special(0, ValuelessCommand.REBOOT)
+        motors().encode_valueless_command(0, ValuelessCommand.REBOOT)
 
 
 def test_requests_of_parameters() -> None:
@@ -82,13 +82,13 @@ def test_requests_of_parameters() -> None:
 
 def test_the_question_reads_place_and_speed_of_each() -> None:
     motor = motors()
-    assert [(id, data[:5]) for id, data in wire(motor.question())] == [
+    assert [(id, data[:5]) for id, data in wire(motor.make_position_request())] == [
         (0x1100FD7F, "19 70"),
         (0x1100FD01, "19 70"),
         (0x1100FD7F, "1B 70"),
         (0x1100FD01, "1B 70"),
     ]
-    assert len(motor.question()) == motor.answers * len(IDS)
+    assert len(motor.make_position_request()) == motor.answers * len(IDS)
 
 
 def test_answers_to_the_question_are_feedback_and_parameters() -> None:
@@ -107,7 +107,7 @@ def test_answers_to_the_question_are_feedback_and_parameters() -> None:
     assert feedback.velocity[1] == 2.5
     assert np.isnan(feedback.effort).all()
     assert list(feedback.enabled) == list(feedback.fault) == [-1, -1]
-    answers, found = motors().answered(both)
+    answers, found = motors().decode_register_replies(both)
     assert found.all()
     assert [each[:3] for each in answers] == [
         (1, 0x7019, struct.pack("<f", -1.5)),
@@ -162,12 +162,12 @@ def test_an_error_echo_is_no_value() -> None:
     for index in (POSITION.address, TIMEOUT.address):
         echo = answer(1, index, bytes(4), flag=1)
         assert not motors().feedback(echo)[1].any()
-        assert not motors().answered(echo)[1].any()
+        assert not motors().decode_register_replies(echo)[1].any()
 
 
 def test_the_number_of_the_processor_comes_in_two_halves() -> None:
     made = frame(EXTENDED | 1 << 8 | 0xFE, "01 02 03 04 05 06 07 08")
-    answers, found = motors().answered(made)
+    answers, found = motors().decode_register_replies(made)
     assert found.all()
     assert [each[:3] for each in answers] == [(1, 0, bytes([1, 2, 3, 4])), (1, 4, bytes([5, 6, 7, 8]))]
     assert not motors().feedback(made)[1].any()
@@ -190,7 +190,7 @@ def test_the_number_of_the_processor_comes_in_two_halves() -> None:
 )
 def test_strangers_are_left_alone(stranger: Frames) -> None:
     assert not motors().feedback(stranger)[1].any()
-    assert not motors().answered(stranger)[1].any()
+    assert not motors().decode_register_replies(stranger)[1].any()
 
 
 KINDS = [0, 1, 2, 3, 4, 6, 0x11, 0x12, 0x15, 0x18]
@@ -207,8 +207,8 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
     motor, zero = motors(), np.zeros(2)
     made = motor.command(column(-12.57, 0.25), zero, zero, zero, column(14, -14))
-    assert list(motor.commands_to(made)) == [0, 1]
-    assert motor.commanded(made) == pytest.approx([-12.57, 0.25], abs=2 * 12.57 / 65535)
+    assert list(motor.commanded_rows(made)) == [0, 1]
+    assert motor.decode_commanded_position(made) == pytest.approx([-12.57, 0.25], abs=2 * 12.57 / 65535)
     for row in range(2):
         for what in (
             ValuelessCommand.ENABLE,
@@ -216,17 +216,17 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
             ValuelessCommand.CLEAR,
             ValuelessCommand.ZERO,
         ):
-            order = motor.special(row, what)
-            assert list(motor.commands_to(order)) == [row]
-            assert np.isnan(motor.commanded(order)).all()
+            order = motor.encode_valueless_command(row, what)
+            assert list(motor.commanded_rows(order)) == [row]
+            assert np.isnan(motor.decode_commanded_position(order)).all()
         for parameter in PARAMETERS.values():
-            assert list(motor.commands_to(motor.read(row, parameter))) == [-1]
+            assert list(motor.commanded_rows(motor.read(row, parameter))) == [-1]
             if parameter.writable:
-                assert list(motor.commands_to(motor.write(row, parameter, bytes(4)))) == [row]
+                assert list(motor.commanded_rows(motor.write(row, parameter, bytes(4)))) == [row]
     for kind in (7, 22, 23, 24, 25):  # new id, save, rate, report, another protocol
-        assert list(motor.commands_to(frame(EXTENDED | kind << 24 | HOST << 8 | 1, bytes(8)))) == [1]
-    assert (motor.commands_to(told(1)) == -1).all()
-    assert (motor.commands_to(frame(1, bytes(8))) == -1).all()
+        assert list(motor.commanded_rows(frame(EXTENDED | kind << 24 | HOST << 8 | 1, bytes(8)))) == [1]
+    assert (motor.commanded_rows(told(1)) == -1).all()
+    assert (motor.commanded_rows(frame(1, bytes(8))) == -1).all()
 
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
@@ -272,6 +272,6 @@ def test_ids_that_cannot_be_told_apart_are_refused(ids: tuple[int, int], host: i
 
 def test_another_host_id_is_used_both_ways() -> None:
     motor = RobStrideCodec("can0", IDS, ranges(2), host=0x1F)
-    assert wire(motor.special(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
+    assert wire(motor.encode_valueless_command(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
     assert motor.feedback(told(1, host=0x1F))[1].all()
     assert not motor.feedback(told(1))[1].any()

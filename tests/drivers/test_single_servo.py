@@ -32,10 +32,10 @@ def bench(**more: object) -> Bench:
 
 def driven(bus: Bench) -> tuple[SingleServoControl, object]:
     """Entered, bounded, prepared, with torque."""
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
-    bus.run(alone.enter(kept))
-    alone.bound(1500, 2500)
+    bus.run(alone.enter_current_mode(kept))
+    alone.set_goal_limits(1500, 2500)
     bus.run(alone.prepare(kept, 2000))
     bus.run(alone.energise())
     return alone, kept
@@ -92,13 +92,13 @@ def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
             bus.writer.begin(each, 0.0)
     with pytest.raises(WireClamp):
         bus.writer.goals(np.full(3, 2000))
-    bus.writer.together()
+    bus.writer.end_single_device()
     bus.writer.goals(np.full(3, 2000))
 
 
 def test_before_its_window_is_known_no_goal_leaves() -> None:
     bus = bench()
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     with pytest.raises(WireClamp):
         alone.goal(2000)
     with pytest.raises(WireClamp):
@@ -121,8 +121,8 @@ def test_it_is_given_back_as_it_was(energised: bool) -> None:
         bus.run(bus.writer.torque(False))
     for address, size in ((80, 2), (84, 2), (102, 2), (108, 4), (112, 4)):  # what the change of mode resets
         bus.servos.put(HERE, address, 9, size)
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
-    bus.writer.together()
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
+    bus.writer.end_single_device()
     bus.run(alone.give_back(kept))
     after = memory(bus, HERE)
     assert {at for at in range(len(before)) if before[at] != after[at]} <= set(range(116, 120)), (
@@ -134,7 +134,7 @@ def test_it_is_given_back_as_it_was(energised: bool) -> None:
 def test_what_cannot_be_given_back_is_named_with_both_values() -> None:
     bus = bench()
     alone, kept = driven(bus)
-    bus.writer.together()
+    bus.writer.end_single_device()
     bus.servos.frozen[HERE] = {11}
     with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\): was 3, reads 5"):
         bus.run(alone.give_back(kept))
@@ -158,7 +158,7 @@ def test_what_cannot_be_driven_so_is_refused_before_anything_is_written(
     bus = bench()
     bus.servos.put(HERE, address, value, 1)
     before = memory(bus, HERE)
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     with pytest.raises(DeviceRefused, match=why):
         bus.run(alone.look())
     assert memory(bus, HERE) == before
@@ -176,10 +176,10 @@ def test_a_servo_that_does_not_take_a_register_gets_no_torque(address: int) -> N
 @pytest.mark.parametrize("prepared", [False, True])
 def test_a_servo_that_is_in_another_mode_by_then_gets_no_torque(prepared: bool) -> None:
     bus = bench()
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
-    bus.run(alone.enter(kept))
-    alone.bound(1500, 2500)
+    bus.run(alone.enter_current_mode(kept))
+    alone.set_goal_limits(1500, 2500)
     if prepared:
         bus.run(alone.prepare(kept, 2000))
     bus.servos.put(HERE, 11, 3, 1)
@@ -192,7 +192,7 @@ def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
     bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
     alone, kept = driven(bus)
     assert bus.servos.get(HERE, 102, 2) == CAP
-    bus.writer.together()
+    bus.writer.end_single_device()
     bus.servos.put(HERE, 102, 500, 2)
     kept.ram["goal_current"] = 500  # type: ignore[attr-defined]
     bus.run(alone.give_back(kept))
@@ -201,11 +201,11 @@ def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
 
 def test_what_a_servo_refuses_is_told_in_its_words() -> None:
     bus = bench()
-    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
     bus.servos.error[HERE] = 7  # Access Error
     with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\) = 5"):
-        bus.run(alone.enter(kept))
+        bus.run(alone.enter_current_mode(kept))
 
 
 def test_a_time_based_profile_is_left_out() -> None:
@@ -217,12 +217,12 @@ def test_a_time_based_profile_is_left_out() -> None:
 
 def test_what_never_can_is_said_at_once() -> None:
     with pytest.raises(ValueError, match="has no id 9"):
-        bench().writer.alone(9, cap=CAP, profile=PROFILE)
+        bench().writer.begin_single_device(9, cap=CAP, profile=PROFILE)
     with pytest.raises(ValueError, match="cap"):
-        bench().writer.alone(HERE, cap=0, profile=PROFILE)
+        bench().writer.begin_single_device(HERE, cap=0, profile=PROFILE)
     small = bench(models=[1060, 1060, 1060])  # XL430: it measures no current
     with pytest.raises(ValueError, match="mode 5"):
-        small.writer.alone(HERE, cap=CAP, profile=PROFILE)
+        small.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     spinning = bench(modes=[3, 1, 3], lower=np.array([1000, -10, 1000]), upper=np.array([3000, 10, 3000]))
     with pytest.raises(ValueError, match="no positions"):
-        spinning.writer.alone(HERE, cap=CAP, profile=PROFILE)
+        spinning.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)

@@ -62,7 +62,7 @@ def test_every_frame_comes_through_in_its_order_however_the_bytes_are_cut(
     text, places = encode(sent), sorted({0, *cuts, 2000})
     parts = [lines.take(text[begin:end]) for begin, end in pairwise(places)]
     assert np.concatenate(parts).tobytes() == sent.tobytes()
-    assert (lines.errors, lines.refused, lines.held) == (0, 0, 0)
+    assert (lines.errors, lines.refused, lines.pending_size) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("extended", [False, True])
@@ -86,7 +86,7 @@ def test_no_bytes_raise_and_none_are_kept_for_long(chunks: list[bytes]) -> None:
             assert frame["size"] <= 8
             assert not frame["data"][int(frame["size"]) :].any()
             assert not int(frame["id"]) & ERROR
-        assert lines.held <= PATIENCE
+        assert lines.pending_size <= PATIENCE
     assert lines.take(b"\rt1231FF\r")[-1]["data"][0] == 0xFF  # and the next whole line is understood
 
 
@@ -134,13 +134,13 @@ def test_a_line_that_is_no_frame_is_dropped_and_counted_and_harms_no_other(
     lines = SlcanDecoder()
     found = lines.take(company + line + b"\r" + company)
     assert encode(found) == company * 2
-    assert (lines.errors, lines.held) == (1, 0)
+    assert (lines.errors, lines.pending_size) == (1, 0)
 
 
 def test_a_line_without_end_is_given_up_and_its_tail_is_no_line() -> None:
     lines = SlcanDecoder()
     assert not len(lines.take(b"x" * (PATIENCE + 1)))
-    assert (lines.held, lines.errors) == (0, 1)
+    assert (lines.pending_size, lines.errors) == (0, 1)
     assert not len(lines.take(b"t1231AA"))  # still the same line
     assert [int(each) for each in lines.take(b"\rt1241BB\r")["id"]] == [0x124]
     assert lines.errors == 1
@@ -161,7 +161,7 @@ def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
     assert (lines.acknowledged, lines.errors) == (26, 0)
     each = [encode(cycle(3)[place : place + 1]) for place in range(3)]
     assert lines.take(b"z\r".join(each) + b"z\r\rt12").tobytes() == cycle(3).tobytes()
-    assert (lines.acknowledged, lines.errors, lines.held) == (30, 0, 3)
+    assert (lines.acknowledged, lines.errors, lines.pending_size) == (30, 0, 3)
     assert lines.take(b"z\r" + encode(cycle(2))).tobytes() == cycle(2).tobytes()  # run into one another
     assert (lines.acknowledged, lines.errors) == (30, 1)
     lines.take(b"zzz\r")
@@ -451,31 +451,31 @@ def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> N
     stall, now, waited = TransmitStall(), 0.0, 0.0
     for gap in gaps:
         now += gap
-        waited = stall.refused(now)
-        assert stall.waiting
+        waited = stall.record_refusal(now)
+        assert stall.is_blocked
     assert waited == pytest.approx(now - gaps[0])
-    stall.taken()
-    assert not stall.waiting
-    assert stall.refused(now + 0.1) == 0.0
+    stall.record_acceptance()
+    assert not stall.is_blocked
+    assert stall.record_refusal(now + 0.1) == 0.0
 
 
 def test_what_an_emptied_queue_takes_says_nothing_until_somebody_is_heard() -> None:
     stall = TransmitStall()
     for tick in range(20):
-        stall.refused(tick * 0.01)
+        stall.record_refusal(tick * 0.01)
     assert stall.blocked
     stall.emptied()
-    stall.taken()
+    stall.record_acceptance()
     assert stall.blocked
-    assert stall.refused(0.3) == pytest.approx(0.3)
-    stall.heard(0.4)
-    stall.taken()
+    assert stall.record_refusal(0.3) == pytest.approx(0.3)
+    stall.record_reception(0.4)
+    stall.record_acceptance()
     assert not stall.blocked
-    assert stall.refused(0.5) == 0.0
+    assert stall.record_refusal(0.5) == 0.0
 
 
 def test_a_refusal_long_ago_is_another_story() -> None:
     stall = TransmitStall()
-    assert stall.refused(0.0) == 0.0
-    assert stall.refused(5.0) == 0.0
+    assert stall.record_refusal(0.0) == 0.0
+    assert stall.record_refusal(5.0) == 0.0
     assert not stall.blocked

@@ -20,7 +20,7 @@ from twind.flight import (
     FlightEntry,
     FlightError,
     FlightRing,
-    held,
+    held_span,
     pack,
     read,
     signature,
@@ -165,7 +165,7 @@ def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwh
 ) -> None:
     for number in range(100):
         ring.append(EntryKind.IN, 0, 1.0 + number, bytes(900))
-    oldest, size = held(ring.fd)
+    oldest, size = held_span(ring.fd)
     assert oldest == read(ring.fd).entries[0].time
     real = os.pread
 
@@ -178,7 +178,7 @@ def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwh
         return real(fd, count, at)
 
     monkeypatch.setattr(os, "pread", turned)
-    assert held(ring.fd) == (None, size)
+    assert held_span(ring.fd) == (None, size)
 
 
 def test_no_ring_is_said_so() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.daemon_rig import Rig
 from twind import link
-from twind.front.accepted_trajectories import WAITING, AcceptedTrajectory, PendingVerdict, kept
+from twind.front.accepted_trajectories import WAITING, AcceptedTrajectory, PendingVerdict, strip_points
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
 from twind.front.joint_naming import JointNames
 from twind.front.methods import METHODS
@@ -29,7 +29,7 @@ def sent(rig: Rig, path: Trajectory, **asked: Any) -> tuple[PendingVerdict, list
     """A path on its way through a real loop, and the verdicts that came of it."""
     waiting = PendingVerdict()
     ticket = rig.submit(path, **asked)
-    waiting.wait(AcceptedTrajectory(f"t{ticket}", "uid 1, pid 2", path, kept(asked)))
+    waiting.wait(AcceptedTrajectory(f"t{ticket}", "uid 1, pid 2", path, strip_points(asked)))
     rig.news.clear()
     rig.ticks(8)
     return waiting, [news for news in rig.news if isinstance(news, link.VerdictReport)]
@@ -72,7 +72,7 @@ def test_what_is_told_is_what_the_loop_follows(
     path = moved(armed, way, time, velocity)
     begin = armed.loop.executor.reference
     waiting, (moment,) = sent(armed, path, **asked)
-    accepted = waiting.said(moment)
+    accepted = waiting.resolve(moment)
     assert accepted is not None
     (layer,) = armed.loop.executor._layers
     assert layer.goal.id == accepted.id
@@ -84,20 +84,20 @@ def test_what_is_told_is_what_the_loop_follows(
             here, there = (getattr(curve.sample(float(time)), column) for curve in (told, layer.curve))
             assert here == pytest.approx(there, rel=1e-9, abs=1e-9, nan_ok=True)
     assert (moment.lead > 0.0) == later
-    assert waiting.said(moment) is None  # each once
+    assert waiting.resolve(moment) is None  # each once
 
 
 def test_a_refused_one_is_told_as_a_verdict_and_not_as_followed(armed: Rig) -> None:
     waiting, (moment,) = sent(armed, moved(armed, [9.0], [1.0]))
     assert moment.verdict["refusals"]
-    assert waiting.said(moment) is None
+    assert waiting.resolve(moment) is None
 
 
 def test_one_that_comes_too_late_to_be_followed_has_one_verdict_that_says_so(armed: Rig) -> None:
     old = armed.clock.now() - 0.6
     waiting, (moment,) = sent(armed, moved(armed, [0.1], [1.0]), front_checked=old)
     assert [finding["code"] for finding in moment.verdict["refusals"]] == [ReasonCode.CMD_EXPIRED]
-    assert waiting.said(moment) is None
+    assert waiting.resolve(moment) is None
 
 
 def test_one_that_is_refused_before_it_is_judged_has_a_verdict_too(armed: Rig) -> None:
@@ -116,7 +116,7 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
     rows = np.array([[0.1, np.nan, 0.3], [0.2, np.nan, 0.4]])
     path = Trajectory(np.array([0.5, 1.0]), rows, np.array([True, False, True]), rows * 0.0)
     asked = {"start_in": 2.0, "policy": "retime", "append_stop": True, "joint_names": ["ankle", "hip"]}
-    told = AcceptedTrajectory("4f", "uid 1, pid 2", path, kept(asked)).plain(
+    told = AcceptedTrajectory("4f", "uid 1, pid 2", path, strip_points(asked)).plain(
         JointNames(["hip", "knee", "ankle"])
     )
     assert (told["id"], told["holder"]) == ("4f", "uid 1, pid 2")
@@ -137,7 +137,7 @@ def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
     for number in range(WAITING + 1):
         waiting.wait(AcceptedTrajectory(str(number), "", path, {}))
     verdicts = [
-        waiting.said(link.VerdictReport(time=0.0, sequence=1, id=str(number), verdict={})) is not None
+        waiting.resolve(link.VerdictReport(time=0.0, sequence=1, id=str(number), verdict={})) is not None
         for number in range(WAITING + 1)
     ]
     assert verdicts == [False, *[True] * WAITING]

@@ -101,14 +101,14 @@ def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
         for code in ("BUS_ERRORS", "STATE_STALE", "LOOP_LATE"):
             flights.event(event(code, "warning"))
         flights.event(event(state))
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         front.time += AFTERMATH - 0.01
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await settled(flights)
         assert names(tmp_path) == []
         ring.append(EntryKind.NEWS, 255, 2.0, b"aftermath")
         front.time += 0.02
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await settled(flights)
         assert names(tmp_path) == ["STATE_STALE"]
         found = load(next(tmp_path.iterdir()))
@@ -133,7 +133,7 @@ def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(
             if step % 5 == 0:
                 flights.event(event("fault", time=float(step)))
             front.time += 0.1
-            flights.tend(front.time)
+            flights.housekeep(front.time)
             await settled(flights)
             written.append(len(names(tmp_path)))
         assert written[round(AFTERMATH / 0.1) + 1] == 1
@@ -154,7 +154,7 @@ def test_what_no_operator_must_acknowledge_is_not_written(
         flights.event(event(code, "error"))
         flights.event(event("END"))
         front.time += 60.0
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await flights.end()
         assert names(tmp_path) == []
 
@@ -193,7 +193,7 @@ def test_without_a_recorder_that_is_said_and_nothing_is_in_the_status(tmp_path: 
         flights.dump(call)  # type: ignore[arg-type]
         flights.event(event("fault"))
         front.time += 60.0
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await flights.end()
         assert call.answers == ["NotWritten"]
         assert front.world.flight is None
@@ -216,7 +216,7 @@ def test_a_disk_that_takes_nothing_costs_a_line_and_is_counted(
         await settled(flights)
         flights.event(event("fault"))
         front.time += 60.0
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await settled(flights)
         assert call.answers == ["NotWritten"]
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")] * 2
@@ -323,14 +323,14 @@ def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
         await settled(flights)
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
         front.time += WRECK_AGAIN - 0.1
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         await settled(flights)
         assert (len(front.lines), front.owed) == (1, [])
         if mended:
             folder.unlink()
         front.time += 0.2
         for _ in range(3):
-            flights.tend(front.time)
+            flights.housekeep(front.time)
             await settled(flights)
             front.time += WRECK_AGAIN
         assert front.owed == [link.CrashRecordingDone()]
@@ -397,7 +397,7 @@ def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
         assert call.answers == ["NotWritten"]
         flights.event(event("fault"))
         front.time += 60.0
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")] * 2
         assert front.world.flight is not None  # the rest of the round is done
         monkeypatch.undo()
@@ -440,8 +440,8 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
     async def story() -> None:
         front = Front()
         flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
-        monkeypatch.setattr(module, "held", told)
-        flights.tend(front.time)
+        monkeypatch.setattr(module, "held_span", told)
+        flights.housekeep(front.time)
         assert front.world.flight is not None
         assert front.world.flight["span_s"] == 0.0
 
@@ -453,7 +453,7 @@ def test_the_status_says_how_much_is_held(ring: FlightRing, tmp_path: Path) -> N
         front = Front()
         front.time = 31.0
         flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
-        flights.tend(front.time)
+        flights.housekeep(front.time)
         assert front.world.flight == {"span_s": 30.0, "bytes": 16 + 4, "last": None}
 
     run(story)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.config.test_hot_changes import files
 from twind.briefing import Briefing, ReloadResult
-from twind.config.config_files import ConfigSources, describe, packed, unpacked
+from twind.config.config_files import ConfigSources, describe, pack, unpacked
 from twind.config.hot_changes import RestartRequired
 from twind.front.next_config import BY_CLIENT, with_settings
 from twind.front.reload_worker import read_again
@@ -27,8 +27,8 @@ def briefed(sources: ConfigSources) -> Briefing:
     told = describe(sources)
     one = BoundRobot(told.robot, told.calibration, bind(told.robot, told.calibration))
     settings = told.settings
-    fd = assembly.brief(
-        one, told.rate_hz, settings.parameters(), settings.log_level, told.files, packed(sources, told)
+    fd = assembly.make_briefing(
+        one, told.rate_hz, settings.parameters(), settings.log_level, told.files, pack(sources, told)
     )
     return msgspec.msgpack.decode(unseal(fd), type=Briefing)
 

@@ -64,7 +64,7 @@ def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int) -> No
     )
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
-        follower.aim(target - velocity * shaper.shaping.period, velocity)
+        follower.set_target(target - velocity * shaper.shaping.period, velocity)
         follower.step()
         np.testing.assert_allclose(follower.step().position, target, atol=1e-12)
 

@@ -82,11 +82,11 @@ def test_a_trouble_is_said_once_and_its_end_once() -> None:
         (4.0, "refused"),
         (5.0, ""),
     ):
-        if once.news(wrong, now):
+        if once.is_transition(wrong, now):
             said.append((now, wrong))
     assert said == [(1.0, "refused"), (5.0, "")]
 
 
 def test_reasons_that_come_by_turns_get_a_line_now_and_then() -> None:
     once = TransitionReporter(every=10.0)
-    assert sum(once.news("ab"[int(now) % 2], now) for now in range(100)) <= 11
+    assert sum(once.is_transition("ab"[int(now) % 2], now) for now in range(100)) <= 11

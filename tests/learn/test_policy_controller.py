@@ -60,7 +60,7 @@ class World:
         if isinstance(done, PolicySetpoint) and refused:
             done = self.pilot.hold("refused")
         elif isinstance(done, PolicySetpoint):
-            self.pilot.taken()
+            self.pilot.record_acceptance()
             self.sent.append(done)
             self.goal = done.position + done.velocity * PERIOD
         self.now = 100.0 + PERIOD * (1 + round((self.now - 100.0) / PERIOD))
@@ -211,7 +211,7 @@ def test_after_a_missed_period_it_goes_on_from_where_the_loop_has_gone_meanwhile
     for _ in range(10):
         world.step()
     last = world.sent[-1]
-    world.pilot.missed(1, lapsed=False)
+    world.pilot.record_missed_periods(1, lapsed=False)
     assert isinstance(world.step(), PolicySetpoint) and world.pilot.figures.holds == 0
     assert last.velocity[0] > 0.2
     np.testing.assert_allclose(
@@ -223,7 +223,7 @@ def test_missed_periods_carry_no_target_beyond_its_limits(world: World) -> None:
     world.action = np.float32([1.0, -1.0])
     for _ in range(10):
         world.step()
-    world.pilot.missed(50, lapsed=False)
+    world.pilot.record_missed_periods(50, lapsed=False)
     shaper = world.pilot.shaper
     assert (shaper.target <= shaper.upper + 1e-9).all() and (shaper.target >= shaper.lower - 1e-9).all()
     assert not shaper.velocity.any()
@@ -233,7 +233,7 @@ def test_so_many_missed_periods_that_the_setpoint_lapsed_are_a_hold(world: World
     world.action = np.float32([1.0, 0.0])
     for _ in range(10):
         world.step()
-    world.pilot.missed(3, lapsed=True)
+    world.pilot.record_missed_periods(3, lapsed=True)
     assert world.pilot.figures.holds == 1 and "3 periods were missed" in str(world.pilot.holding)
     world.goal = world.goal + 0.02  # where the loop has braked
     assert isinstance(world.step(), PolicyHold)

@@ -21,7 +21,7 @@ from twind.learn.plant_model import plant_of
 from twind.learn.policy.policy_file import NetworkLayer, Policy, PolicyCard, load, save
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
-CARD = PolicyCard.of(
+CARD = PolicyCard.for_training(
     "Stand", "h24-standing", PLANT.layout, PLANT.binding.limits, PLANT.default, ActionShaping()
 )
 

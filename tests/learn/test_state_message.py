@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind.learn.live.state_message import STALE, StateMessage, heard
+from twind.learn.live.state_message import STALE, StateMessage, decode_state_message
 
 JOINTS = ("hip", "knee")
 IMU = {"gyro": [0.1, 0.2, 0.3], "acceleration": [0, 0, 9.8], "quaternion": [1, 0, 0, 0], "age_ms": 4.0}
@@ -21,7 +21,7 @@ def answer(**changed: Any) -> dict[str, Any]:
 
 
 def state(**changed: Any) -> StateMessage:
-    return heard(answer(**changed), 10.001, JOINTS)
+    return decode_state_message(answer(**changed), 10.001, JOINTS)
 
 
 def test_a_state_is_rows_in_joint_order() -> None:
@@ -33,7 +33,7 @@ def test_a_state_is_rows_in_joint_order() -> None:
 
 def test_other_joints_are_an_error() -> None:
     with pytest.raises(ValueError, match="other joints"):
-        heard(answer(), 10.0, ("knee", "hip"))
+        decode_state_message(answer(), 10.0, ("knee", "hip"))
 
 
 def test_what_nobody_knows_is_nan_and_infinitely_old() -> None:

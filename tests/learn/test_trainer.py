@@ -34,12 +34,12 @@ from twind.learn.training.training_folder import (
     LAST,
     RUN,
     TrainingFolder,
+    lock_folder,
     read_run,
-    taken,
 )
-from twind.learn.training.training_origin import changed, originated
+from twind.learn.training.training_origin import describe_changes, originated
 from twind.learn.training.training_reporter import TrainingReporter
-from twind.learn.training.training_settings import TrainingSettings, chosen, differences
+from twind.learn.training.training_settings import TrainingSettings, differences, make_settings
 
 SMALL = TrainingSettings("Stand", steps=128, envs=2, rollout=32, batch=32, epochs=2, hidden=(16,), episodes=2)
 SMALL = replace(SMALL, evaluate_every=64)
@@ -218,12 +218,12 @@ def test_a_robot_or_ranges_that_changed_since_are_noticed(tmp_path: Path) -> Non
     file.write_text(robot.path.read_text())
     ranges.write_text("format: twind-ranges/1\nprofiles:\n  default: {friction: [0.5, 1.25]}\n")
     began = originated(replace(SMALL, robot=str(file), profile=str(ranges)))
-    assert changed(began) == []
+    assert describe_changes(began) == []
     ranges.write_text(ranges.read_text().replace("0.5", "0.1"))
-    assert changed(began) == [f"the ranges of {ranges} have changed since"]
+    assert describe_changes(began) == [f"the ranges of {ranges} have changed since"]
     mjcf.write_text(robot.mjcf.replace('kp="38"', 'kp="12"'))
     assert mjcf.read_text() != robot.mjcf
-    assert changed(began)[0] == f"the robot file {file} or its MJCF has changed since"
+    assert describe_changes(began)[0] == f"the robot file {file} or its MJCF has changed since"
 
 
 def test_a_training_that_cannot_begin_leaves_no_folder(
@@ -237,7 +237,7 @@ def test_a_training_that_cannot_begin_leaves_no_folder(
 
 def test_a_folder_is_nobody_elses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run"
-    with taken(out):
+    with lock_folder(out):
         assert main(["train", "stand", "--out", str(out)]) == 1
         assert f"a training is running there (process {os.getpid()})" in capsys.readouterr().err
         (out / RUN).write_text("{}")
@@ -279,11 +279,11 @@ def test_told_to_stop_it_leaves_a_checkpoint_to_go_on_from(
     class Once(ProgressLine):
         """Told to stop while the first update is told."""
 
-        def tell(self, text: str, share: float | None = None) -> None:
+        def update(self, text: str, share: float | None = None) -> None:
             if share:
                 stop.set()
 
-    with taken(tmp_path) as folder:
+    with lock_folder(tmp_path) as folder:
         course = Trainer(originated(SMALL), folder, TrainingReporter(options), None)
         assert not course.run(stop, Once(options, "train"))
         course.close()
@@ -315,7 +315,7 @@ def test_killed_at_any_moment_of_keeping_the_best_policy_is_that_of_the_figures(
         EvaluationEnvs, "zero", lambda trials: EvaluationScore(0.0, 0.0, 1.0, 500, 0.0, 0.0, 0.0, 2)
     )
     monkeypatch.setattr(EvaluationEnvs, "judge", judge)
-    with taken(tmp_path) as folder:
+    with lock_folder(tmp_path) as folder:
         with monkeypatch.context() as killed, suppress(KeyboardInterrupt):
             killed.setattr(TrainingFolder, "write", write)
             course(folder, SMALL)
@@ -330,7 +330,7 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
         beside.write_bytes(b"ha")
         raise OSError("the disk is full")
 
-    with taken(tmp_path) as folder:
+    with lock_folder(tmp_path) as folder:
         folder.write(CHECKPOINT, b"whole")
         with pytest.raises(OSError, match="full"):
             folder.make(CHECKPOINT, half)
@@ -339,12 +339,12 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
 
 
 def test_a_run_without_its_checkpoint_is_refused(tmp_path: Path) -> None:
-    with taken(tmp_path) as folder, pytest.raises(Rejected, match="nothing to go on from"):
+    with lock_folder(tmp_path) as folder, pytest.raises(Rejected, match="nothing to go on from"):
         Trainer(SMALL, folder, TrainingReporter(Namespace(json=True)), {"evaluations": [], "seconds": 0.0})
 
 
 def test_settings_differ_only_in_what_was_said() -> None:
-    before = chosen("Stand", {"seed": 3})
+    before = make_settings("Stand", {"seed": 3})
     assert not differences(before, {"task": "Stand", "seed": 3, "steps": before.steps + 1})
     assert differences(before, {"steps": 10}) == [f"steps is {before.steps}, not 10"]
     assert differences(before, {"profile": "default"}) == ["profile is none, not default"]

@@ -237,7 +237,7 @@ def test_a_transcript_that_a_babbler_made_too_long_is_not_kept(ring: FlightRing)
     tape = RecordingBusTap(ring, 0, FakeClock(1.0))
     tape.identifying()
     for _ in range(70):
-        tape.heard(bytes(4096))
+        tape.record_received(bytes(4096))
     tape.identified(whole=True)
     assert read(ring.fd).kept == {}
     tape.identifying()

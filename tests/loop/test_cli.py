@@ -286,7 +286,7 @@ def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_
         done.append("briefing")
         raise UnicodeEncodeError("utf-8", "\udc80", 0, 1, "surrogates not allowed")
 
-    monkeypatch.setattr(cli.realtime, "leave", lambda: done.append("leave"))
+    monkeypatch.setattr(cli.realtime, "drop_realtime", lambda: done.append("leave"))
     monkeypatch.setattr(cli.assembly, "briefing", broken)
     settings = SimpleNamespace(mode="live", state_dir=tmp_path, parameters=dict)
     described: Any = SimpleNamespace(settings=settings, rate_hz=100.0, files={})

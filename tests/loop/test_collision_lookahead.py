@@ -198,7 +198,7 @@ def test_braking_is_where_a_ramp_goes(world: World) -> None:
     ramp = StopRamp(reference, world.binding.limits, PERIOD)
     times = np.array([0.0, 0.05, 0.1, 0.5])
     found = braking(reference, world.binding.limits, times)
-    assert found == pytest.approx(np.array([ramp.at(t).position for t in times]))
+    assert found == pytest.approx(np.array([ramp.reference_at(t).position for t in times]))
 
 
 def test_along_is_where_the_curve_is() -> None:

@@ -254,7 +254,7 @@ def test_replies_are_never_dropped_and_keep_their_order(front: Front, end: Front
     for ticket in range(QUEUE):
         end.reply(reply(ticket))
         end.flush()
-    end.tend(1.0)
+    end.supervise_front(1.0)
     got = []
     for _ in range(QUEUE):
         got += [news.ticket for news in front.news() if isinstance(news, link.Reply)]
@@ -269,13 +269,13 @@ def test_a_front_that_lets_the_queue_fill_is_buried_with_what_it_was_owed(
     fill(end)
     for ticket in range(QUEUE + 1):
         end.reply(reply(ticket))
-    end.tend(1.0)
+    end.supervise_front(1.0)
     assert front.said == []  # a moment's crowd is no reason
-    end.tend(1.0 + BEHIND + 0.1)
+    end.supervise_front(1.0 + BEHIND + 0.1)
     assert front.said == ["end"]
     assert end.lost
     front.is_due = True
-    end.tend(3.0)
+    end.supervise_front(3.0)
     assert front.said == ["end", "start"]
     end.flush()
     assert front.news() == []
@@ -301,7 +301,7 @@ def test_without_a_front_replies_wait_for_the_next_one(front: Front, end: FrontL
     end.flush()
     end.state(tick(1))
     front.is_due = True
-    end.tend(1.0)
+    end.supervise_front(1.0)
     end.flush()
     assert [news.message for news in front.news()] == ["the front was lost"]
 
@@ -311,7 +311,7 @@ def test_without_a_front_replies_wait_for_the_next_one(front: Front, end: FrontL
 
 def test_a_front_without_a_sign_of_life_is_buried(front: Front, end: FrontLink) -> None:
     front.is_overdue = True
-    end.tend(1.0)
+    end.supervise_front(1.0)
     assert front.said == ["end"]
     assert end.lost
 
@@ -320,14 +320,14 @@ def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(
     front: Front, end: FrontLink
 ) -> None:
     front.has_ended = True
-    end.tend(1.0)
+    end.supervise_front(1.0)
     assert end.lost
     assert front.said == ["end"]
     end.lost = False
-    end.tend(1.1)
+    end.supervise_front(1.1)
     assert front.said == ["end"]
     front.is_due = True
-    end.tend(1.2)
+    end.supervise_front(1.2)
     assert front.said == ["end", "start"]
     assert not end.lost
 
@@ -336,18 +336,18 @@ def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
     front: Front, end: FrontLink, capfd: pytest.CaptureFixture[str]
 ) -> None:
     front.is_overdue = True
-    end.tend(1.0)
+    end.supervise_front(1.0)
     front.is_overdue = True
     end.event(link.Event(time=0.0, sequence=1, level="error", code="A", message="the front was lost"))
-    end.tend(1.05)  # it may take a while to die
+    end.supervise_front(1.05)  # it may take a while to die
     front.has_ended = True  # the one that was killed
-    end.tend(1.1)
+    end.supervise_front(1.1)
     assert capfd.readouterr().err.splitlines() == [
         "twind: the front gives no sign of life, or takes nothing: it is killed",
         "twind: the front (7) ended with signal 9; another one is started",
     ]
     front.is_due = True
-    end.tend(1.2)
+    end.supervise_front(1.2)
     end.flush()
     assert [type(news) for news in front.news()] == [link.Event]
 
@@ -357,18 +357,18 @@ def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_o
 ) -> None:
     front.end(0.0)
     front.is_due = front.cannot_start = True
-    end.tend(1.0)
-    end.tend(1.1)
+    end.supervise_front(1.0)
+    end.supervise_front(1.1)
     end.state(tick(1))
     assert front.said == ["end", "start", "postpone"]
     assert end.no_front == "no process to be had"
     front.is_due = True
-    end.tend(2.0)
+    end.supervise_front(2.0)
     assert capfd.readouterr().err == (  # once a reason: nobody else could tell it
         "twind: no client can be served, the front cannot be started: no process to be had\n"
     )
     front.is_due, front.cannot_start = True, False
-    end.tend(3.0)
+    end.supervise_front(3.0)
     assert end.no_front == ""
 
 
@@ -389,7 +389,7 @@ def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, 
 
 def test_a_living_front_is_left_alone(front: Front, end: FrontLink) -> None:
     for now in range(10):
-        end.tend(float(now))
+        end.supervise_front(float(now))
     assert front.said == []
     assert not end.lost
 
@@ -397,7 +397,7 @@ def test_a_living_front_is_left_alone(front: Front, end: FrontLink) -> None:
 def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end: FrontLink) -> None:
     front.outer.send(link.encode(link.EStop(ticket=1, client=2, level="cut")))
     front.has_ended = True
-    end.tend(1.0)
+    end.supervise_front(1.0)
     assert end.lost
     assert [each.command.level for each in end.commands(1.01)] == ["cut"]
     assert end.commands(1.02) == []
@@ -409,7 +409,7 @@ def test_what_was_left_before_is_let_go_when_the_front_says_so_and_nobody_writes
     recorded: list[bytes] = []
     end = FrontLink(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
     front.wreck = Wreck()  # type: ignore[attr-defined]
-    end.tend(1.0)
+    end.supervise_front(1.0)
     front.send(link.Heartbeat())
     assert end.commands(2.0) == []
     assert front.wreck.dones == 0  # type: ignore[attr-defined]

@@ -89,7 +89,7 @@ def test_after_clear_no_goal_and_no_script_is_left() -> None:
     before = world.goals()
     for (_, bus), writer in zip(world.hardware.pairs, world.hardware.writers, strict=True):
         writer.goals(bus.zero + 50)
-    tasks = world.hardware.aim(np.full(6, 50 * TURN))
+    tasks = world.hardware.write_goals(np.full(6, 50 * TURN))
     world.hardware.clear()
     world.tick(count=5)
     assert world.goals() == before

@@ -256,7 +256,7 @@ def test_a_front_that_cannot_be_started_does_not_stop_the_loop() -> None:
     front = NoProcess(0, {})
     out = FrontLink(front)
     for tick in range(50):
-        out.tend(tick * 0.01)
+        out.supervise_front(tick * 0.01)
     assert not front.due(0.4)
     rig.close()
 

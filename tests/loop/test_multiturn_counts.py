@@ -59,7 +59,7 @@ def test_goals_leave_as_the_counts_of_the_wire_and_never_others(off: np.ndarray,
     world.hardware.turn(0, off)
     servos = world.virtual["left"].servos
     servos.registers.put("operating_mode", 4)
-    servos.changed()
+    servos.invalidate_cache()
     position = np.zeros(6)
     position[LEFT.joints] = (goal - LEFT.zero) * LEFT.scale
     world.hardware.pairs[0][0].holding = True

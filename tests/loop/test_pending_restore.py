@@ -214,7 +214,9 @@ def test_who_cannot_be_given_anything_is_not_owed_for_ever(monkeypatch: pytest.M
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind_drivers.dynamixel.dynamixel_writer.DynamixelWriter.alone", never)
+        monkeypatch.setattr(
+            "twind_drivers.dynamixel.dynamixel_writer.DynamixelWriter.begin_single_device", never
+        )
         made.send(link.ReleaseLease)
         reply = made.last(ticket)
         assert codes(reply) == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]

@@ -81,12 +81,14 @@ def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
         place = np.array([start[name] for name in NAMES])
         reachable = bool(((place > limits.hard_lower + 0.01) & (place < limits.hard_upper - 0.01)).all())
         if reply.error is not None:
-            assert not reachable or truth.of("single").turns  # position mode wakes up on its one turn
+            assert (
+                not reachable or truth.joint_truth("single").turns
+            )  # position mode wakes up on its one turn
             codes = {each["code"] for each in reply.parameters["findings"]}
             assert codes <= {"OUT_OF_LIMIT", "CALIB_MISMATCH"}
             assert not rig.register("torque_enable").any()
             return
-        assert not truth.of("single").turns
+        assert not truth.joint_truth("single").turns
         assert np.abs(rig.truth - place).max() < NEAR
         to = float(np.clip(goal, limits.lower[0] + 0.05, limits.upper[0] - 0.05))  # and room to brake
         rig.submit(rig.path("single", [to], [3.0]), more=True)

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from twind.standard_streams import at_journal, lines, tell
+from twind.standard_streams import at_journal, lines, write_line
 
 
 @pytest.fixture
@@ -42,13 +42,13 @@ def test_each_line_for_the_journal_carries_its_level(
     assert lines(pipe[1], "error", "one\ntwo") == "one\ntwo"
     as_journal(monkeypatch, pipe[1])
     assert lines(pipe[1], "error", "one\ntwo") == "<3>one\n<3>two"
-    tell(pipe[1], "warning", "über")
+    write_line(pipe[1], "warning", "über")
     assert os.read(pipe[0], 100).decode() == "<4>über\n"
 
 
 def test_a_reader_that_is_too_slow_is_not_waited_for(pipe: tuple[int, int]) -> None:
     for _ in range(1000):  # 2 MB: a pipe takes 64 kB
-        tell(pipe[1], "info", "x" * 2000)
+        write_line(pipe[1], "info", "x" * 2000)
     assert len(os.read(pipe[0], 1 << 20)) > 4096
 
 
@@ -57,10 +57,10 @@ def test_nobody_reading_at_all_is_no_failure(
 ) -> None:
     os.close(pipe[0])
     old = signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    tell(pipe[1], "info", "gone")
+    write_line(pipe[1], "info", "gone")
     signal.signal(signal.SIGPIPE, old)
     os.close(pipe[1])
-    tell(pipe[1], "info", "closed")
+    write_line(pipe[1], "info", "closed")
     assert capfd.readouterr() == ("", "")
 
 

@@ -18,7 +18,7 @@ from twind.robot.modes import Motion
 def test_a_joint_off_its_path_aborts_the_goal_and_is_held_where_it_is() -> None:
     executor = holding()
     executor.submit(
-        "a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None), (1, 0.1, None)])
+        "a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.1, None), (1, 0.1, None)])
     )
     reference = run(executor, 0.5)[-1]
     executor.observe(reading([0.3, reference.position[1]]))
@@ -39,7 +39,7 @@ def test_a_joint_off_its_path_aborts_the_goal_and_is_held_where_it_is() -> None:
 
 def test_a_joint_within_its_path_tolerance_goes_on() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.1, None)]))
     reference = run(executor, 0.5)[-1]
     executor.observe(reading([reference.position[0] - 0.0999, -9.0]))
     assert executor.outcomes() == []
@@ -47,7 +47,7 @@ def test_a_joint_within_its_path_tolerance_goes_on() -> None:
 
 def test_a_position_that_is_no_number_is_off_the_path_and_not_held_at() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.1, None)]))
     run(executor, 0.5)
     executor.observe(reading([nan, 0.0]))
     assert phases(executor) == [("a", "aborted")]
@@ -56,7 +56,7 @@ def test_a_position_that_is_no_number_is_off_the_path_and_not_held_at() -> None:
 
 def test_an_executor_that_cancels_its_way_back_stops() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.1, None)]))
     run(executor, 0.9)
     executor.observe(reading([-1.0, 0.0]))
     run(executor, 0.3)
@@ -68,7 +68,7 @@ def test_an_executor_that_cancels_its_way_back_stops() -> None:
 
 def arrived(goal_time: float | None = None) -> TrajectoryExecutor:
     executor = holding()
-    tolerances = GoalTolerances.of(2, [(0, None, 0.1)])
+    tolerances = GoalTolerances.from_entries(2, [(0, None, 0.1)])
     executor.submit("a", smooth([1.0, 1.0]), tolerances=tolerances, goal_time=goal_time)
     run(executor, 1.0)
     return executor
@@ -88,7 +88,9 @@ def test_with_a_goal_tolerance_the_goal_ends_when_the_robot_is_there_and_has_sto
 
 def test_a_default_goal_tolerance_judges_the_place_and_not_the_speed() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [], 0.2), goal_time=0.5)
+    executor.submit(
+        "a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [], 0.2), goal_time=0.5
+    )
     run(executor, 1.0)
     executor.observe(reading([1.0, 0.79], [1.0, 1.0]))
     assert executor.outcomes() == []
@@ -98,7 +100,9 @@ def test_a_default_goal_tolerance_judges_the_place_and_not_the_speed() -> None:
 
 def test_a_default_goal_tolerance_does_not_judge_joints_that_the_goal_does_not_move() -> None:
     executor = holding()
-    executor.submit("a", only(0, smooth([1.0, 0.0])), tolerances=GoalTolerances.of(2, [], 0.2), goal_time=0.5)
+    executor.submit(
+        "a", only(0, smooth([1.0, 0.0])), tolerances=GoalTolerances.from_entries(2, [], 0.2), goal_time=0.5
+    )
     run(executor, 1.0)
     executor.observe(reading([1.0, 3.0]))
     assert phases(executor) == [("a", "succeeded")]
@@ -128,7 +132,7 @@ def test_after_its_goal_time_a_goal_out_of_tolerance_is_aborted() -> None:
 
 def test_an_abort_takes_the_goals_that_wait_with_it() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.1, None)]))
     run(executor, 0.5)
     executor.submit("b", smooth([0.0, 0.0]), start_in=0.3)
     executor.observe(reading([0.0, 0.0]))

@@ -167,7 +167,7 @@ def test_a_new_goal_takes_over_from_a_slowed_one_without_a_step() -> None:
 def test_the_time_for_the_goal_tolerances_is_that_of_the_clock() -> None:
     """Slowed until the end, then `goal_time` s of the clock, whatever the pace says."""
     executor = holding()
-    demand = GoalTolerances.of(2, [(0, None, 0.01)])
+    demand = GoalTolerances.from_entries(2, [(0, None, 0.01)])
     executor.submit("a", smooth([0.3, 0.0]), tolerances=demand, goal_time=0.5)
     executor.pace = 0.5
     ended = over = 0
@@ -186,7 +186,7 @@ def test_the_time_for_the_goal_tolerances_is_that_of_the_clock() -> None:
 
 def test_a_path_tolerance_is_judged_by_the_slowed_reference() -> None:
     executor = holding()
-    executor.submit("a", smooth([0.5, 0.0]), tolerances=GoalTolerances.of(2, [(0, 0.05, None)]))
+    executor.submit("a", smooth([0.5, 0.0]), tolerances=GoalTolerances.from_entries(2, [(0, 0.05, None)]))
     executor.pace = 0.3
     for _ in range(700):
         reference = executor.goal(0.0)

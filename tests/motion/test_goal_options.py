@@ -18,32 +18,34 @@ PERIOD = 0.01
 
 
 def test_zero_and_nothing_keep_the_default_and_minus_one_erases_it() -> None:
-    given_ = GoalTolerances.of(4, [(0, 0.1, 0.2), (1, 0.0, -1.0), (2, None, None)])
+    given_ = GoalTolerances.from_entries(4, [(0, 0.1, 0.2), (1, 0.0, -1.0), (2, None, None)])
     assert given_.path.tolist() == [0.1, inf, inf, inf]
     assert given_.goal.tolist() == [0.2, inf, inf, inf]
 
 
 def test_a_default_for_the_end_is_kept_replaced_or_erased_by_each_joint() -> None:
-    given_ = GoalTolerances.of(5, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None), (3, -1.0, 0.0)], 0.2)
+    given_ = GoalTolerances.from_entries(
+        5, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None), (3, -1.0, 0.0)], 0.2
+    )
     assert given_.path.tolist() == [0.1, inf, 0.1, inf, inf]
     assert given_.goal.tolist() == [0.3, inf, 0.2, 0.2, 0.2]
 
 
 def test_only_a_joint_with_a_goal_tolerance_of_its_own_must_stop() -> None:
-    given_ = GoalTolerances.of(4, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None)], 0.2)
+    given_ = GoalTolerances.from_entries(4, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None)], 0.2)
     assert given_.speed.tolist() == [STOPPED, inf, inf, inf]
 
 
 @pytest.mark.parametrize("value", [nan, -0.5, -2.0, -inf])
 def test_a_tolerance_that_means_nothing_is_an_error(value: float) -> None:
     with pytest.raises(ValueError, match="of joint 1"):
-        GoalTolerances.of(2, [(1, value, None)])
+        GoalTolerances.from_entries(2, [(1, value, None)])
 
 
 @pytest.mark.parametrize("joint", [-1, 2])
 def test_a_tolerance_of_no_joint_is_an_error(joint: int) -> None:
     with pytest.raises(ValueError, match=r"joints 0\.\.1"):
-        GoalTolerances.of(2, [(joint, 0.1, None)])
+        GoalTolerances.from_entries(2, [(joint, 0.1, None)])
 
 
 # ------------------------------------------------------------------------------------------ past starts

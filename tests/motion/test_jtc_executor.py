@@ -182,8 +182,8 @@ def stop_distance_positive(case: dict) -> None:
     moving = Reference(START, np.full(3, case["v0"]), np.zeros(3))
     ramp = StopRamp(moving, LIMITS, 0.01)
     assert ramp.duration == pytest.approx(0.02, abs=1e-12)
-    assert ramp.at(0.02).position == pytest.approx(START + 0.002, abs=1e-12)
-    assert (ramp.at(0.02).velocity == 0.0).all()
+    assert ramp.reference_at(0.02).position == pytest.approx(START + 0.002, abs=1e-12)
+    assert (ramp.reference_at(0.02).velocity == 0.0).all()
 
 
 def decelerate_without_velocity_state(case: dict) -> None:
@@ -197,7 +197,7 @@ def cmd_timeout_accepted(case: dict) -> None:
     """Ours has no cmd_timeout: after the last point goal_time alone bounds a goal, nothing cuts it short."""
     goal_time = case["settings"]["goal_time"]
     world = World(follows=False)
-    near = GoalTolerances.of(3, [(0, None, 0.05)])
+    near = GoalTolerances.from_entries(3, [(0, None, 0.05)])
     world.submit("a", [{"t": 0.5, "p": [1, 2, 3]}], tolerances=near, goal_time=goal_time)
     world.run(0.5 + goal_time)
     assert world.outcomes == []
@@ -220,7 +220,9 @@ def single_point(case: dict) -> None:
 def goal_tolerance_met(case: dict) -> None:
     world = World()
     bound = case["settings"]["goal"]
-    world.submit("a", case["points"], tolerances=GoalTolerances.of(3, [(i, None, bound) for i in range(3)]))
+    world.submit(
+        "a", case["points"], tolerances=GoalTolerances.from_entries(3, [(i, None, bound) for i in range(3)])
+    )
     world.run(case["points"][0]["t"])
     assert world.phase("a") == "succeeded"
 
@@ -240,7 +242,9 @@ def path_tolerance(case: dict) -> None:
     """A first point far away at t = 0 is S18's to refuse; past the gate the executor still never jumps."""
     world = World(follows=False)
     bound = case["settings"]["trajectory"]
-    world.submit("a", case["points"], tolerances=GoalTolerances.of(3, [(i, bound, None) for i in range(3)]))
+    world.submit(
+        "a", case["points"], tolerances=GoalTolerances.from_entries(3, [(i, bound, None) for i in range(3)])
+    )
     end = world.run(3.0)
     assert world.phase("a") == "aborted"
     assert world.codes("a") == {ReasonCode.PATH_TOLERANCE}
@@ -253,7 +257,7 @@ def goal_tolerance(case: dict) -> None:
     """As above: S18 refuses the jump; the executor leads in, waits for `goal_time`, and returns."""
     world = World(follows=False)
     bound, goal_time = case["settings"]["goal"], case["settings"]["goal_time"]
-    tolerances = GoalTolerances.of(3, [(i, None, bound) for i in range(3)])
+    tolerances = GoalTolerances.from_entries(3, [(i, None, bound) for i in range(3)])
     world.submit("a", case["points"], tolerances=tolerances, goal_time=goal_time)
     end = world.run(6.0)
     assert world.phase("a") == "aborted"
@@ -325,6 +329,6 @@ def test_the_executor_answers_as_joint_trajectory_controller(which: tuple[str, s
 
 def test_tolerance_values_mean_what_the_file_says() -> None:
     assert FILE["action"]["tolerance_value"]["-1"].startswith("erased")
-    given = GoalTolerances.of(3, [(0, 0.0, -1.0), (1, 0.2, None), (2, None, 0.3)])
+    given = GoalTolerances.from_entries(3, [(0, 0.0, -1.0), (1, 0.2, None), (2, None, 0.3)])
     assert given.path.tolist() == [inf, 0.2, inf]
     assert given.goal.tolist() == [inf, inf, 0.3]

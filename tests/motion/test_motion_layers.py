@@ -19,10 +19,10 @@ def layer(to: list[float], joints: list[bool], start: int = 0, seconds: float = 
 def test_a_layer_begins_at_the_reference_and_ends_on_its_last_point() -> None:
     one = layer([0.1, 0.2, 0.3], [True, True, True], start=50)
     assert one.whole
-    assert one.at(50).position.tolist() == [0.0, 0.0, 0.0]
-    assert not one.over(149)
-    assert one.over(150)
-    assert one.at(150).position.tolist() == [0.1, 0.2, 0.3]
+    assert one.reference_at(50).position.tolist() == [0.0, 0.0, 0.0]
+    assert not one.is_finished(149)
+    assert one.is_finished(150)
+    assert one.reference_at(150).position.tolist() == [0.1, 0.2, 0.3]
     assert [one.fraction(tick) for tick in (50, 100, 150, 900)] == pytest.approx([0.0, 0.5, 1.0, 1.0])
 
 
@@ -31,13 +31,13 @@ def test_the_tick_of_the_end_is_at_the_end_whatever_the_rounding(seconds: float)
     one = layer([0.1, 0.1, 0.1], [True, True, True], start=12345, seconds=seconds)
     end = 12345 + round(seconds / PERIOD)
     assert one.elapsed(end) == seconds
-    assert one.over(end)
+    assert one.is_finished(end)
 
 
 def test_a_path_of_one_point_at_zero_has_come_all_the_way_at_once() -> None:
     here = MotionGoal("a", path([0.0], [[0.0, 0.0, 0.0]]), 0, None, None)
     one = begun(here, at_rest([0.0, 0.0, 0.0]), limits(3), PERIOD)
-    assert one.over(0)
+    assert one.is_finished(0)
     assert one.fraction(0) == 1.0
 
 

@@ -42,11 +42,11 @@ def test_each_joint_brakes_with_its_own_limit_and_rests_when_it_has_stopped() ->
     limit = limits(acceleration=np.array([10.0, 40.0]))
     ramp = StopRamp(moving([0.0, 0.0], [2.0, -2.0]), limit, PERIOD)
     assert ramp.duration == pytest.approx(0.2)
-    middle = ramp.at(0.1)
+    middle = ramp.reference_at(0.1)
     assert middle.velocity.tolist() == pytest.approx([1.0, 0.0])
     assert middle.acceleration.tolist() == [-10.0, 0.0]
     assert middle.position.tolist() == pytest.approx([0.15, -0.05])
-    assert ramp.at(inf).position.tolist() == pytest.approx([0.2, -0.05])
+    assert ramp.reference_at(inf).position.tolist() == pytest.approx([0.2, -0.05])
 
 
 def test_ahead_tells_where_the_ramp_will_be_and_does_not_go_there() -> None:
@@ -77,10 +77,12 @@ def test_whoever_keeps_the_brake_rule_stops_before_the_hard_limit(
     allowed = max(FLOOR, sqrt(2.0 * acceleration * distance) - MARGIN)
     limit = limits(1, acceleration=acceleration, hard_lower=-hard, hard_upper=hard)
     ramp = StopRamp(moving([side * (hard - distance)], [side * fast * allowed]), limit, PERIOD)
-    outermost = max(side * ramp.at(t).position[0] for t in np.linspace(0.0, ramp.duration + 0.01, 50))
+    outermost = max(
+        side * ramp.reference_at(t).position[0] for t in np.linspace(0.0, ramp.duration + 0.01, 50)
+    )
     creep = FLOOR**2 / (2.0 * acceleration)  # the speed that the rule always allows, even on the limit
     assert outermost <= hard + (creep if allowed == FLOOR else 0.0) + 1e-12
-    assert ramp.at(inf).velocity[0] == 0.0
+    assert ramp.reference_at(inf).velocity[0] == 0.0
 
 
 # -------------------------------------------------------------------------------------------- follower
@@ -98,7 +100,7 @@ def test_without_an_aim_the_follower_brakes_to_a_hold() -> None:
 
 def test_the_follower_arrives_without_overshoot_and_then_rests() -> None:
     follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
-    follower.aim(np.array([1.0]), np.zeros(1))
+    follower.set_target(np.array([1.0]), np.zeros(1))
     assert not follower.resting
     track = [reference.position[0] for reference in steps(follower, 60)]
     assert max(track) <= 1.0 + 1e-12
@@ -109,7 +111,7 @@ def test_the_follower_arrives_without_overshoot_and_then_rests() -> None:
 
 def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() -> None:
     follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
-    follower.aim(np.array([0.0]), np.array([0.5]))
+    follower.set_target(np.array([0.0]), np.array([0.5]))
     track = steps(follower, 100)
     assert track[-1].velocity[0] == pytest.approx(0.5, abs=1e-6)
     assert track[-1].position[0] == pytest.approx(0.5, abs=0.01)
@@ -119,7 +121,7 @@ def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() 
 
 def test_ahead_tells_where_the_follower_will_be_and_does_not_go_there() -> None:
     follower = LimitedFollower(moving([0.0], [0.7]), limits(1), PERIOD)
-    follower.aim(np.array([-0.5]), np.array([0.1]))
+    follower.set_target(np.array([-0.5]), np.array([0.1]))
     steps(follower, 7)
     told = follower.ahead(20 * PERIOD)
     assert told.position[0] == pytest.approx(steps(follower, 20)[-1].position[0], abs=1e-12)
@@ -141,7 +143,7 @@ def test_whatever_is_aimed_at_no_limit_is_ever_broken(
     follower = LimitedFollower(at_rest([start]), limit, PERIOD)
     track = [at_rest([start])]
     for target, drift, count in aims:
-        follower.aim(np.array([target]), np.array([drift]))
+        follower.set_target(np.array([target]), np.array([drift]))
         track += steps(follower, count)
     position = np.array([reference.position[0] for reference in track])
     velocity = np.array([reference.velocity[0] for reference in track])
@@ -156,7 +158,7 @@ def test_whatever_is_aimed_at_no_limit_is_ever_broken(
 
 def test_from_outside_its_limits_the_follower_only_comes_in() -> None:
     follower = LimitedFollower(at_rest([2.03]), limits(1), PERIOD)
-    follower.aim(np.array([2.04]), np.zeros(1))
+    follower.set_target(np.array([2.04]), np.zeros(1))
     assert steps(follower, 5)[-1].position[0] <= 2.03
-    follower.aim(np.array([1.0]), np.zeros(1))
+    follower.set_target(np.array([1.0]), np.zeros(1))
     assert steps(follower, 100)[-1].position[0] == pytest.approx(1.0, abs=1e-9)

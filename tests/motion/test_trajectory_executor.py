@@ -263,7 +263,7 @@ def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
             start_in = 0.0
         judged = ask(asked, LIMITS, executor.ahead(start_in), TrajectoryRequest("retime"))
         if not judged.verdict.refusals:
-            tolerances = GoalTolerances.of(2, [(0, 0.5, 0.5)])
+            tolerances = GoalTolerances.from_entries(2, [(0, 0.5, 0.5)])
             assert executor.submit(f"{tick}", judged.path, start_in=start_in, tolerances=tolerances) is None
     elif operation[0] == "setpoint":
         _, joint, place, speed = operation

@@ -132,8 +132,8 @@ def test_buckets_become_those_that_hold_all_below_them() -> None:
 def test_between_two_histograms_the_last_one_holds() -> None:
     made = ledger(*WHOLE, latency(None))
     assert Told(made).value("twind_latency_seconds_bucket", hop="reply", le="0.002") == 9
-    assert made.whole
-    assert not ledger(status(), state(), latency(None)).whole
+    assert made.is_complete
+    assert not ledger(status(), state(), latency(None)).is_complete
 
 
 def test_verdicts_and_events_are_counted_each_reason_once() -> None:

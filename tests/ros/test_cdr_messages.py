@@ -162,7 +162,7 @@ def test_a_row_of_another_length_is_not_patched_in() -> None:
 def test_a_layout_fits_what_differs_in_stamp_and_numbers_alone(
     one: dict[str, Any], other: dict[str, Any]
 ) -> None:
-    layout = JointStateLayout.of(encode(JOINT_STATE, one))
+    layout = JointStateLayout.from_message(encode(JOINT_STATE, one))
     for (first, count), column in zip(layout.columns, ("position", "velocity", "effort"), strict=True):
         found = struct.unpack_from(f"<{count}d", encode(JOINT_STATE, one), first)
         assert list(found) == one[column]

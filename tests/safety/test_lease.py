@@ -98,8 +98,8 @@ def test_giving_it_back_frees_it() -> None:
 
 def test_it_dies_with_its_connection_and_with_the_front() -> None:
     lease = held()
-    assert not lease.gone(B)
-    assert lease.gone(A)
+    assert not lease.release_client(B)
+    assert lease.release_client(A)
     assert not lease.holds(10.0)
     lease = held()
     lease.pin(A, "motion")
@@ -157,7 +157,7 @@ def test_whatever_is_called_at_most_one_holds_it_and_the_epoch_never_shrinks(his
             case ("release", client):
                 lease.release(client)
             case ("gone", client):
-                lease.gone(client)
+                lease.release_client(client)
                 assert not lease.held_by(client, now)
             case ("pin", client, name):
                 lease.pin(client, name)
@@ -183,5 +183,5 @@ def test_a_refusal_is_a_plain_no() -> None:
     assert lease.acquire(B, "uid 2", 2, 10.5) is False
     assert lease.renew(B, 10.5) is False
     assert lease.release(B) is False
-    assert lease.gone(B) is False
+    assert lease.release_client(B) is False
     assert lease.held_by(B, 10.5) is False

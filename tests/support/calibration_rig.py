@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.support.daemon_rig import Rig
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.counts import slot_angles
-from twind.config.device_record import recorded
+from twind.config.device_record import make_device_record
 from twind.config.robot_file import load_robot
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.modes import Mode
@@ -74,7 +74,7 @@ def swept(rig: Rig, beyond: float = 1.0) -> SweepTracker:
     travels = SweepTracker(slots(rig.robot), [slot.name for slot in slots(rig.robot)])
     news = moved(rig, travels, beyond)
     assert not [one for one in news if one.what != "done"], news
-    assert travels.over
+    assert travels.is_finished
     return travels
 
 
@@ -110,7 +110,7 @@ def measured(
     found = {(port.name, device.id): device for port in rig.loop.hardware.ports for device in port.devices}
     angles, entries = slot_angles(rig.robot, pose), []
     for slot in slots(rig.robot):
-        record = recorded(found[slot.joint.bus, slot.joint.id])
+        record = make_device_record(found[slot.joint.bus, slot.joint.id])
         travel = travels.travel(slot.name)
         assert travel is not None, slot.name
         known = RecordedTravel(record, travel_of(slot, record, travel))

@@ -57,8 +57,8 @@ def decode_all(family: ActuatorFamily, frames: Frames) -> None:
     """Every decoder on `frames`: none raises, all are of one length, and nothing of the frames is changed."""
     before = frames.copy()
     feedback, told = family.feedback(frames)
-    answers, answered = family.answered(frames)
-    commands, commanded = family.commands_to(frames), family.commanded(frames)
+    answers, answered = family.decode_register_replies(frames)
+    commands, commanded = family.commanded_rows(frames), family.decode_commanded_position(frames)
     count = len(frames)
     assert told.shape == answered.shape == commands.shape == commanded.shape == (count,)
     columns = (feedback.rows, feedback.position, feedback.velocity, feedback.effort, feedback.enabled)

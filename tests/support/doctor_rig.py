@@ -41,7 +41,9 @@ def look(
     """What the doctor finds here, of all codes or of some."""
     examined = examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
     try:
-        return runner.run(examined, runner.chosen(check_table.checks(), only), check_table.complaints())
+        return runner.run(
+            examined, runner.select_checks(check_table.checks(), only), check_table.complaints()
+        )
     finally:
         examined.close()
 

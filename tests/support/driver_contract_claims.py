@@ -353,14 +353,14 @@ class DriverContract:
 
     def test_aim_refuses_what_may_not_be_sent(self, rig: DriverRig) -> None:
         rig.heard()
-        for script in (rig.writer.aim, rig.writer.prepare):
+        for script in (rig.writer.write_goals, rig.writer.prepare):
             with pytest.raises(WireClamp):
                 rig.beside(script(rig.upper + 1))
 
     def test_aimed_is_what_was_sent_last(self, rig: DriverRig) -> None:
         here = rig.arm()
         rig.ticks(3, here + 7)
-        assert (rig.beside(rig.writer.aimed()) == here + 7).all()
+        assert (rig.beside(rig.writer.read_goals()) == here + 7).all()
 
     def test_damped_devices_keep_their_torque(self, rig: DriverRig) -> None:
         here = rig.arm()
@@ -392,7 +392,7 @@ def closed(rig: DriverRig, what: str, steps: int) -> bool:
     script = {
         "identify": rig.reader.identify,
         "prepare": lambda: rig.writer.prepare(here),
-        "aim": lambda: rig.writer.aim(here),
+        "aim": lambda: rig.writer.write_goals(here),
         "damp": rig.writer.damp,
     }.get(what, lambda: rig.writer.torque(what == "on"))()
     if what == "on":

@@ -144,7 +144,7 @@ class DriverRig:
         """Everybody holds where he is; the goal (m,)."""
         here = self.heard()
         self.beside(self.writer.prepare(here))
-        self.beside(self.writer.aim(here))
+        self.beside(self.writer.write_goals(here))
         self.beside(self.writer.torque(True))
         return here
 
@@ -156,4 +156,4 @@ class DriverRig:
 def both(rig: DriverRig, here: np.ndarray) -> Script[None]:
     """All that comes before torque."""
     yield from rig.writer.prepare(here)
-    yield from rig.writer.aim(here)
+    yield from rig.writer.write_goals(here)

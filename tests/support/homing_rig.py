@@ -106,7 +106,7 @@ class Homed(Rig):
 
     def stop(self, side: str = "lower") -> int:
         """Where its stop really is, in counts as they are told."""
-        angle = self.spec.stops.at(side)
+        angle = self.spec.stops.endstop_of_side(side)
         assert angle is not None
         return ticks_of(self.spec, self.made.shown[self.spec.name], angle)
 

@@ -61,7 +61,7 @@ def judged(
         loads = np.array([one.torque(each)[joint] for each in true])
     rough = np.zeros(len(PLACES)) if noise is None else 0.98 * slack(FRICTION, LSB) * noise
     told, expected = stretch * loads + rough, ExpectedLoads(one, poses, joint)
-    found = expected.wrong(mirror(H24.joints[joint], entry))
+    found = expected.loads_with_wrong_sign(mirror(H24.joints[joint], entry))
     return judge(told + rubs, told - rubs, expected.right(), found, FRICTION, LSB)
 
 

@@ -54,7 +54,7 @@ def flight(rig: Rig, folder: Path) -> FlightFile:
     """What it holds by now, as a file of it would."""
     calibrated = save_calibration(rig.calibration, folder, rig.robot.name)
     files = fingerprints([rig.robot.path, rig.robot.mjcf_path, calibrated])
-    fd = assembly.brief(rig.one, rig.robot.rate_hz, {}, "info", files)
+    fd = assembly.make_briefing(rig.one, rig.robot.rate_hz, {}, "info", files)
     briefing = msgspec.msgpack.decode(memfd.unseal(fd), type=Briefing)
     os.close(fd)
     assert rig.recorder is not None
@@ -159,7 +159,7 @@ class Replay:
         self._ticket = 1 << 40  # of calls that were not recorded
 
     def _open(self, name: str) -> BusReader:
-        if not self.told[name].plugged:
+        if not self.told[name].is_plugged:
             raise PortError(name, "no such port")
         return self.buses.reader(name, Loopback(self.told[name], self.clock))
 

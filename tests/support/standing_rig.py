@@ -109,7 +109,7 @@ class StandingRig(Rig):
         for reply in self.replies(ticket):
             if reply.error is None:
                 if self.pilot.holding is None or "sequence" in reply.parameters:
-                    self.pilot.taken()
+                    self.pilot.record_acceptance()
             else:
                 self.refused.update(each["code"] for each in reply.parameters["findings"])
                 self.pilot.hold("refused")

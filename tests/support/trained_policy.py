@@ -15,9 +15,9 @@ import pytest
 import twind.learn
 from twind.ctl.progress import ProgressLine
 from twind.learn.training.trainer import Trainer
-from twind.learn.training.training_folder import BEST, RUN, read_run, taken
+from twind.learn.training.training_folder import BEST, RUN, lock_folder, read_run
 from twind.learn.training.training_reporter import TrainingReporter
-from twind.learn.training.training_settings import TrainingSettings, chosen
+from twind.learn.training.training_settings import TrainingSettings, make_settings
 
 STEPS = 61_440  # 30 updates; 30 s of CPU
 SEEDS = (0, 1, 2)
@@ -25,13 +25,13 @@ SEEDS = (0, 1, 2)
 
 def settings(seed: int = 0) -> TrainingSettings:
     """The defaults, but shorter and with fewer evaluations."""
-    return chosen("Stand", {"steps": STEPS, "evaluate_every": 20_480, "seed": seed})
+    return make_settings("Stand", {"steps": STEPS, "evaluate_every": 20_480, "seed": seed})
 
 
 def train(folder: Path, wanted: TrainingSettings) -> Path:
     """Train in `folder`, or take what was trained there. The policy file."""
     options = argparse.Namespace(json=True)
-    with taken(folder) as mine:
+    with lock_folder(folder) as mine:
         if not (folder / RUN).exists() or read_run(folder)[1]["ended"] != "done":
             course = Trainer(wanted, mine, TrainingReporter(options), None)
             try:

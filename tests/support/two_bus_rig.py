@@ -73,7 +73,7 @@ class TwoBuses:
 
     def open(self, name: str) -> BusReader:
         self.tries.append((name, self.clock.now()))
-        if not self.virtual[name].plugged:
+        if not self.virtual[name].is_plugged:
             raise PortError(f"virtual:{name}", "no such port")
         transport = Loopback(self.virtual[name], self.clock)
         return DynamixelReader(name, transport, IDS[name], [1020] * 3, baud=BAUD, return_delay_us=0)

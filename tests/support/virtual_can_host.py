@@ -42,14 +42,14 @@ class CanHost:
 
     def ask(self, *sent: tuple[int, bytes], wait: float = 0.005) -> list[CanMessage]:
         """Frames out; what has come after so many s."""
-        self.bus.hear(as_frames([CanMessage(*each) for each in sent]), self.clock.now())
+        self.bus.take_host_frames(as_frames([CanMessage(*each) for each in sent]), self.clock.now())
         return self.wait(wait)
 
     def wait(self, seconds: float) -> list[CanMessage]:
         """What has come by then, but for error frames."""
         self.clock.sleep_until(self.clock.now() + seconds)
         self.bus.advance(self.clock.now())
-        heard = messages(self.bus.say(self.clock.now()))
+        heard = messages(self.bus.give_host_frames(self.clock.now()))
         self.errors += [each for each in heard if each.id & ERROR]
         return [each for each in heard if not each.id & ERROR]
 

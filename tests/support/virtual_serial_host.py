@@ -49,7 +49,7 @@ class Host:
         """Everything that comes back, waited for."""
         self.bus.receive(request, self.clock.now())
         answer = b""
-        while (due := self.bus.due()) < np.inf:
+        while (due := self.bus.next_output_time()) < np.inf:
             self.clock.sleep_until(due)
             answer += self.bus.take(self.clock.now())
         return answer

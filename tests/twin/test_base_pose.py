@@ -37,11 +37,11 @@ def test_on_its_back_the_limbs_rest_on_a_bench_and_without_torque_nothing_falls_
 def test_a_body_that_is_laid_down_falls_the_other_way() -> None:
     one = body(UPRIGHT)
     assert max(abs(angle) for angle in angles(one).values()) < 1e-3
-    one.lay("back")
+    one.set_base_pose("back")
     one.advance(1.0)
     assert angles(one)["l_hip_pitch"] > 0.3  # nobody holds it, and there is no bench
-    one.lay(UPRIGHT)
+    one.set_base_pose(UPRIGHT)
     one.advance(6.0)
     assert angles(one)["l_hip_pitch"] < 0.15
     with pytest.raises(KeyError):
-        one.lay("head")
+        one.set_base_pose("head")

@@ -30,7 +30,7 @@ def torque(muscles: MujocoPhysics, on: Any) -> None:
     gains = dict.fromkeys(("i", "d", "velocity_p", "velocity_i"), 0.0 * one)
     caps = {"pwm_cap": 885 * one, "current_cap": 1193 * one, "supply": one}
     muscles.drive(DriveState(on=one * on > 0, mode=np.full(one.size, 3), p=1600 * one, **gains, **caps))
-    muscles.aim(muscles.position.copy())
+    muscles.set_goals(muscles.position.copy())
 
 
 def height(muscles: MujocoPhysics) -> float:
@@ -56,7 +56,7 @@ def test_a_limp_body_is_held_upright_on_the_floor_for_as_long_as_it_takes() -> N
     run(muscles, 0.0, 20.0)
     assert height(muscles) == pytest.approx(STANDING, abs=0.001)
     assert tilt(muscles) < 1e-4
-    assert muscles.crane is not None and muscles.crane.held
+    assert muscles.crane is not None and muscles.crane.is_holding
 
 
 def test_nobody_holds_it_and_it_falls() -> None:
@@ -69,9 +69,9 @@ def test_it_is_let_go_after_a_second_of_torque_in_all_legs_and_stands() -> None:
     muscles = body()
     assert muscles.crane is not None
     run(muscles, 0.0, 0.9, on=1)
-    assert muscles.crane.held
+    assert muscles.crane.is_holding
     run(muscles, 0.9, 1.2)
-    assert not muscles.crane.held
+    assert not muscles.crane.is_holding
     run(muscles, 1.2, 12.0)
     assert height(muscles) == pytest.approx(STANDING, abs=0.005)
     assert tilt(muscles) < 0.02
@@ -84,7 +84,7 @@ def test_one_leg_servo_without_torque_keeps_the_hands_on_it() -> None:
     on = np.ones(len(LEGS))
     on[ROBOT.names.index("l_knee")] = 0.0
     run(muscles, 0.0, 3.0, on=on)
-    assert muscles.crane is not None and muscles.crane.held
+    assert muscles.crane is not None and muscles.crane.is_holding
 
 
 def test_it_is_caught_where_it_is_when_its_legs_go_limp_and_let_go_again() -> None:
@@ -93,9 +93,9 @@ def test_it_is_caught_where_it_is_when_its_legs_go_limp_and_let_go_again() -> No
     run(muscles, 0.0, 2.0, on=1)
     before = height(muscles)
     run(muscles, 2.0, 5.0, on=0)
-    assert muscles.crane.held and height(muscles) == pytest.approx(before, abs=0.003)
+    assert muscles.crane.is_holding and height(muscles) == pytest.approx(before, abs=0.003)
     run(muscles, 5.0, 8.0, on=1)
-    assert not muscles.crane.held and height(muscles) == pytest.approx(STANDING, abs=0.01)
+    assert not muscles.crane.is_holding and height(muscles) == pytest.approx(STANDING, abs=0.01)
 
 
 def test_one_limp_leg_of_a_standing_robot_is_not_caught() -> None:
@@ -104,7 +104,7 @@ def test_one_limp_leg_of_a_standing_robot_is_not_caught() -> None:
     run(muscles, 0.0, 2.0, on=1)
     left = np.array([name.startswith("l_") for name in ROBOT.names]) & LEGS
     run(muscles, 2.0, 6.0, on=~left)
-    assert not muscles.crane.held
+    assert not muscles.crane.is_holding
     assert height(muscles) < 0.3, "it fell"
 
 
@@ -112,10 +112,10 @@ def test_by_order_alone_it_is_held_and_let_go() -> None:
     muscles = body(BY_ORDER)
     assert muscles.crane is not None
     run(muscles, 0.0, 3.0, on=1)
-    assert muscles.crane.held
+    assert muscles.crane.is_holding
     muscles.crane.hold(False)
     run(muscles, 3.0, 4.0)
-    assert not muscles.crane.held and height(muscles) == pytest.approx(STANDING, abs=0.005)
+    assert not muscles.crane.is_holding and height(muscles) == pytest.approx(STANDING, abs=0.005)
     run(muscles, 4.0, 7.0, on=0)
     assert height(muscles) < 0.3, "nobody catches it"
     muscles.crane.hold()
@@ -166,11 +166,11 @@ def server(muscles: MujocoPhysics | None) -> VirtualBusServer:
 
 def test_orders_reach_the_body_without_a_bus() -> None:
     muscles = body()
-    assert server(muscles).obey({"fault": "hold", "on": False}) == {"ok": True}
-    told = server(muscles).obey({"query": "state"})["body"]
+    assert server(muscles).execute_fault_command({"fault": "hold", "on": False}) == {"ok": True}
+    told = server(muscles).execute_fault_command({"query": "state"})["body"]
     assert told["held"] is False and told["position"][2] == pytest.approx(STANDING, abs=0.001)
     with pytest.raises(FaultCommandError, match="push takes forward, left, up, seconds, not 'right'"):
-        server(muscles).obey({"fault": "push", "right": 1.0})
+        server(muscles).execute_fault_command({"fault": "push", "right": 1.0})
 
 
 def test_a_robot_that_hangs_or_lies_has_nobody_to_let_go_of() -> None:
@@ -178,6 +178,6 @@ def test_a_robot_that_hangs_or_lies_has_nobody_to_let_go_of() -> None:
     lying = body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), base="back")
     assert hung.crane is None and lying.crane is None and body().crane is not None
     with pytest.raises(FaultCommandError, match="hold: no body stands here freely"):
-        server(hung).obey({"fault": "hold", "on": False})
+        server(hung).execute_fault_command({"fault": "hold", "on": False})
     with pytest.raises(ValueError, match="'rope' is none of torque, order, never"):
         body("rope")

@@ -57,7 +57,7 @@ def power(
 def test_ticks_follow_zero_and_sign() -> None:
     muscles = arms()
     power(muscles)
-    muscles.aim(np.array([2000.0 + 200, 1000.0 + 200]))
+    muscles.set_goals(np.array([2000.0 + 200, 1000.0 + 200]))
     muscles.advance(1.0)
     q = muscles.data.qpos
     assert q[0] == pytest.approx(-q[1], abs=1e-6)
@@ -69,7 +69,7 @@ def test_the_error_under_load_is_that_of_the_register_gain() -> None:
     muscles = arms(friction=0.0)
     power(muscles)
     level = np.array([2000.0 + 1024, 1000.0])
-    muscles.aim(level)
+    muscles.set_goals(level)
     muscles.advance(4.0)
     sag = (level[0] - muscles.position[0]) / TICKS
     stiffness = 800 / 128 * TICKS / 885 * 4.1
@@ -81,7 +81,7 @@ def test_the_error_under_load_is_that_of_the_register_gain() -> None:
 def test_the_integral_gain_takes_the_error_away() -> None:
     muscles = arms()
     power(muscles, i=3000)
-    muscles.aim(np.array([2000.0 + 1024, 1000.0]))
+    muscles.set_goals(np.array([2000.0 + 1024, 1000.0]))
     muscles.advance(5.0)
     assert abs(muscles.position[0] - 3024) < 3
 
@@ -91,7 +91,7 @@ def test_the_integral_gain_adds_its_share_once_a_millisecond_and_ends_with_torqu
     muscles = arms()
     muscles.block(np.array([True, True]))
     power(muscles, p=0, i=100)
-    muscles.aim(muscles.position + np.array([200.0, 0.0]))
+    muscles.set_goals(muscles.position + np.array([200.0, 0.0]))
     muscles.advance(1.0)
     assert muscles.pwm[0] == pytest.approx(100 / 65536 * 200 * 1000, rel=0.01)
     power(muscles, on=False)
@@ -104,7 +104,7 @@ def test_the_caps_of_pwm_and_current_bound_the_torque(pwm: float, current: float
     """Both leave 0.28 N·m: friction and cap together hold the arm below asin((0.28 + 0.1) / 0.98)."""
     muscles = arms()
     power(muscles, pwm=pwm, current=current)
-    muscles.aim(np.array([2000.0 + 1024, 1000.0]))
+    muscles.set_goals(np.array([2000.0 + 1024, 1000.0]))
     muscles.advance(4.0)
     angle = (muscles.position[0] - 2000) / TICKS
     assert asin((0.27 - 0.1) / 0.981) < angle < asin((0.29 + 0.1) / 0.981)
@@ -115,7 +115,7 @@ def test_speed_ends_at_what_the_motor_runs_free() -> None:
     muscles = arms()
     power(muscles)
     fastest = 0.0
-    muscles.aim(np.array([2000.0 + 3 * 4096, 1000.0]))
+    muscles.set_goals(np.array([2000.0 + 3 * 4096, 1000.0]))
     for k in range(200):
         muscles.advance(0.005 * k)
         fastest = max(fastest, abs(muscles.velocity[0]))
@@ -137,11 +137,11 @@ def test_parts_of_one_body_share_its_time() -> None:
     begun = muscles.data.time
     first, second = muscles.part([0]), muscles.part([1])
     power(first)
-    first.aim(np.array([2200.0]))
+    first.set_goals(np.array([2200.0]))
     first.advance(1.0)
     assert first.position[0] == pytest.approx(2200, abs=20)
     power(second)
-    second.aim(np.array([900.0]))
+    second.set_goals(np.array([900.0]))
     second.advance(2.0)
     assert second.position[0] == pytest.approx(900, abs=20)
     assert muscles.data.time == pytest.approx(begun + 2.0), "2 s for both"
@@ -152,7 +152,7 @@ def test_advancing_in_pieces_is_the_same_as_at_once() -> None:
     for pieces in ([1.0], [0.001, 0.0035, 0.2, 0.7777, 1.0]):
         muscles = arms()
         power(muscles)
-        muscles.aim(np.array([2500.0, 900.0]))
+        muscles.set_goals(np.array([2500.0, 900.0]))
         for until in pieces:
             muscles.advance(until)
         ends.append(muscles.position.copy())
@@ -183,7 +183,7 @@ def test_h24_holds_its_poses_with_small_error_and_does_not_creep() -> None:
     now = 0.0
     for pose in ("stand", "arms_out"):
         angles = np.array([robot.poses[pose][joint.name] * joint.sign for joint in robot.joints])
-        muscles.aim(2048 + angles * TICKS)
+        muscles.set_goals(2048 + angles * TICKS)
         now += 3.0
         muscles.advance(now)
         held = muscles.position.copy()
@@ -200,7 +200,7 @@ def test_in_current_mode_the_current_is_the_goal_at_any_speed_that_the_voltage_a
     """e-manual, "Operating Mode" 0: only the current is controlled, whatever speed and position do."""
     muscles = arms(friction=0.0)
     power(muscles, mode=0)
-    muscles.aim(np.array([100.0, -50.0]))  # 0.48 and 0.24 N·m: no more than leans the arms aside
+    muscles.set_goals(np.array([100.0, -50.0]))  # 0.48 and 0.24 N·m: no more than leans the arms aside
     for k in range(1, 100):
         muscles.advance(0.02 * k)
         assert muscles.current == pytest.approx([100.0, -50.0], abs=8)
@@ -215,7 +215,7 @@ def test_in_velocity_mode_it_turns_at_the_goal_over_the_top_and_down_again() -> 
     """e-manual, "Velocity PI Gain": the I gain takes the load's error away; either sign, any side."""
     muscles = arms()
     power(muscles, mode=1)
-    muscles.aim(np.array([80.0, -120.0]))
+    muscles.set_goals(np.array([80.0, -120.0]))
     muscles.advance(2.0)
     before = muscles.position.copy()
     seen = []
@@ -231,7 +231,7 @@ def test_in_pwm_mode_the_speed_is_what_the_voltage_leaves() -> None:
     """e-manual, "Operating Mode" 16: the output is the goal, the speed whatever comes of it."""
     muscles = arms()
     power(muscles, mode=16)
-    muscles.aim(np.array([600.0, -600.0]))
+    muscles.set_goals(np.array([600.0, -600.0]))
     muscles.advance(1.0)
     before = muscles.position.copy()
     muscles.advance(11.0)
@@ -239,7 +239,7 @@ def test_in_pwm_mode_the_speed_is_what_the_voltage_leaves() -> None:
     speed = (muscles.position - before) / 4096 * 60 / 0.229 / 10
     assert speed == pytest.approx(np.array([1, -1]) * 201 * 600 / 885, rel=0.25)
     power(muscles, mode=16, supply=0.5)
-    muscles.aim(np.array([600.0, -600.0]))
+    muscles.set_goals(np.array([600.0, -600.0]))
     muscles.advance(12.0)
     before = muscles.position.copy()
     muscles.advance(22.0)
@@ -255,13 +255,13 @@ def test_in_mode_5_the_goal_current_bounds_the_current_on_the_move_and_against_a
     worst = 0.0
     for k in range(300):
         if k % 100 == 0:
-            muscles.aim(np.array([2000.0 + (400 if k % 200 else -900), 1000.0]))
+            muscles.set_goals(np.array([2000.0 + (400 if k % 200 else -900), 1000.0]))
         muscles.advance(0.01 * (k + 1))
         worst = max(worst, np.abs(muscles.current).max())
     assert worst < cap * 1.05 + 5
     muscles.block(np.array([True, True]))
     here = muscles.position.copy()
-    muscles.aim(here + 3000.0)
+    muscles.set_goals(here + 3000.0)
     muscles.advance(6.0)
     assert muscles.current == pytest.approx([cap, cap], rel=0.02)
     assert np.abs(muscles.position - here).max() < 10, "something holds it fast"
@@ -271,10 +271,10 @@ def test_in_mode_5_braking_from_full_speed_keeps_the_cap_too() -> None:
     """Back-EMF and output then push the same way: up to twice the stall current of 856."""
     muscles = arms(friction=0.0)
     power(muscles, mode=5, current=1000.0)
-    muscles.aim(muscles.position + 3 * 4096.0)
+    muscles.set_goals(muscles.position + 3 * 4096.0)
     muscles.advance(0.6)
     assert np.abs(muscles.velocity).min() > 120
-    muscles.aim(muscles.position - 3 * 4096.0)
+    muscles.set_goals(muscles.position - 3 * 4096.0)
     worst = 0.0
     for k in range(50):
         muscles.advance(0.6 + 0.002 * (k + 1))
@@ -296,7 +296,7 @@ def test_whatever_is_commanded_stays_finite_and_inside_its_caps(
     muscles = arms()
     power(muscles, mode=mode, pwm=pwm, current=current, supply=supply)
     for k, goal in enumerate(goals):
-        muscles.aim(np.array([goal, -goal]))
+        muscles.set_goals(np.array([goal, -goal]))
         muscles.advance(0.1 * (k + 1))
         assert np.isfinite([muscles.position, muscles.velocity, muscles.current, muscles.pwm]).all()
         assert np.abs(muscles.pwm).max() <= pwm + 1e-6

@@ -40,7 +40,7 @@ def test_on_a_bench_servos_are_as_from_the_factory() -> None:
     """e-manual, XM430-W350: "Baud Rate" 57600, "Return Delay Time" 500 us."""
     (bus,) = bench([servo("arm:3:XM430-W350"), servo("arm:7:XL330-M288")], BusTiming()).values()
     bus.receive(packet.ping(3), 0.0)
-    assert bus.due() == pytest.approx(24 * 10 / 57600 + 500e-6)
+    assert bus.next_output_time() == pytest.approx(24 * 10 / 57600 + 500e-6)
     assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [3]
 
 

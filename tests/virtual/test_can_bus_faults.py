@@ -202,7 +202,7 @@ def test_the_channel_refuses_while_old_frames_wait_and_is_lost_after_a_second() 
         host.clock.sleep_until(host.clock.now() + 0.1)
         with pytest.raises(OutputQueueFull, match="1 bytes still wait"):
             send(host, link)
-        host.bus.hear(as_frames([CanMessage(1, LIMP)]), host.clock.now())
+        host.bus.take_host_frames(as_frames([CanMessage(1, LIMP)]), host.clock.now())
     host.clock.sleep_until(host.clock.now() + 0.11)
     with pytest.raises(PortError, match="has taken nothing for 1") as lost:
         send(host, link)

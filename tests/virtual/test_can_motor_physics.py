@@ -83,7 +83,7 @@ def test_a_serial_servo_of_the_same_body_is_moved_by_its_own_rules() -> None:
     muscles = body()
     serial, can = muscles.part([0]), muscles.impedance([1])
     power(serial)
-    serial.aim(np.array([2000.0 + 300]))
+    serial.set_goals(np.array([2000.0 + 300]))
     command(can, 300 * COUNT + 0.4, kp=50.0, kd=1.0)
     for k in range(300):
         serial.advance(k * 0.01)

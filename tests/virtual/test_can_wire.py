@@ -92,7 +92,7 @@ def nodes(*ids: int) -> list[NodeSpec]:
 def test_answers_compete_with_commands_by_their_ids() -> None:
     """Commands 1, 2, 3 and answers 11, 12, 13: every command goes before every answer."""
     host = CanHost(nodes(1, 2, 3))
-    host.bus.hear(as_frames([CanMessage(id, LIMP) for id in (3, 2, 1)]), 0.0)
+    host.bus.take_host_frames(as_frames([CanMessage(id, LIMP) for id in (3, 2, 1)]), 0.0)
     assert [each.id for each in host.wait(0.01)] == [0x11, 0x12, 0x13]
     low = CanHost([NodeSpec(id, "DM4310", feedback_id=id - 0x20) for id in (0x21, 0x22, 0x23)])
     assert [each.id for each in low.ask(*[(id, LIMP) for id in (0x23, 0x22, 0x21)])] == [3, 2, 1]
@@ -100,8 +100,8 @@ def test_answers_compete_with_commands_by_their_ids() -> None:
 
 def test_a_command_and_its_answer_take_their_bits_and_no_more() -> None:
     host = CanHost(nodes(1))
-    host.bus.hear(as_frames([CanMessage(1, LIMP)]), 0.0)
-    while np.isfinite(due := host.bus.due()):
+    host.bus.take_host_frames(as_frames([CanMessage(1, LIMP)]), 0.0)
+    while np.isfinite(due := host.bus.next_output_time()):
         host.bus.advance(due)
         if host.bus.controller.inbox:
             break
@@ -111,11 +111,11 @@ def test_a_command_and_its_answer_take_their_bits_and_no_more() -> None:
 
 def test_due_is_never_late_and_comes_to_an_end() -> None:
     host = CanHost(nodes(1, 2, 3, 4))
-    host.bus.hear(as_frames([CanMessage(id, LIMP) for id in (1, 2, 3, 4)]), 0.0)
+    host.bus.take_host_frames(as_frames([CanMessage(id, LIMP) for id in (1, 2, 3, 4)]), 0.0)
     heard, rounds = 0, 0
-    while (due := host.bus.due()) < np.inf:
-        assert not host.bus.say(np.nextafter(due, 0.0)).size
-        heard += len(host.bus.say(due))
+    while (due := host.bus.next_output_time()) < np.inf:
+        assert not host.bus.give_host_frames(np.nextafter(due, 0.0)).size
+        heard += len(host.bus.give_host_frames(due))
         rounds += 1
     assert heard == 4
     assert rounds < 30
@@ -142,7 +142,7 @@ def test_without_power_nothing_leaves_and_all_of_it_leaves_when_power_returns() 
 def test_a_full_queue_refuses_and_a_purge_empties_it() -> None:
     host = CanHost(nodes(1), adapter=CanAdapter(queue=5))
     host.faults.power(False)
-    refused = host.bus.hear(as_frames([CanMessage(1, LIMP)] * 8), 0.0)
+    refused = host.bus.take_host_frames(as_frames([CanMessage(1, LIMP)] * 8), 0.0)
     assert (refused, host.bus.controller.backlog()) == (3, 5)
     host.bus.controller.purge()
     host.faults.power(True)

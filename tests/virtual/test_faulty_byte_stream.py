@@ -23,7 +23,7 @@ def listen(host: Host, seconds: float, step: float = 0.0005) -> bytes:
     out, end = b"", host.clock.now() + seconds
     while host.clock.now() < end:
         host.clock.sleep_until(host.clock.now() + step)
-        if host.bus.due() <= host.clock.now():
+        if host.bus.next_output_time() <= host.clock.now():
             out += host.bus.take(host.clock.now())
     return out
 
@@ -82,7 +82,7 @@ def test_a_burst_of_noise_fills_its_time_and_ends() -> None:
     host.bus.faults.noise(0.005)
     heard = listen(host, 0.02)
     assert len(heard) == pytest.approx(0.005 * 200_000, rel=0.02)
-    assert host.bus.due() == np.inf
+    assert host.bus.next_output_time() == np.inf
     assert sound(ask(host, packet.sync_read(IDS, 132, 4))) == IDS
 
 
@@ -108,7 +108,9 @@ def test_babble_never_ends_by_itself_and_is_bounded_at_every_look() -> None:
     for _ in range(50):
         host.clock.sleep_until(host.clock.now() + 60.0)
         assert 0 < len(host.bus.take(host.clock.now())) <= 4096
-    assert host.bus.due() > host.clock.now(), "a host that waits for the next bytes is not held fast"
+    assert host.bus.next_output_time() > host.clock.now(), (
+        "a host that waits for the next bytes is not held fast"
+    )
     assert sound(ask(host, packet.ping(1))) == []
     host.bus.faults.babble(False)
     assert sound(ask(host, packet.ping(1))) == [1]
@@ -120,13 +122,13 @@ def test_split_answers_come_in_small_pieces_and_lose_nothing() -> None:
     host.bus.faults.split(3)
     host.bus.receive(request, host.clock.now())
     pieces = []
-    while host.bus.due() < np.inf:
-        host.clock.sleep_until(host.bus.due())
+    while host.bus.next_output_time() < np.inf:
+        host.clock.sleep_until(host.bus.next_output_time())
         pieces.append(host.bus.take(host.clock.now()))
     assert b"".join(pieces) == clean
     assert max(map(len, pieces)) == 3
     host.bus.receive(request, host.clock.now())
-    host.bus.take(host.bus.due())
+    host.bus.take(host.bus.next_output_time())
     host.bus.faults.split(0)
     assert len(listen(host, 0.01)) > 0, "what was kept comes at once"
 
@@ -139,8 +141,8 @@ def test_the_latency_timer_holds_back_what_does_not_fill_a_packet(timer: float, 
     begin = host.clock.now()
     host.bus.receive(request, begin)
     parts = []
-    while host.bus.due() < np.inf:
-        host.clock.sleep_until(host.bus.due())
+    while host.bus.next_output_time() < np.inf:
+        host.clock.sleep_until(host.bus.next_output_time())
         if part := host.bus.take(host.clock.now()):
             parts.append((host.clock.now() - begin, part))
     assert b"".join(part for _, part in parts) == clean
@@ -159,7 +161,7 @@ def test_an_adapter_with_a_timer_keeps_it_when_faults_are_healed() -> None:
     bus.faults.clear()
     bus.receive(packet.ping(1), 0.001)
     assert bus.take(0.015) == b""
-    assert bus.take(bus.due()).startswith(packet.ping(1)), "it echoes too"
+    assert bus.take(bus.next_output_time()).startswith(packet.ping(1)), "it echoes too"
 
 
 def test_an_echoing_adapter_gives_back_what_was_sent_before_the_answer() -> None:

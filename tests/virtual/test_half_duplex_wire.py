@@ -46,7 +46,7 @@ def test_an_answer_is_not_there_before_its_last_byte() -> None:
     host = Host([1], settings={"return_delay_time": 250})
     host.bus.receive(packet.ping(1), 0.0)
     whole = 10 * 10 / 2e6 + 500e-6 + 14 * 10 / 2e6
-    assert host.bus.due() == pytest.approx(whole)
+    assert host.bus.next_output_time() == pytest.approx(whole)
     assert host.bus.take(whole - 1e-9) == b""
     assert len(host.bus.take(whole + 1e-9)) == 14
 
@@ -56,22 +56,22 @@ def test_of_an_answer_cut_short_whole_statuses_have_come() -> None:
     host.bus.receive(packet.sync_read(IDS, 132, 4), 0.0)
     each, request = 15 * 10 / 2e6, 38 * 10 / 2e6
     assert len(host.bus.take(request + 7.5 * each)) == 7 * 15
-    assert len(host.bus.take(host.bus.due())) == 17 * 15
+    assert len(host.bus.take(host.bus.next_output_time())) == 17 * 15
 
 
 def test_without_timing_the_answer_is_there_at_once() -> None:
     host = Host(IDS, wire_timing=False)
     host.bus.receive(packet.sync_read(IDS, 132, 4), 3.0)
-    assert host.bus.due() == 3.0
+    assert host.bus.next_output_time() == 3.0
     assert len(host.bus.take(3.0)) == 24 * 15
 
 
 def test_two_requests_in_one_write_are_served_one_after_the_other() -> None:
     host = Host([1, 2])
     host.bus.receive(packet.ping(1) + packet.ping(2), 0.0)
-    assert host.bus.due() == pytest.approx(24 * 10 / 2e6)  # request and answer of the first
+    assert host.bus.next_output_time() == pytest.approx(24 * 10 / 2e6)  # request and answer of the first
     assert len(host.bus.take(1.0)) == 28
 
 
 def test_a_silent_wire_is_never_due() -> None:
-    assert HalfDuplexWire(1_000_000).due() == math.inf
+    assert HalfDuplexWire(1_000_000).next_output_time() == math.inf

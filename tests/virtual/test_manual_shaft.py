@@ -231,16 +231,16 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
     ports = {name: Port(name) for name in virtual}
     server = VirtualBusServer(virtual, ports, ServoClock(clock), lambda name, path: None)  # type: ignore[arg-type]
     wish = {"l_knee": 0.5, "r_knee": 0.4, "head_yaw": 0.3}
-    assert server.obey({"fault": "hand", "pose": wish, "speed": 3.0}) == {"ok": True}
+    assert server.execute_fault_command({"fault": "hand", "pose": wish, "speed": 3.0}) == {"ok": True}
     for bus in virtual.values():
         bus.advance(1.0)
     found = {joint: angle(made, virtual, joint, 1.0) for joint in wish}
     assert found == pytest.approx(wish, abs=0.003)
-    server.obey({"fault": "hand", "off": True})
+    server.execute_fault_command({"fault": "hand", "off": True})
     with pytest.raises(FaultCommandError, match="no joint 'tail'; there are"):
-        server.obey({"fault": "hand", "pose": {"l_knee": 0.0, "tail": 1.0}})
+        server.execute_fault_command({"fault": "hand", "pose": {"l_knee": 0.0, "tail": 1.0}})
     with pytest.raises(FaultCommandError, match="no bus None; there are upper"):
-        server.obey({"fault": "hand", "id": 7, "to": 2000})
+        server.execute_fault_command({"fault": "hand", "id": 7, "to": 2000})
     for bus in virtual.values():
         bus.advance(2.0)
     assert {joint: angle(made, virtual, joint, 2.0) for joint in wish} == pytest.approx(wish, abs=0.003)

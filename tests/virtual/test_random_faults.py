@@ -54,8 +54,8 @@ steps = st.one_of(
 def listen(host: Host, until: float) -> bytes:
     """What the host hears, looking whenever there is something; no more looks than time and bytes allow."""
     out, looks = b"", 0
-    while host.bus.due() <= until:
-        host.clock.sleep_until(host.bus.due())
+    while host.bus.next_output_time() <= until:
+        host.clock.sleep_until(host.bus.next_output_time())
         out += host.bus.take(host.clock.now())
         looks += 1
         assert looks < 3000, "the bus is due for ever and time stands still"  # split: 2000 pieces in 10 ms
@@ -77,7 +77,7 @@ def test_whatever_goes_wrong_ends_and_leaves_no_trace(run: list[tuple], timing: 
             listen(host, host.clock.now() + more)
     host.bus.faults.clear()
     listen(host, host.clock.now() + 1.0)
-    assert host.bus.due() == inf
+    assert host.bus.next_output_time() == inf
     host.bus.receive(bytes(3000), host.clock.now())  # a broken LEN may promise so much
     listen(host, host.clock.now() + 1.0)
     assert [host.raw(request) for request in REQUESTS[:2]] == clean[:2]

@@ -38,11 +38,11 @@ def test_foreign_puts_a_sound_status_before_an_answer() -> None:
 def test_delay_makes_every_answer_late_until_it_is_taken_back() -> None:
     host = Host(IDS)
     host.bus.receive(packet.ping(1), 0.0)
-    prompt = host.bus.due()
+    prompt = host.bus.next_output_time()
     host.bus.take(prompt)
     host.bus.faults.delay(0.02)
     host.bus.receive(packet.ping(1), 1.0)
-    assert host.bus.due() == pytest.approx(1.0 + prompt + 0.02)
+    assert host.bus.next_output_time() == pytest.approx(1.0 + prompt + 0.02)
 
 
 def test_a_silenced_servo_hears_nothing_and_its_watchdog_trips() -> None:

@@ -43,8 +43,8 @@ def powered(start: float = 0.0, **how: float) -> FirstOrderPhysics:
 )
 def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, steps: list[float]) -> None:
     many, once = powered(mode=mode), powered(mode=mode)
-    many.aim(np.array([goal]))
-    once.aim(np.array([goal]))
+    many.set_goals(np.array([goal]))
+    once.set_goals(np.array([goal]))
     for end in np.cumsum(steps):
         many.advance(float(end))
     once.advance(float(np.cumsum(steps)[-1]))
@@ -56,7 +56,7 @@ def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, st
 @given(st.floats(-3000, 3000), st.floats(1e-3, 1.0))
 def test_it_never_overshoots_and_never_exceeds_its_speed(goal: float, dt: float) -> None:
     muscles = powered()
-    muscles.aim(np.array([goal]))
+    muscles.set_goals(np.array([goal]))
     muscles.advance(dt)
     moved = muscles.position[0]
     assert min(0.0, goal) <= moved <= max(0.0, goal)
@@ -68,7 +68,7 @@ def test_it_never_overshoots_and_never_exceeds_its_speed(goal: float, dt: float)
 def test_a_joint_without_torque_stays_where_it_is(mode: int) -> None:
     muscles = powered(start=100.3, mode=mode, on=False)
     for now, goal in ((5.0, 900.0), (9.0, -1e9 / 7.0)):
-        muscles.aim(np.array([goal]))
+        muscles.set_goals(np.array([goal]))
         muscles.advance(now)
         assert muscles.position[0] == 100.3, "not by the least bit"
     assert muscles.velocity[0] == muscles.current[0] == muscles.pwm[0] == 0.0
@@ -78,7 +78,7 @@ def test_a_gain_of_zero_pulls_at_nothing_and_half_the_gain_is_slower() -> None:
     reached = []
     for p in (0.0, 400.0, 800.0):
         muscles = powered(p=p)
-        muscles.aim(np.array([30.0]))
+        muscles.set_goals(np.array([30.0]))
         muscles.advance(0.04)
         reached.append(muscles.position[0])
     assert reached[0] == 0.0 < reached[1] < reached[2]
@@ -86,7 +86,7 @@ def test_a_gain_of_zero_pulls_at_nothing_and_half_the_gain_is_slower() -> None:
 
 def test_time_that_has_passed_already_changes_nothing() -> None:
     muscles = powered()
-    muscles.aim(np.array([500.0]))
+    muscles.set_goals(np.array([500.0]))
     muscles.advance(0.1)
     before = muscles.position.copy()
     muscles.advance(0.05)
@@ -97,13 +97,13 @@ def test_time_that_has_passed_already_changes_nothing() -> None:
 def test_in_velocity_mode_it_turns_at_the_goal_for_ever(goal: float, speed: float) -> None:
     """e-manual, "Operating Mode" 1: endless; no faster than 46 rpm, "Specifications" of the XM430-W350."""
     muscles = powered(mode=1)
-    muscles.aim(np.array([goal]))
+    muscles.set_goals(np.array([goal]))
     muscles.advance(1.0)
     before = muscles.position[0]
     muscles.advance(61.0)
     assert muscles.velocity[0] == pytest.approx(speed)
     assert muscles.position[0] - before == pytest.approx(speed * TICKS * 60, rel=1e-6)
-    muscles.aim(np.array([0.0]))
+    muscles.set_goals(np.array([0.0]))
     muscles.advance(62.0)
     assert abs(muscles.velocity[0]) < 1e-6
 
@@ -112,7 +112,7 @@ def test_smaller_velocity_gains_are_slower_and_none_turn_nothing() -> None:
     reached = []
     for vp, vi in ((0.0, 0.0), (50.0, 960.0), (100.0, 1920.0)):
         muscles = powered(mode=1, vp=vp, vi=vi)
-        muscles.aim(np.array([100.0]))
+        muscles.set_goals(np.array([100.0]))
         muscles.advance(0.02)
         reached.append(muscles.velocity[0])
     assert reached[0] == 0.0 < reached[1] < reached[2] < 100.0
@@ -121,12 +121,12 @@ def test_smaller_velocity_gains_are_slower_and_none_turn_nothing() -> None:
 def test_in_current_mode_the_current_is_the_goal_while_the_voltage_suffices() -> None:
     for goal in (10.0, -10.0):
         muscles = powered(mode=0)
-        muscles.aim(np.array([goal]))
+        muscles.set_goals(np.array([goal]))
         for k in range(1, 20):
             muscles.advance(0.02 * k)
             assert muscles.current[0] == pytest.approx(goal)
             assert np.sign(muscles.velocity[0]) == np.sign(goal)
-    muscles.aim(np.array([900.0]))
+    muscles.set_goals(np.array([900.0]))
     muscles.advance(5.0)
     assert muscles.velocity[0] == pytest.approx(201.0), (
         "free speed; the rest of the current has nothing to push"
@@ -137,7 +137,7 @@ def test_in_current_mode_the_current_is_the_goal_while_the_voltage_suffices() ->
 def test_in_pwm_mode_the_speed_is_in_proportion_to_output_and_supply() -> None:
     for goal, supply, speed in ((885.0, 1.0, 201.0), (-442.5, 1.0, -100.5), (885.0, 0.5, 100.5)):
         muscles = powered(mode=16, supply=supply)
-        muscles.aim(np.array([goal]))
+        muscles.set_goals(np.array([goal]))
         muscles.advance(2.0)
         assert muscles.velocity[0] == pytest.approx(speed)
         assert muscles.pwm[0] == goal
@@ -148,7 +148,7 @@ def test_less_output_or_less_current_is_less_speed_in_every_mode(mode: int) -> N
     """e-manual, "Goal PWM": a cap in every mode; "Goal Current": a cap in mode 5."""
     for caps, fastest in (({"pwm": 88.5}, 20.1), ({"current": 5.0}, 50.0)):
         muscles = powered(mode=mode, **caps)
-        muscles.aim(np.array([150_000.0]))
+        muscles.set_goals(np.array([150_000.0]))
         muscles.advance(1.0)
         assert muscles.velocity[0] == pytest.approx(fastest)
 
@@ -163,7 +163,7 @@ def test_a_blocked_shaft_turns_its_output_into_current() -> None:
     ):
         muscles = powered(mode=mode, current=300.0 if mode == 5 else 1193.0)
         muscles.block(np.array([True]))
-        muscles.aim(np.array([goal]))
+        muscles.set_goals(np.array([goal]))
         muscles.advance(1.0)
         assert muscles.position[0] == muscles.velocity[0] == 0.0
         assert muscles.current[0] == pytest.approx(current)
@@ -194,7 +194,7 @@ def test_whatever_is_commanded_stays_finite_and_inside_its_caps(changes: list[tu
     for mode, on, pwm, current, supply, goal, dt, held in changes:
         power(muscles, mode=mode, on=on, pwm=pwm, current=current, supply=supply)
         muscles.block(np.array([held]))
-        muscles.aim(np.array([goal]))
+        muscles.set_goals(np.array([goal]))
         now += dt
         before = muscles.position[0]
         muscles.advance(now)

@@ -19,7 +19,7 @@ def run(
     profile: ServoProfile, goal: float, seconds: float, begin: float = 0.0
 ) -> tuple[list[float], list[float]]:
     """Places and speeds every 2 ms."""
-    profile.aim(np.array([goal]), begin)
+    profile.set_targets(np.array([goal]), begin)
     places, speeds = [], []
     for k in range(1, round(seconds / STEP) + 1):
         profile.follow(begin + k * STEP)
@@ -64,7 +64,7 @@ def test_a_new_goal_on_the_way_keeps_place_and_speed_continuous(
     now = 0.0
     for goal, seconds in goals:
         place, speed = float(profile.reference[0]), float(profile.speed[0])
-        profile.aim(np.array([goal]), now)
+        profile.set_targets(np.array([goal]), now)
         profile.follow(now + 1e-7)
         assert profile.reference[0] == pytest.approx(place, abs=0.01 + abs(speed) * 1e-6)
         assert profile.speed[0] == pytest.approx(speed, abs=0.02 * (1 + abs(goal) + abs(place) + abs(speed)))
@@ -89,7 +89,7 @@ def test_the_ramp_takes_64_v_over_a_milliseconds() -> None:
 def test_the_type_of_the_profile_is_told(velocity: int, acceleration: int, goal: float, kind: int) -> None:
     """e-manual, "Moving Status": bits 4 and 5."""
     profile = made(velocity, acceleration)
-    profile.aim(np.array([float(goal)]), 0.0)
+    profile.set_targets(np.array([float(goal)]), 0.0)
     assert profile.kind[0] == kind
     assert profile.running[0] == (kind != NONE)
 
@@ -101,14 +101,14 @@ def test_a_time_based_profile_takes_its_time_and_ramps_for_half_of_it_at_most(
 ) -> None:
     """e-manual, "Drive Mode" bit 2 and "Profile Velocity": 112 is t3, 108 is t1, no more than half of t3."""
     profile = made(whole, ramp, timed=True)
-    profile.aim(np.array([goal]), 0.0)
+    profile.set_targets(np.array([goal]), 0.0)
     profile.follow(whole * 1e-3 * 0.999 - 1e-6)
     assert profile.running[0]
     profile.follow(whole * 1e-3 + 1e-6)
     assert not profile.running[0]
     assert profile.reference[0] == goal
     half = made(whole, ramp, timed=True)
-    half.aim(np.array([goal]), 0.0)
+    half.set_targets(np.array([goal]), 0.0)
     half.follow(whole * 0.5e-3)
     assert half.reference[0] == pytest.approx(goal / 2, rel=1e-6), "it is symmetric"
 
@@ -141,9 +141,9 @@ def test_a_servo_that_was_stopped_stays_and_a_goal_written_again_begins_anew() -
 
 def test_the_same_goal_again_does_not_begin_anew() -> None:
     profile = made(1000, 200, timed=True)
-    profile.aim(np.array([700.0]), 0.0)
+    profile.set_targets(np.array([700.0]), 0.0)
     profile.follow(0.5)
-    profile.aim(np.array([700.0]), 0.5)
+    profile.set_targets(np.array([700.0]), 0.5)
     profile.follow(1.0001)
     assert profile.reference[0] == 700.0
 
@@ -153,7 +153,7 @@ def test_a_p_series_profile_is_in_its_own_units() -> None:
     profile = ServoProfile(np.zeros(1), turn=1_003_846.0, rpm=0.01)
     off = np.zeros(1, np.bool_)
     profile.limit(np.array([1000.0]), np.array([0.0]), off, off)
-    profile.aim(np.array([1e6]), 0.0)
+    profile.set_targets(np.array([1e6]), 0.0)
     profile.follow(1.0)
     assert profile.reference[0] == pytest.approx(10.0 / 60.0 * 1_003_846)
 

@@ -225,7 +225,7 @@ def test_an_adapter_with_batches_hands_over_at_their_ends_and_nothing_before() -
     bus.receive(b"S8\rO\r" + ENABLE, 0.0002)
     heard = {}
     assert bus.take(0.0009) == b""
-    while np.isfinite(due := bus.due()):
+    while np.isfinite(due := bus.next_output_time()):
         assert bus.take(np.nextafter(due - 1e-9, 0.0)) == b""
         heard[round(due * 1e3, 6)] = bus.take(due)
     assert heard == {1.0: b"\r\rz\r" + TOLD}

@@ -64,10 +64,10 @@ def test_a_file_says_what_the_dataclass_says(tmp_path: Path) -> None:
         "seam_seed": 3,
     }
     found = load(tmp_path, json.dumps({"joints": {"l_knee": said, "r_knee": {"swapped_with": "head_yaw"}}}))
-    assert found.of("l_knee") == JointTruth(**said | {"stops_rad": (-0.1, 2.2)})
-    assert set(found.of("l_knee").said()) == set(said)
+    assert found.joint_truth("l_knee") == JointTruth(**said | {"stops_rad": (-0.1, 2.2)})
+    assert set(found.joint_truth("l_knee").non_default_keys()) == set(said)
     assert (found.holder("r_knee"), found.holder("head_yaw")) == ("head_yaw", "r_knee")
-    assert found.of("head_pitch") == PLAIN and found.holder("head_pitch") == "head_pitch"
+    assert found.joint_truth("head_pitch") == PLAIN and found.holder("head_pitch") == "head_pitch"
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def test_the_servos_do_not_live_through_a_stall() -> None:
     assert clock.now() == pytest.approx(100.1)
     real.sleep_until(real.now() + 5.0)
     assert clock.now() == pytest.approx(100.1 + STALL)
-    assert clock.lost == pytest.approx(5.0 - STALL)
+    assert clock.skipped_time == pytest.approx(5.0 - STALL)
 
 
 def server(*names: str) -> tuple[VirtualBusServer, dict[str, Host], list[str]]:
@@ -40,22 +40,22 @@ def server(*names: str) -> tuple[VirtualBusServer, dict[str, Host], list[str]]:
 
 def test_orders_reach_the_bus_they_name() -> None:
     made, hosts, _ = server("left", "right")
-    assert made.obey({"fault": "silence", "bus": "right", "id": 2})["ok"]
+    assert made.execute_fault_command({"fault": "silence", "bus": "right", "id": 2})["ok"]
     assert hosts["left"].servos.listening.tolist() == [True, True]
     assert hosts["right"].servos.listening.tolist() == [True, False]
     for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
         with pytest.raises(FaultCommandError, match="there are left, right"):
-            made.obey(wrong)
+            made.execute_fault_command(wrong)
     with pytest.raises(FaultCommandError, match="there are state, history"):
-        made.obey({"query": "weather"})
+        made.execute_fault_command({"query": "weather"})
 
 
 def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -> None:
     made, hosts, said = server("main")
-    made.obey({"fault": "unplug"})
-    assert not hosts["main"].bus.plugged
-    answer = made.obey({"fault": "replug"})
-    assert hosts["main"].bus.plugged
+    made.execute_fault_command({"fault": "unplug"})
+    assert not hosts["main"].bus.is_plugged
+    answer = made.execute_fault_command({"fault": "replug"})
+    assert hosts["main"].bus.is_plugged
     assert said == [f"main {answer['path']}"]
 
 
@@ -96,19 +96,19 @@ def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path:
 def test_what_was_recorded_is_given_page_by_page() -> None:
     made, hosts, _ = server("main")
     with pytest.raises(FaultCommandError, match='"record"'):
-        made.obey({"query": "history"})
-    made.obey({"fault": "record", "count": 2000})
+        made.execute_fault_command({"query": "history"})
+    made.execute_fault_command({"fault": "record", "count": 2000})
     history = hosts["main"].servos.history
     assert history is not None
     for at in range(PAGE + 7):
         history.note(at * 0.001, np.array([at, -at]))
-    first = made.obey({"query": "history"})
+    first = made.execute_fault_command({"query": "history"})
     assert (first["ids"], first["more"], len(first["time"])) == ([1, 2], True, PAGE)
-    rest = made.obey({"query": "history", "since": first["time"][-1]})
+    rest = made.execute_fault_command({"query": "history", "since": first["time"][-1]})
     assert (rest["more"], rest["position"][-1]) == (False, [PAGE + 6, -PAGE - 6])
     assert len(rest["time"]) == 7
     with pytest.raises(FaultCommandError, match="a time in s"):
-        made.obey({"query": "history", "since": "now"})
+        made.execute_fault_command({"query": "history", "since": "now"})
     json.dumps(first)
 
 
@@ -117,7 +117,7 @@ def test_the_state_tells_the_truth_of_every_servo() -> None:
     host = hosts["main"]
     host.torque(1)
     host.muscles.position[1] += 0.25
-    state = made.obey({"query": "state"})
+    state = made.execute_fault_command({"query": "state"})
     one, two = state["buses"]["main"]["servos"]
     assert (one["id"], one["torque"], one["goal"], one["tripped_at"]) == (1, True, 2048, None)
     assert (two["torque"], two["position"]) == (False, 2048.25)
@@ -134,7 +134,7 @@ def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not(
     def shown() -> list[int]:
         host.servos.settle(clock.now())
         made.clocks_go_on()
-        host.servos.changed()  # the registers are shown anew
+        host.servos.invalidate_cache()  # the registers are shown anew
         host.servos.settle(clock.now())
         return [int(each) for each in host.servos.memory.column("realtime_tick", 2).get()]
 

@@ -139,7 +139,7 @@ class MotionSession:
 
     def keep(self) -> list[MotionEnd]:
         """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
-        now, over = self._now(), self._taken()
+        now, over = self._now(), self._take_ended_motions()
         if self._let_go:
             self.close()
         elif self.driving or self.held:
@@ -151,7 +151,7 @@ class MotionSession:
             self.close()
         return over
 
-    def heard(self, answer: Mapping[str, Any]) -> None:
+    def on_monitor_reply(self, answer: Mapping[str, Any]) -> None:
         """Take an answer of `Monitor`: events report ends, a status whether anything still moves."""
         ended = reported_end(answer)
         if ended is not None and ended.phase == LOST and not ended.id:
@@ -211,7 +211,7 @@ class MotionSession:
         for name in gone:
             self._end(MotionEnd(name, LOST))
 
-    def _taken(self) -> list[MotionEnd]:
+    def _take_ended_motions(self) -> list[MotionEnd]:
         """Ends of our motions, each once."""
         late = self._now() - LATE
         with self._lock:

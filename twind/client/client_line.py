@@ -39,7 +39,7 @@ class ClientLine(Protocol):
     def receive(self, patience: float) -> bytes:
         """Return the next message. Raises TimeoutError: none came; EOFError: the other side closed."""
 
-    def waiting(self) -> list[bytes]:
+    def take_received(self) -> list[bytes]:
         """Return the messages that have come already."""
 
 
@@ -71,7 +71,7 @@ class SocketLine:
             sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
             full = isinstance(error, BlockingIOError)
-            raise NoDaemon(f"{self.where}: {_why(error)}", absent=absent, full=full) from None
+            raise NoDaemon(f"{self.where}: {_explain_error(error)}", absent=absent, full=full) from None
         self._socket = sock
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class SocketLine:
         del self._buffer[: end + 1]
         return message
 
-    def waiting(self) -> list[bytes]:
+    def take_received(self) -> list[bytes]:
         """Return the whole messages that were read along with the last one."""
         end = self._buffer.rfind(b"\0")
         messages = bytes(self._buffer[: max(end, 0)])
@@ -130,7 +130,7 @@ class SocketLine:
         return messages.split(b"\0") if end >= 0 else []
 
 
-def _why(error: OSError) -> str:
+def _explain_error(error: OSError) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return f"no daemon: there is no such socket; {HOW_TO_START}"
     if isinstance(error, ConnectionRefusedError):

@@ -114,7 +114,7 @@ class Client:
     def _bursts(self, method: str) -> Generator[list[bytes], None, None]:
         try:
             while True:
-                yield [self._next(method), *self._line.waiting()]
+                yield [self._next(method), *self._line.take_received()]
         finally:
             self.close()
 

@@ -14,7 +14,7 @@ class TransitionReporter:
     told: str = ""
     at: float = float("-inf")
 
-    def news(self, wrong: str, now: float) -> bool:
+    def is_transition(self, wrong: str, now: float) -> bool:
         """True if `wrong` ("": no fault) needs a line now. Alternating reasons get one each `every` s."""
         self.wrong = wrong
         if wrong == self.told or (wrong and self.told and now - self.at < self.every):

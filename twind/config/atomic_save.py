@@ -70,7 +70,7 @@ class LockedFolder:
 
 
 @contextlib.contextmanager
-def alone(folder: Path) -> Iterator[LockedFolder]:
+def lock_folder(folder: Path) -> Iterator[LockedFolder]:
     """Lock a folder: other programs that save there wait. One program must not hold it twice.
 
     Raises OSError: no folder, no permission to read it, another program saves there for half a minute.
@@ -85,7 +85,7 @@ def alone(folder: Path) -> Iterator[LockedFolder]:
 
 def save_text(folder: Path, name: str, text: str, history: int, rights: FileOwnership | None = None) -> Path:
     """`LockedFolder.save_text`, of a text independent of the present file. Raises as it and as `alone`."""
-    with alone(folder) as held:
+    with lock_folder(folder) as held:
         return held.save_text(name, text, history, rights)
 
 

@@ -16,7 +16,13 @@ from pathlib import Path
 from twind.config.atomic_save import FileOwnership, save_text
 from twind.config.config_section import ConfigSection, Plain
 from twind.config.counts import ticks_of, turn_start
-from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device, recorded
+from twind.config.device_record import (
+    MAX_TICKS,
+    DeviceRecord,
+    device_entries,
+    make_device_record,
+    read_device,
+)
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind_drivers.bus import IdentifiedDevice
@@ -209,7 +215,7 @@ def _fitted(joint: JointSpec, zero: int, device: IdentifiedDevice) -> JointCalib
         name=joint.actuator,
         bus=joint.bus,
         id=joint.id,
-        device=recorded(device),
+        device=make_device_record(device),
         zero_ticks=zero,
         zero_sigma_ticks=0.0,
         captures=1,
@@ -231,11 +237,11 @@ def dump_calibration(calibration: Calibration) -> str:
         "tool": calibration.tool,
         "method_default": calibration.method_default,
     }
-    text = written(head, {joint.name: _entries(joint) for joint in calibration.joints})
+    text = render(head, {joint.name: _entries(joint) for joint in calibration.joints})
     return f'{text}sha256: "{text_hash(text)}"\n'
 
 
-def written(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]) -> str:
+def render(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]) -> str:
     """The text of a file of joints in one fixed form: every entry of a joint on a line of its own."""
     lines = [f"{key}: {_flow(value)}" for key, value in head.items()]
     lines.append("joints:" if joints else "joints: {}")

@@ -60,7 +60,7 @@ class LoadedConfig:
     live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
 
 
-def packed(sources: ConfigSources, described: LoadedConfig) -> bytes:
+def pack(sources: ConfigSources, described: LoadedConfig) -> bytes:
     """What the files said, and how they are found, for the process that reads them again.
 
     Pickled: it is of our own making, like the bound robot beside it, and travels in a sealed memfd.

@@ -63,7 +63,7 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
             continue
         warnings.extend(_travel(place, joint, entry))
         if device is not None:
-            refusals.extend(_changed(place, joint, entry.device, device))
+            refusals.extend(_find_differences(place, joint, entry.device, device))
             warnings.extend(_firmware(place, joint, entry.device, device))
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
@@ -82,7 +82,9 @@ def _doubts(joint: JointSpec, device: IdentifiedDevice) -> Iterator[ServoWarning
     return iter(())
 
 
-def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Finding]:
+def _find_differences(
+    place: int, joint: JointSpec, then: DeviceRecord, now: IdentifiedDevice
+) -> Iterator[Finding]:
     def differs(register: str, value: int | None, recorded: int) -> Finding:
         text = f"{register} is {value}, was {recorded} when calibrated: restore it, or calibrate anew"
         if value is None:

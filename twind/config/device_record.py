@@ -24,7 +24,7 @@ class DeviceRecord:
     tag: int | None = None
 
 
-def recorded(device: IdentifiedDevice, *, tagged: bool = False) -> DeviceRecord:
+def make_device_record(device: IdentifiedDevice, *, tagged: bool = False) -> DeviceRecord:
     """What a calibration keeps of a device; `tagged`: its tag as well, which only a stamped one has.
 
     Raises KeyError: a setting that it did not tell.

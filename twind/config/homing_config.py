@@ -19,12 +19,12 @@ class JointEndstops:
     lower: float | None = None
     upper: float | None = None
 
-    def at(self, side: str) -> float | None:
+    def endstop_of_side(self, side: str) -> float | None:
         """The one of that side: `lower` or `upper`."""
         return self.lower if side == "lower" else self.upper
 
     @property
-    def described(self) -> Mapping[str, float]:
+    def endstops_by_side(self) -> Mapping[str, float]:
         """Those that are, by side."""
         found = {"lower": self.lower, "upper": self.upper}
         return {side: angle for side, angle in found.items() if angle is not None}
@@ -65,7 +65,7 @@ def homing(entry: ConfigSection, described: JointEndstops) -> HomingSettings | N
     section = entry.section("homing")
     section.text("method", "endstop", ("endstop",))
     side = section.text("side", None, SIDES)
-    if described.at(side) is None:
+    if described.endstop_of_side(side) is None:
         raise section.refuse("side", f"stop_rad of this joint has no {side}: nobody knows where that stop is")
     current = section.number("current_a", 0.0, above=0.0, most=100.0) if section.has("current_a") else None
     speed = section.number("speed_rad_s", 0.0, above=0.0, most=1.0) if section.has("speed_rad_s") else None

@@ -112,7 +112,7 @@ class _SlotRegistry:
         self.taken.append(slot)
         return slot
 
-    def named(self, name: str) -> ActuatorSlot:
+    def find_slot(self, name: str) -> ActuatorSlot:
         """One that was read. Raises KeyError."""
         return {slot.name: slot for slot in self.taken}[name]
 
@@ -147,7 +147,7 @@ def _joint(
 ) -> JointSpec:
     if seat is not None:
         _refuse_own(entry, seat)
-        slot = slots.named(seat.actuator)
+        slot = slots.find_slot(seat.actuator)
     else:
         slot = slots.add(name, entry)
     lower, upper = _limits(entry)

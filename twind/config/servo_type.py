@@ -22,7 +22,7 @@ def servo_type(name: str, section: ConfigSection) -> ServoType:
     if delay % 2:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
     device = section.text("device")
-    known = _known(section, device)
+    known = _find_table(section, device)
     of = units(section, device)
     spec = ServoType(
         name=name,
@@ -56,7 +56,7 @@ def servo_joint(
     )
 
 
-def _known(section: ConfigSection, device: str) -> ControlTable:
+def _find_table(section: ConfigSection, device: str) -> ControlTable:
     """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
     try:
         return table(number_of(device))

@@ -55,8 +55,8 @@ def _transmission(
     actuators = section.texts("actuators")
     rows = section.section("joints") if kind == DIFFERENTIAL else None
     driven = tuple(rows) if rows is not None else section.texts("joints")
-    _known(section, "actuators", actuators, tuple(slots), taken[0])
-    _known(section, "joints", driven, joints, taken[1])
+    _check_joint_names(section, "actuators", actuators, tuple(slots), taken[0])
+    _check_joint_names(section, "joints", driven, joints, taken[1])
     if len(actuators) != len(driven):
         counts = f"{len(actuators)} actuators for {len(driven)} joints"
         raise section.refuse("actuators", f"{counts}: as many are needed, else nobody knows who does what")
@@ -82,7 +82,7 @@ def _transmission(
     return TransmissionSpec(name, kind, buses[0], actuators, driven, law, worst, residual, table, sha256)
 
 
-def _known(
+def _check_joint_names(
     section: ConfigSection, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
 ) -> None:
     """Raises ConfigError unless all are there, each once, and in no other transmission."""

@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _trajectory(options: argparse.Namespace) -> int:
     """By the daemon's own gate for the robot as it stands now, or without a daemon for one in a pose."""
-    verdict = _asked(options) if options.robot is None else _offline(options)
+    verdict = _make_request(options) if options.robot is None else _offline(options)
     lines = [
         line
         for key, mark in (("refusals", "refused"), ("warnings", "warning"), ("changes", "changed"))
@@ -51,7 +51,7 @@ def _trajectory(options: argparse.Namespace) -> int:
     return REFUSED if verdict["refusals"] else DONE
 
 
-def _asked(options: argparse.Namespace) -> dict[str, Any]:
+def _make_request(options: argparse.Namespace) -> dict[str, Any]:
     with operator(options) as client:
         trajectory = asked_motion(client, options.file, options)
         verdict: dict[str, Any] = client.call("Check", trajectory=trajectory)["verdict"]
@@ -86,7 +86,7 @@ def _robot(options: argparse.Namespace) -> int:
 
     try:
         with ProgressLine(options, "check") as progress:
-            progress.tell("the file")
+            progress.update("the file")
             robot = load_robot(options.file)
             report = check_robot(robot, options.rate)
             errors = list(report.errors)
@@ -94,7 +94,7 @@ def _robot(options: argparse.Namespace) -> int:
             try:
                 motions, wrong = motions_of(robot)
                 said += [f"warning: {each}" for each in wrong]
-                progress.tell(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
+                progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
                 near = survey(bind(robot, None), motions)
             except BindingError as error:
                 errors.append(str(error))

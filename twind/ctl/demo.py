@@ -204,12 +204,12 @@ def _play_until(client: Client, folder: str, until: float) -> None:
     """Motions in turn as long as one fits."""
     names = motion_names()
     turn = 1
-    while fitting := [name for name in names if _fits(name, until)]:
+    while fitting := [name for name in names if _has_time_for(name, until)]:
         _play(client, folder, fitting[turn % len(fitting)])
         turn += 1
 
 
-def _fits(name: str, until: float) -> bool:
+def _has_time_for(name: str, until: float) -> bool:
     return time.monotonic() + duration(load_motion(name)) + LOWERING <= until
 
 

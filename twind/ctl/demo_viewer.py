@@ -39,7 +39,7 @@ def viewer(folder: str, end_with_us: Callable[[], None]) -> Iterator[None]:
             preexec_fn=lambda: _behind(end_with_us),
         )
         try:
-            print(_address(process) or f"view      not there: {_why(said)}")
+            print(_address(process) or f"view      not there: {_explain_error(said)}")
             yield
         finally:
             _end(process)
@@ -59,7 +59,7 @@ def _address(process: "subprocess.Popen[bytes]") -> str:
     return process.stdout.readline().decode(errors="replace").rstrip()
 
 
-def _why(said: IO[bytes]) -> str:
+def _explain_error(said: IO[bytes]) -> str:
     said.seek(0)
     lines = said.read().decode(errors="replace").split("\n")
     return next((line for line in reversed(lines) if line), "no address in time")

@@ -14,7 +14,7 @@ def _scan_arguments(parser: argparse.ArgumentParser) -> None:
 def _scan(options: argparse.Namespace) -> int:
     with operator(options) as client, ProgressLine(options, "scan") as progress:
         client.timeout = 65.0
-        progress.tell("asking who answers")
+        progress.update("asking who answers")
         for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
             if options.json:
                 print(json.dumps(found), flush=True)
@@ -25,11 +25,11 @@ def _scan(options: argparse.Namespace) -> int:
                 f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
                 flush=True,
             )
-            progress.tell(f"{count} answered")
+            progress.update(f"{count} answered")
     return DONE
 
 
-def _whole(text: str) -> int:
+def _parse_integer(text: str) -> int:
     """12, -3, 0x1F. Raises ArgumentTypeError."""
     try:
         return int(text, 0)
@@ -42,7 +42,7 @@ def _register_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bus")
     parser.add_argument("id", type=int)
     parser.add_argument("name", help="as the vendor's control table spells it, or its address")
-    parser.add_argument("value", nargs="?", type=_whole, help="to write")
+    parser.add_argument("value", nargs="?", type=_parse_integer, help="to write")
     parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from whoever holds it")
 
 

@@ -49,7 +49,7 @@ def _run(options: argparse.Namespace) -> int:
         return _lines(options)
     from twind.ctl.picture.live_picture import show  # rich: a tenth of a second that no other verb pays
 
-    before = [signal.signal(number, _ended) for number in (signal.SIGTERM, signal.SIGHUP)]
+    before = [signal.signal(number, _on_signal) for number in (signal.SIGTERM, signal.SIGHUP)]
     try:
         return show(lambda: observer(options), options.rate, options.count)
     finally:
@@ -57,7 +57,7 @@ def _run(options: argparse.Namespace) -> int:
             signal.signal(number, handler)
 
 
-def _ended(number: int, _frame: FrameType | None) -> None:
+def _on_signal(number: int, _frame: FrameType | None) -> None:
     """Told to end: the way out gives the terminal back."""
     raise SystemExit(128 + number)
 
@@ -65,10 +65,10 @@ def _ended(number: int, _frame: FrameType | None) -> None:
 def _lines(options: argparse.Namespace) -> int:
     """NDJSON of the asked topics, as the interface spells them."""
 
-    def gone(why: str) -> None:
+    def on_disconnect(why: str) -> None:
         print(f"twindctl: {harmless(why)}; waiting for the next daemon", file=sys.stderr, flush=True)
 
-    news = steady(lambda: observer(options), options.topics.split(","), options.rate, gone)
+    news = steady(lambda: observer(options), options.topics.split(","), options.rate, on_disconnect)
     for shown, message in enumerate(news, 1):
         print(json.dumps(message, ensure_ascii=False), flush=True)
         if shown == options.count:
@@ -94,10 +94,10 @@ def steady(
             if not answered:
                 raise
             gone(str(error))
-        client = _again(connect)
+        client = _reconnect(connect)
 
 
-def _again(connect: Callable[[], Client]) -> Client:
+def _reconnect(connect: Callable[[], Client]) -> Client:
     while True:
         time.sleep(AGAIN)
         try:

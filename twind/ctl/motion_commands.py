@@ -144,7 +144,7 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
         for line in finding_lines(verdict.get(key) or (), mark):
             progress.clear()
             print(line, file=sys.stderr)
-    progress.tell(report["phase"], report["progress"])
+    progress.update(report["phase"], report["progress"])
 
 
 MOVE = FunctionVerb(_move_arguments, _move, from_afar=True)

@@ -46,7 +46,7 @@ class ProgressLine:
     ) -> None:
         self.clear()
 
-    def tell(self, text: str, share: float | None = None) -> None:
+    def update(self, text: str, share: float | None = None) -> None:
         """Draw the current step `text`.
 
         `share` is the completed fraction of the whole, 0..1 (None: unknown).
@@ -70,7 +70,7 @@ class ProgressLine:
     def each(self, things: Sequence[_Thing], say: Callable[[_Thing], str]) -> Iterator[_Thing]:
         """Yield the items one after the other, and show each as it is taken."""
         for place, thing in enumerate(things):
-            self.tell(say(thing), place / len(things))
+            self.update(say(thing), place / len(things))
             yield thing
 
     def _columns(self) -> int:

@@ -17,7 +17,7 @@ from twind.flight.flight_records import (
     PackedFlight,
     pack,
 )
-from twind.flight.recorder_ring import FlightRing, copy, held, read, signature
+from twind.flight.recorder_ring import FlightRing, copy, held_span, read, signature
 
 __all__ = [
     "LOST",
@@ -34,7 +34,7 @@ __all__ = [
     "about",
     "copy",
     "draft",
-    "held",
+    "held_span",
     "load",
     "pack",
     "read",

@@ -62,7 +62,7 @@ def save(
 
 def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightContents | PackedFlight) -> None:
     """As `save`, but `path` itself is written: a power cut may leave half of it."""
-    packed = contents.packed() if isinstance(contents, FlightContents) else contents
+    packed = contents.pack() if isinstance(contents, FlightContents) else contents
     parts = [("briefing", briefing), ("entries", packed.entries)]
     parts += [(f"kept {bus}", data) for bus, data in packed.kept.items()]
     sections = [(name, zlib.compress(data, _LEVEL), len(data)) for name, data in parts]

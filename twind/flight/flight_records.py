@@ -60,7 +60,7 @@ class FlightContents:
     )  # bus -> its last whole identification
     entries: tuple[FlightEntry, ...] = ()  # in the order they were appended, whole ones only
 
-    def packed(self) -> "PackedFlight":
+    def pack(self) -> "PackedFlight":
         """Return the same content as bytes."""
         return PackedFlight({bus: pack(entries) for bus, entries in self.kept.items()}, pack(self.entries))
 

@@ -173,7 +173,7 @@ def copy(fd: int) -> PackedFlight:
     return PackedFlight(kept, b"".join(reversed(run)))
 
 
-def held(fd: int) -> tuple[float | None, int]:
+def held_span(fd: int) -> tuple[float | None, int]:
     """Return the time of the oldest record (s, monotonic) and the bytes of all records.
 
     The time is None where it is not known at this moment. Takes some 30 us. Raises FlightError.

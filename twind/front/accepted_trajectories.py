@@ -46,7 +46,7 @@ class AcceptedTrajectory:
         return {"id": self.id, "holder": self.holder, "trajectory": {**trajectory, **self.asked}}
 
 
-def kept(message: Mapping[str, Any]) -> Plain:
+def strip_points(message: Mapping[str, Any]) -> Plain:
     """Return the fields of an interface `Trajectory` that are kept.
 
     Its points are left out: they are megabytes, and the path already has them.
@@ -66,7 +66,7 @@ class PendingVerdict:
         if len(self._waiting) > WAITING:
             del self._waiting[next(iter(self._waiting))]
 
-    def said(self, moment: VerdictReport) -> AcceptedTrajectory | None:
+    def resolve(self, moment: VerdictReport) -> AcceptedTrajectory | None:
         """Return the trajectory that this verdict lets the loop follow, with its changes; None: none."""
         sent = self._waiting.pop(moment.id, None)
         if sent is None or moment.verdict.get("refusals"):

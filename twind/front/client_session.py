@@ -58,12 +58,12 @@ class ClientSession:
     def ended(self) -> None:
         """The connection is closed."""
         self.calls.clear()
-        self.front.gone(self)
+        self.front.on_disconnect(self)
 
-    def tend(self, now: float) -> None:
+    def close_if_stalled(self, now: float) -> None:
         """Close what hangs: a slow reader, a silent newcomer, a peer that went after its last word."""
         if self.stream.stuck(now):
-            self.front.log.say(
+            self.front.log.write(
                 "warning", "SLOW_READER", now, holder=self.caller.holder, role=self.caller.role
             )
             self.stream.close()

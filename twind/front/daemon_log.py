@@ -50,7 +50,7 @@ class LogWriter:
         self._thread.start()
 
     @property
-    def lost(self) -> int:
+    def dropped_lines(self) -> int:
         """Lines that nobody will ever read."""
         return self.dropped + self.failed
 
@@ -70,7 +70,7 @@ class LogWriter:
     def _run(self) -> None:
         reported = 0
         while (line := self._lines.get()) is not None:
-            total = self.lost
+            total = self.dropped_lines
             if total > reported and self._write(_loss(total - reported)):
                 reported = total
             if not self._write(line):
@@ -120,7 +120,7 @@ class DaemonLog:
             wrapper_class=structlog.make_filtering_bound_logger(LEVELS.get(level, 20)),
         )
 
-    def say(
+    def write(
         self, level: str, event: str, now: float, details: Mapping[str, Any] | None = None, **fields: Any
     ) -> None:
         """One line. `details` are for machines: people have them in the message.

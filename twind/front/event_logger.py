@@ -31,7 +31,7 @@ class EventLogger:
         fields = {"message": spoken or event.message, "finding": first, "more": more}
         said = {key: value for key, value in fields.items() if value is not None}
         said |= {"holder": event.holder} if event.holder else {}
-        self._log.say(event.level, event.code, event.time, _details(event, names, buses, state), **said)
+        self._log.write(event.level, event.code, event.time, _details(event, names, buses, state), **said)
 
     def overview(self, news: Overview, tick: Tick | None) -> None:
         """Every five seconds: mode, state, rate, lateness, latency per hop."""
@@ -39,7 +39,7 @@ class EventLogger:
         if tick is None or (last is not None and news.time < last.time + EVERY):
             return
         if last is not None:
-            self._log.say("info", "latency", news.time, **self._summary(news, last, tick))
+            self._log.write("info", "latency", news.time, **self._summary(news, last, tick))
         self._last = news
 
     @staticmethod

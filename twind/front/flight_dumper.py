@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.briefing import fingerprint
-from twind.flight import FlightError, copy, held, signature
+from twind.flight import FlightError, copy, held_span, signature
 from twind.front.client_calls import ClientCall
 from twind.front.daemon_log import printable
 from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
@@ -93,7 +93,7 @@ class FlightDumper:
             self._told = [each.code for each in self._causes if each.time >= event.time - CAUSE]
             self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
 
-    def tend(self, now: float) -> None:
+    def housekeep(self, now: float) -> None:
         """Write what is due; called once per round of housekeeping."""
         if self._due is not None and now >= self._due:
             self._write_due()
@@ -113,7 +113,7 @@ class FlightDumper:
         if self._recorded.ring is not None:
             oldest, size = None, 0
             with contextlib.suppress(FlightError):
-                oldest, size = held(self._recorded.ring)
+                oldest, size = held_span(self._recorded.ring)
             span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
 
@@ -207,11 +207,11 @@ class FlightDumper:
         path, now = future.result(), self._front.now()
         if path is None:
             said = "another crash of this robot was written down in the last minute"
-            self._front.log.say("info", "FLIGHT_LEFT_OUT", now, message=said)
+            self._front.log.write("info", "FLIGHT_LEFT_OUT", now, message=said)
         else:
             self.last = str(path)
             self._show(now)
-            self._front.log.say("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
+            self._front.log.write("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
         self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
         if wanted.wreck:
             self._front.link.owe(CrashRecordingDone())
@@ -220,7 +220,7 @@ class FlightDumper:
         """It could not be written. What a daemon before us left is kept, and tried once more."""
         self.failed += 1
         now, said = self._front.now(), f"{self._folder.path}: {error}"
-        self._front.log.say("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
+        self._front.log.write("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
         self._answer(wanted, None, said=str(error))
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:
             self._wreck_due = now + WRECK_AGAIN

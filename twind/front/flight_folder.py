@@ -61,7 +61,7 @@ class FlightFolder:
         None: of a crash that is told already, or follows another too soon. Raises OSError.
         """
         self.path.mkdir(mode=0o750, parents=True, exist_ok=True)
-        if meta["reason"] == "crash" and self._told(meta):
+        if meta["reason"] == "crash" and self._is_crash_reported(meta):
             return None
         self._make_room()  # before it too: of a full disk it may be what was left here that fills it
         at = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(meta["wall_ns"] // 1_000_000_000))
@@ -86,7 +86,7 @@ class FlightFolder:
                 return path
         raise FileExistsError(f"{stem}.flight is there a thousand times")
 
-    def _told(self, meta: dict[str, Any]) -> bool:
+    def _is_crash_reported(self, meta: dict[str, Any]) -> bool:
         """A crash of this robot was written down in the last minute."""
         now = meta["wall_ns"] / 1e9
         for path in self.path.glob(f"flight-*-{CRASH}*.flight"):

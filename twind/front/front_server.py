@@ -56,7 +56,7 @@ class FrontServer:
         self.world = StateCache(briefing)
         self.interfaces = {name: load(name) for name in (SERVICE, CONTROL)}
         self.telemetry = SubscriberRegistry(self.world)
-        self.link = LoopConnection(link, loop, self.news, self.ended.set)
+        self.link = LoopConnection(link, loop, self.handle_loop_message, self.ended.set)
         # Counting from the clock: a number that an earlier front gave out is never given out again.
         self._number = time.monotonic_ns()
         self.tickets = TicketTable(self.world.names, self._number)
@@ -70,7 +70,7 @@ class FrontServer:
         self._spares, self._starved = ReservedDescriptors(RESERVED), False
         self._paced: dict[tuple[int, int, str], list[float]] = {}
         self._report = EventLogger(log)
-        self._tend()
+        self._housekeep()
 
     def now(self) -> float:
         """Monotonic time, s: the same clock as the loop's."""
@@ -88,7 +88,7 @@ class FrontServer:
             session.stream.close()
 
     def _accept(self, listener: socket.socket, role: str) -> None:
-        if self.link.gone:  # its end may not be read yet
+        if self.link.is_closed:  # its end may not be read yet
             self.listening.close()
             return
         reserved = False
@@ -126,7 +126,7 @@ class FrontServer:
         """Free one descriptor: a spare one, else the oldest connection that is for an e-stop only."""
         if not self._starved:
             self._starved = True
-            self.log.say("error", "DESCRIPTORS", self.now(), message="none left: new clients may only stop")
+            self.log.write("error", "DESCRIPTORS", self.now(), message="none left: new clients may only stop")
         if self._spares.give():
             return True
         reserved = [session for session in self.sessions.values() if session.caller.reserved]
@@ -136,7 +136,7 @@ class FrontServer:
         self.listening.rest(listener)  # it stays readable: to be asked again and again helps nobody
         return False
 
-    def gone(self, session: ClientSession) -> None:
+    def on_disconnect(self, session: ClientSession) -> None:
         """A connection closed: if the loop has heard of it, it must know, and its lease lapses."""
         number = session.caller.number
         if self.sessions.pop(number, None) is not None:
@@ -187,20 +187,20 @@ class FrontServer:
     def _tell_refusal(self, caller: Caller, findings: list[dict[str, Any]]) -> None:
         first = findings[0]
         more = len(findings) - 1 or None
-        self.log.say(
+        self.log.write(
             "warning", first["code"], self.now(), message=first["message"], more=more, holder=caller.holder
         )
 
     def broken(self, caller: Caller, method: str, error: Exception) -> None:
         """A call broke: a bug of ours, in the log with its place."""
         fields = {**_place(error), "method": method, "holder": caller.holder}
-        self.log.say("error", "CALL_BROKE", self.now(), **fields)
+        self.log.write("error", "CALL_BROKE", self.now(), **fields)
 
     def unexpected(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Something broke that belongs to no call: told by our log, since asyncio's own may block."""
         error = context.get("exception")
         fields = _place(error) if error is not None else {"message": str(context.get("message"))}
-        self.log.say("error", "FRONT_BROKE", self.now(), **fields)
+        self.log.write("error", "FRONT_BROKE", self.now(), **fields)
 
     # ----------------------------------------------------------------------------- the loop
 
@@ -209,12 +209,12 @@ class FrontServer:
 
         `foresight`: what judges paths by them; None: limits and gains are the same.
         """
-        self.world.brief(briefing)
+        self.world.apply_briefing(briefing)
         self.log.level(briefing.log_level)
         if foresight is not None:
             self.foreseen.replace(foresight)
 
-    def news(self, news: Outward) -> None:
+    def handle_loop_message(self, news: Outward) -> None:
         """Something the loop says."""
         if isinstance(news, Tick | Overview):
             self._state(news)
@@ -231,14 +231,14 @@ class FrontServer:
             self.reloads.ask(None)
         else:
             self.telemetry.verdict(news)
-            followed = self.submitted.said(news)
+            followed = self.submitted.resolve(news)
             if followed is not None:
                 self.telemetry.accepted(followed, news)
 
     def _state(self, news: Tick | Overview) -> None:
-        known = self.world.known
+        known = self.world.is_known
         self.world.take(news)
-        if not self.world.known:
+        if not self.world.is_known:
             return
         if not known:
             self.listening.open()
@@ -251,22 +251,22 @@ class FrontServer:
 
     # ----------------------------------------------------------------------------- housekeeping
 
-    def _tend(self) -> None:
+    def _housekeep(self) -> None:
         now = self.now()
-        self.loop.call_later(TEND, self._tend)
+        self.loop.call_later(TEND, self._housekeep)
         self.link.heartbeat()
         self.foreseen.keep()
-        self.reloads.tend(now)
-        self.flights.tend(now)
-        self.streams.tend(now)
+        self.reloads.check_timeout(now)
+        self.flights.housekeep(now)
+        self.streams.drop_silent(now)
         self._starved = not self._spares.refill()
-        if self.world.known:
+        if self.world.is_known:
             self.listening.open()
             self.listening.check()
         for method in self.tickets.expire(now):
-            self.log.say("error", "LOOP_SILENT", now, method=method)
+            self.log.write("error", "LOOP_SILENT", now, method=method)
         for session in list(self.sessions.values()):
-            session.tend(now)
+            session.close_if_stalled(now)
         for peer in [peer for peer, recent in self._paced.items() if now - recent[-1] > 1.0]:
             del self._paced[peer]
 

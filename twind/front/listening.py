@@ -85,7 +85,7 @@ class Listening:
 
         Nothing after the loop's end either: a daemon that follows may bind the same paths.
         """
-        if not self._open or not self._doors or self._link.gone:
+        if not self._open or not self._doors or self._link.is_closed:
             return
         missing = "; ".join(reason for door in self._doors if (reason := self._wrong(door)))
         if missing != self._reported or self._rebound:

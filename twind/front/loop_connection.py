@@ -38,7 +38,7 @@ class LoopConnection:
         loop.add_reader(sock, self._readable)
 
     @property
-    def gone(self) -> bool:
+    def is_closed(self) -> bool:
         """The loop has closed its end, or is dead; what it said last may still be unread."""
         return bool(self._hung_up.poll(0))
 

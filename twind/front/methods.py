@@ -10,14 +10,14 @@ from twind import link
 from twind.config.file_changes import edited
 from twind.front import annotations as marks
 from twind.front import trajectory_submission
-from twind.front.accepted_trajectories import AcceptedTrajectory, kept
+from twind.front.accepted_trajectories import AcceptedTrajectory, strip_points
 from twind.front.client_calls import STOPS, ClientCall
 from twind.front.daemon_log import printable
 from twind.front.loop_connection import CommandTooLarge
 from twind.front.monitor_subscribers import TOPICS
 from twind.front.reload_queue import PARAMETERS
 from twind.front.state_cache import encode
-from twind.front.streamer_reports import wrong
+from twind.front.streamer_reports import find_invalid_number
 from twind.front.ticket_table import ESTOPS
 from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
@@ -49,7 +49,7 @@ def forward(
     """
     caller, now = call.caller, front.now()
     if call.oneway and front.tickets.flooded(call):
-        front.log.say("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
+        front.log.write("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
         return False
     ticket = front.tickets.open(call, now)
     who = {"client": caller.number, "uid": caller.uid, "holder": caller.holder}
@@ -197,7 +197,9 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
         with trajectory_submission.SealedTrajectory(path) as fd:
             sent = forward(front, call, link.Submit, fd, **asked, **judged)
         if sent and not check_only:
-            front.submitted.wait(AcceptedTrajectory(fields["id"], call.caller.holder, path, kept(message)))
+            front.submitted.wait(
+                AcceptedTrajectory(fields["id"], call.caller.holder, path, strip_points(message))
+            )
 
     front.foreseen.judge(TrajectoryCheck(call, path, fields["append_stop"], not check_only, send, now))
 
@@ -258,7 +260,7 @@ def _mark(front: FrontServer, call: ClientCall) -> None:
 
 
 def _report_stream(front: FrontServer, call: ClientCall) -> None:
-    found = wrong(call.parameters["stream"])
+    found = find_invalid_number(call.parameters["stream"])
     if found is not None:
         call.invalid(f"stream.{found[0]}", found[1])
     elif front.in_time(call, "reports of streams", "one a second says enough"):

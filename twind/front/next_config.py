@@ -21,7 +21,7 @@ def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -
         log_level=then.settings.log_level,
         files=dict(then.files),
         texts=file_changes.texts(then.files, briefing.texts),
-        described=config_files.packed(sources, then),
+        described=config_files.pack(sources, then),
         generation=briefing.generation + 1,
     )
 

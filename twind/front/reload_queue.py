@@ -114,7 +114,7 @@ class ReloadQueue:
         if reading.error or reading.briefing is None:
             if asked.changes is None:
                 self._front.link.owe(link.ReloadFailed(message=reading.error))
-            self._refused(asked, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
+            self._report_refusal(asked, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
             return
         asked.reading = reading
         if not of_robot(reading.changes):
@@ -150,9 +150,9 @@ class ReloadQueue:
         finally:
             os.close(fd)
         if not sent:
-            front.loop.call_later(0.05, self._again, asked)
+            front.loop.call_later(0.05, self._restart_worker, asked)
 
-    def _again(self, asked: ReloadRequest) -> None:
+    def _restart_worker(self, asked: ReloadRequest) -> None:
         if self._now is asked and self._front.now() < asked.deadline:
             deadline = asked.deadline
             self._send(asked)
@@ -167,30 +167,30 @@ class ReloadQueue:
             return False
         named = self._front.world.names.reply(reply.parameters)
         if reply.error is not None:
-            self._over(lambda call: call.error(reply.error or "Busy", named))
+            self._finish_reload(lambda call: call.error(reply.error or "Busy", named))
             return True
         assert asked.reading is not None
         assert asked.reading.briefing is not None
         self._front.adopt(asked.reading.briefing, asked.foresight)
         if asked.changes is None:
-            self._over(lambda call: call.reply(encode(named)))
+            self._finish_reload(lambda call: call.reply(encode(named)))
         else:
             shown = {"parameters": asked.reading.briefing.parameters, "needs_restart": []}
-            self._over(lambda call: call.reply(encode(shown)))
+            self._finish_reload(lambda call: call.reply(encode(shown)))
         return True
 
-    def tend(self, now: float) -> None:
+    def check_timeout(self, now: float) -> None:
         """A loop that does not answer may still have taken the values: this front ends, and the next one is
         told what is in force."""
         asked = self._now
         if asked is not None and asked.ticket != NOBODY and now > asked.deadline:
-            self._front.log.say("error", "LOOP_SILENT", now, method="Reload")
+            self._front.log.write("error", "LOOP_SILENT", now, method="Reload")
             self._front.ended.set()
 
-    def _refused(self, asked: ReloadRequest, findings: list[Finding]) -> None:
-        self._over(lambda call: self._front.refuse(call, findings))
+    def _report_refusal(self, asked: ReloadRequest, findings: list[Finding]) -> None:
+        self._finish_reload(lambda call: self._front.refuse(call, findings))
 
-    def _over(self, answer: Any) -> None:
+    def _finish_reload(self, answer: Any) -> None:
         asked, self._now = self._now, None
         if asked is not None and asked.call is not None:
             answer(asked.call)

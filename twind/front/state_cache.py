@@ -77,13 +77,13 @@ class StateCache:
         self._lateness: LoopInfo | None = None  # the same
         self._columns: Slow | None = None
 
-    def brief(self, briefing: Briefing) -> None:
+    def apply_briefing(self, briefing: Briefing) -> None:
         """Take a new briefing: the same robot with other limits, gains or settings."""
         self.briefing = briefing
         self._cache.clear()
 
     @property
-    def known(self) -> bool:
+    def is_known(self) -> bool:
         """True once a tick and an overview have come."""
         return self.tick is not None and self.overview is not None
 

@@ -28,32 +28,32 @@ class StreamerReports:
 
     def take(self, client: int, told: Mapping[str, Any], now: float) -> None:
         """A report, as the interface has it. Its texts reach terminals: short, no control characters."""
-        kept = {key: _short(value) if isinstance(value, str) else value for key, value in told.items()}
+        kept = {key: _shorten(value) if isinstance(value, str) else value for key, value in told.items()}
         self._reports[client] = now, kept
-        self._tell(kept, now)
+        self._publish_report(kept, now)
 
     def forget(self, client: int, now: float, why: str = GONE) -> None:
         """That connection ended; nothing where it never reported."""
         report = self._reports.pop(client, None)
         if report is not None:
-            self._tell({**report[1], "error": why}, now)
+            self._publish_report({**report[1], "error": why}, now)
 
-    def tend(self, now: float) -> None:
+    def drop_silent(self, now: float) -> None:
         """Drop the streamers whose last report is older than `SILENCE` s: they hang."""
         for client in [client for client, (at, _) in self._reports.items() if now - at > SILENCE]:
             self.forget(client, now, HANGS)
 
-    def _tell(self, said: dict[str, Any], now: float) -> None:
+    def _publish_report(self, said: dict[str, Any], now: float) -> None:
         self._world.stream([report for _, report in self._reports.values()])
         self._telemetry.stream(said, now)
 
 
-def wrong(told: Mapping[str, Any]) -> tuple[str, str] | None:
+def find_invalid_number(told: Mapping[str, Any]) -> tuple[str, str] | None:
     """Which number of a report is none that can be measured or counted, and why; None: all are."""
     if not 0.0 <= told["rate_hz"] <= MOST_HZ:
         return "rate_hz", f"0 to {MOST_HZ:.0f} samples a second"
     return next(((key, f"0 to {MOST} messages") for key in COUNTS if not 0 <= told[key] <= MOST), None)
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return printable(text[:TEXT])[:TEXT]

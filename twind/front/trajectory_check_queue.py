@@ -91,10 +91,10 @@ class TrajectoryCheckQueue:
             self._foresight, self._loaded = foresight, True
         now = self._front.now()
         if self._foresight is None:
-            self._front.log.say("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")
+            self._front.log.write("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")
         else:
             pairs = len(self._foresight.bodies.pairs)
-            self._front.log.say("info", "LOOKAHEAD", now, message=f"{pairs} pairs of bodies are watched")
+            self._front.log.write("info", "LOOKAHEAD", now, message=f"{pairs} pairs of bodies are watched")
         self._next()
 
     # ------------------------------------------------------------------------------- paths
@@ -104,7 +104,7 @@ class TrajectoryCheckQueue:
         own = [other for other in self._jobs if other.call.caller.number == job.call.caller.number]
         if len(own) >= OUTSTANDING:  # only `oneway` can come that far
             holder = job.call.caller.holder
-            self._front.log.say("warning", "ONEWAY_FLOOD", self._front.now(), holder=holder)
+            self._front.log.write("warning", "ONEWAY_FLOOD", self._front.now(), holder=holder)
             return
         self._jobs.append(job)
         self.keep()

@@ -52,7 +52,7 @@ class DaemonBody:
         return False
 
     @property
-    def told(self) -> dict[str, int]:
+    def step_info(self) -> dict[str, int]:
         """What the gate and the clock made of the episode: setpoints refused, periods missed, and how
         often these were so many that the robot was left to hold."""
         return {"refused": self.refused, "missed": self.missed, "held": self.held}

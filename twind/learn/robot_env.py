@@ -37,7 +37,7 @@ class RobotBody(Protocol):
         """What the last reading says is of no use: the episode must end."""
 
     @property
-    def told(self) -> Mapping[str, Any]:
+    def step_info(self) -> Mapping[str, Any]:
         """What else `info` is to say of the last step."""
 
     def reset(self, rng: np.random.Generator) -> BodyReading:
@@ -142,8 +142,8 @@ class RobotEnv(gymnasium.Env):
         reward, terms, fallen = self._judge.verdict(reading, target, self._command, self._phase)
         if self.body.diverged:
             fallen, terms["diverged"] = True, True
-        if self.body.told:
-            terms |= self.body.told
+        if self.body.step_info:
+            terms |= self.body.step_info
         self._steps += 1
         self._phase = self._phases[self._steps % len(self._phases)]
         return self._observe(reading, action), reward, fallen, self._steps >= self.episode_steps, terms

@@ -56,7 +56,7 @@ class SimBody:
         return bool(self.data.time < self._due)
 
     @property
-    def told(self) -> Mapping[str, Any]:
+    def step_info(self) -> Mapping[str, Any]:
         """Nothing: all is as it was asked."""
         return NOTHING
 

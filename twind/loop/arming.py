@@ -15,7 +15,7 @@ import numpy as np
 
 from twind import link
 from twind.loop.procedures import Procedure, all_of, ticks
-from twind.loop.torque import loosen, say_unconfirmed, spelled, take
+from twind.loop.torque import error_text, say_unconfirmed, switch_torque_off, take
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.multiturn import expected
@@ -43,7 +43,7 @@ class ArmingFailed(Exception):
 
 def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     """Goal := present, read back, then torque, read back, then hold. Answers when armed, or why not."""
-    refusals = yield from _asked(loop, command, now)
+    refusals = yield from _check_arming_request(loop, command, now)
     if refusals := (*refusals, *_edited(command)):
         loop.say.refuse(command, refusals)
         return
@@ -55,7 +55,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         held = yield from _energise(loop, inherited)
     except (BusError, ArmingFailed) as error:
         yield from back_out(loop, inherited)
-        failed = Finding(ReasonCode.ARM_FAILED, message=spelled(loop, error))
+        failed = Finding(ReasonCode.ARM_FAILED, message=error_text(loop, error))
         loop.say.refuse(command, (error.finding if isinstance(error, ArmingFailed) else failed,))
         return
     except GeneratorExit:  # what took over finds `energising` set, and lets go
@@ -76,7 +76,9 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         loop.say.event("warning", ReasonCode.DEVICE_MISMATCH, f"{len(findings)} joints {message}", findings)
 
 
-def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, tuple[Finding, ...]]:
+def _check_arming_request(
+    loop: Loop, command: link.Arm, now: float
+) -> Generator[None, float, tuple[Finding, ...]]:
     """What the gate refuses. Heat and supply are read some 5 times a second: the first time is waited for."""
     refusals, deadline = loop.may_arm(command.client, now).refusals, now + FIRST
     loop.arming_client = command.client
@@ -154,7 +156,7 @@ def _aimed(loop: Loop) -> Generator[None, float, Floats]:
     hardware = loop.hardware
     for _ in range(TRIES):
         held = hardware.quantised(present(loop))
-        yield from all_of(hardware.aim(held))
+        yield from all_of(hardware.write_goals(held))
         moved = np.abs(loop.measured.position - held) / hardware.resolution
         if (moved <= STILL).all():
             return held
@@ -202,7 +204,7 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
     loop.hardware.clear()
     if not inherited:
         try:
-            yield from loosen(loop)
+            yield from switch_torque_off(loop)
         except BusError as error:
             say_unconfirmed(loop, error)
     loop.energising = False

@@ -134,7 +134,7 @@ def _bounds(robot: RobotFile, period: float) -> Bounds:
     return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
 
 
-def brief(
+def make_briefing(
     robot: BoundRobot,
     rate_hz: float,
     parameters: dict[str, Any],

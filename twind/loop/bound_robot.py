@@ -24,7 +24,7 @@ class BoundRobot:
         """S09: do the devices hold what the calibration was made with?"""
         return compare(self.file, self.calibration, devices)
 
-    def changed(self, changes: Changes) -> "BoundRobot":
+    def with_changes(self, changes: Changes) -> "BoundRobot":
         """The same with these changes. Raises NotHot, BindingError."""
         file = applied(self.file, changes)
         return BoundRobot(file, self.calibration, rebound(self.binding, file, self.calibration))

@@ -203,7 +203,7 @@ class BusPort:
     def _let_go(self, error: PortError) -> None:
         if self.reader is not None:
             self.reader.transport.close()
-            self.tape.lost(str(error))
+            self.tape.record_close(str(error))
         self.reader = self.writer = None
         self.holding = self._holed = False
         self.link, self.devices, self.beside = PortState.CLOSED, (), ""

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from twind.config.robot_spec import RobotFile
 from twind.flight import LOST, NO_BUS, OPENED, REFUSED, EntryKind, FlightEntry, FlightRing, pack
 from twind.flight.recorder_ring import TRANSCRIPT
-from twind.standard_streams import tell
+from twind.standard_streams import write_line
 from twind_drivers.bus import ByteTransport, PortError
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.frame import Frames
@@ -29,7 +29,7 @@ class BusTap:
     def opened(self, where: str) -> None:
         """Report that the port is open."""
 
-    def lost(self, why: str) -> None:
+    def record_close(self, why: str) -> None:
         """Report that the port was closed or lost."""
 
     def identifying(self) -> None:
@@ -71,7 +71,7 @@ def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder |
     try:
         ring = FlightRing.create(size(robot, rate_hz), buses=len(robot.buses))
     except OSError as error:
-        tell(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
+        write_line(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
         return None
     return FlightRecorder(ring, [bus.name for bus in robot.buses], clock)
 
@@ -95,7 +95,7 @@ class RecordingBusTap(BusTap):
         """Record bytes written to the bus."""
         self._note(EntryKind.OUT, data)
 
-    def heard(self, data: bytes | bytearray | memoryview) -> None:
+    def record_received(self, data: bytes | bytearray | memoryview) -> None:
         """Record bytes read from the bus, whatever they are."""
         self._note(EntryKind.IN, data)
 
@@ -116,7 +116,7 @@ class RecordingBusTap(BusTap):
         """Record that the port is open."""
         self._port(OPENED, where)
 
-    def lost(self, why: str) -> None:
+    def record_close(self, why: str) -> None:
         """Record that the port was closed or lost."""
         self._transcript = None
         self._port(LOST, why)
@@ -180,7 +180,7 @@ class TappedTransport(_Tapped[ByteTransport]):
         """As inside."""
         taken = self._inside.read_into(buffer)
         if taken:
-            self._tape.heard(buffer[:taken])
+            self._tape.record_received(buffer[:taken])
         return taken
 
     def drain(self, thrown: bytearray | None = None) -> int:
@@ -190,10 +190,10 @@ class TappedTransport(_Tapped[ByteTransport]):
             count = self._inside.drain(mine)
         except PortError:
             if mine:
-                self._tape.heard(mine)
+                self._tape.record_received(mine)
             raise
         if count:
-            self._tape.heard(mine)
+            self._tape.record_received(mine)
             if thrown is not None:
                 thrown[:] = thrown + mine if len(mine) == count else mine
         return count
@@ -220,5 +220,5 @@ class TappedChannel(_Tapped[CanChannel]):
         """As inside."""
         frames = self._inside.receive(now)
         if frames.size:
-            self._tape.heard(frames.tobytes())
+            self._tape.record_received(frames.tobytes())
         return frames

@@ -64,7 +64,7 @@ class CalibratingState:
             return True
         return False
 
-    def tend(self, now: float) -> None:
+    def end_if_due(self, now: float) -> None:
         """End it when its lease lapsed or changed hands, or a port went; whoever has torque ends first."""
         loop = self._loop
         if not self.on or loop.procedures.rank is not None:

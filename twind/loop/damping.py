@@ -45,7 +45,7 @@ def damp(loop: Loop) -> Procedure:
         loop.executor.yield_to(loop.hardware.reachable(loop.measured.position), SINK)
         if not told and all(task.done for task in tasks):
             told = True
-            _tell(loop, tasks)
+            _report_unconfirmed(loop, tasks)
         now = yield
         if not _quiet(loop):
             quiet_since = now
@@ -57,7 +57,7 @@ def _quiet(loop: Loop) -> bool:
     return bool((heard & (np.abs(loop.measured.velocity) <= SLOW)).all())
 
 
-def _tell(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
+def _report_unconfirmed(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:
     """Report the devices that did not confirm damping, without a wait for them.
 
     An e-stop counts as begun once every device has confirmed.

@@ -120,11 +120,11 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "write a register", unknown=True):
         return
-    if loop.calibrating.may_keep(command, _kept(port, command), now):
-        loop.procedures.beside(_written(loop, command, port))
+    if loop.calibrating.may_keep(command, _is_eeprom(port, command), now):
+        loop.procedures.beside(_write_register(loop, command, port))
 
 
-def _kept(port: BusPort, command: link.WriteRegister) -> bool:
+def _is_eeprom(port: BusPort, command: link.WriteRegister) -> bool:
     """True where that register survives power-off.
 
     False for an unknown register: the write itself reports it.
@@ -135,7 +135,7 @@ def _kept(port: BusPort, command: link.WriteRegister) -> bool:
         return False
 
 
-def _written(loop: Loop, command: link.WriteRegister, port: BusPort) -> Procedure:
+def _write_register(loop: Loop, command: link.WriteRegister, port: BusPort) -> Procedure:
     if loop.energised and not (yield from _limp(port, command.id)):
         _refuse(loop, command, f"torque of id {command.id} on or not read")
         return
@@ -144,7 +144,7 @@ def _written(loop: Loop, command: link.WriteRegister, port: BusPort) -> Procedur
         return
     if not _writable(loop, command, port, "write a register", unknown=True) or port.writer is None:
         return
-    if _kept(port, command) and not loop.calibrating.on:  # it ended while that was looked at
+    if _is_eeprom(port, command) and not loop.calibrating.on:  # it ended while that was looked at
         loop.calibrating.refuse(command)
         return
     task: ScriptRun[RegisterAddress] = port.run(port.writer.write(command.id, command.name, command.value))

@@ -37,7 +37,7 @@ class EStopReplies:
         """Note the start of a stop: nothing of it is confirmed yet."""
         self.begun = False
 
-    def gone(self, client: int) -> None:
+    def drop_client(self, client: int) -> None:
         """Drop the calls of a connection that is gone; the stop goes on."""
         self._waiting = [waiting for waiting in self._waiting if waiting.command.client != client]
 
@@ -47,15 +47,15 @@ class EStopReplies:
         for waiting in list(self._waiting):
             if not running:
                 known = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
-                self._tell(waiting, done=known)
+                self._send_reply(waiting, done=known)
                 self._waiting.remove(waiting)
             elif self.begun and not waiting.told:
                 waiting.told = True
-                self._tell(waiting, done=False)
+                self._send_reply(waiting, done=False)
                 if not waiting.command.more:
                     self._waiting.remove(waiting)
 
-    def _tell(self, waiting: PendingEStop, *, done: bool) -> None:
+    def _send_reply(self, waiting: PendingEStop, *, done: bool) -> None:
         loop = self._loop
         more = waiting.command.more and self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
         off = loop.torque_off

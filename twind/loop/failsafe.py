@@ -26,13 +26,13 @@ from twind.flight import EntryKind
 from twind.loop.bus_port import PortState as Stage
 from twind.loop.front_link import ReceivedCommand, Record
 from twind.loop.procedures import Priority, Procedure
-from twind.loop.torque import named, past
+from twind.loop.torque import beyond_hard_limit, joint_names
 from twind.loop.torque_release import LETTING_GO, SettleProfile, release
 from twind.robot.arrays import Bools, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.safety.state_machine import RobotEvent
-from twind.standard_streams import tell
+from twind.standard_streams import write_line
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def why_left(loop: Loop) -> str:
     on = loop.torque_known == 1
     if not some(on):
         why = closed[0].trouble or f"{closed[0].name} is not open" if closed else "no answer: power?"
-        return f"whether torque is on is not known of {named(loop, loop.torque_known < 0)}: {why}"
+        return f"whether torque is on is not known of {joint_names(loop, loop.torque_known < 0)}: {why}"
     if loop.mode is not Mode.LIVE:
         return f"torque is on, and mode {loop.mode.value} of the settings writes nothing"
     devices = {(port.name, each.id): each for port in loop.hardware.ports for each in port.devices}
@@ -130,9 +130,9 @@ def why_left(loop: Loop) -> str:
     for doubt in doubts:
         if doubt.code is not ReasonCode.DEVICE_MISSING:
             return f"torque is on, and nobody knows where the joints are: {doubt.code}: {doubt.message}"
-    beyond = past(loop)
+    beyond = beyond_hard_limit(loop)
     if some(beyond):
-        return f"torque is on, and to hold {named(loop, beyond)} inside the hard limits would be a step"
+        return f"torque is on, and to hold {joint_names(loop, beyond)} inside the hard limits would be a step"
     return "" if loop.support in CARRIED else _not_whole(loop, on)
 
 
@@ -142,17 +142,19 @@ def _not_whole(loop: Loop, on: Bools) -> str:
     if not loop.hardware.connected or not every(state.age <= FRESH):
         missing = [each.message for found in loop.identity.missing.values() for each in found]
         missing += [port.trouble for port in loop.hardware.ports if port.link is Stage.CLOSED]
-        who = missing[0] if missing else f"{named(loop, ~(state.age <= FRESH))} not heard"
+        who = missing[0] if missing else f"{joint_names(loop, ~(state.age <= FRESH))} not heard"
         return f"{stands} not everybody is there: {who}"
     if not every(on):
-        return f"{stands} it is not on in {named(loop, ~on)}"
+        return f"{stands} it is not on in {joint_names(loop, ~on)}"
     return ""
 
 
 def _afterwards(loop: Loop) -> str:
     """Return a text that names the joints without confirmed torque off, and the latched reason."""
     why = next((f"{each.code}: {each.message}" for each in loop.latches.values()), "no answer")
-    return f"torque could not be read back off from {named(loop, loop.hardware.slow.torque != 0)}: {why}"
+    return (
+        f"torque could not be read back off from {joint_names(loop, loop.hardware.slow.torque != 0)}: {why}"
+    )
 
 
 class HeadlessLink:
@@ -163,10 +165,10 @@ class HeadlessLink:
         self.dropped, self.lost, self.no_front = 0, False, ""
         self._fd, self._numbers, self._record = fd, 0, record
 
-    def tend(self, now: float) -> None:
+    def supervise_front(self, now: float) -> None:
         """Do nothing: there is no front."""
 
-    def brief(self, briefing: int) -> None:
+    def set_briefing(self, briefing: int) -> None:
         """Close the briefing: there is no front to receive it."""
         os.close(briefing)
 
@@ -183,7 +185,7 @@ class HeadlessLink:
     def event(self, event: link.Event | link.VerdictReport) -> None:
         """Write an event as a line, without a retry; then pass it to the recorder."""
         if isinstance(event, link.Event):
-            tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
+            write_line(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
         self._write_down(event)
 
     def sequence(self) -> int:

@@ -36,7 +36,7 @@ from twind.link import (
 from twind.listening_sockets import NAMES, Listener
 from twind.loop.front_process import FrontProcess
 from twind.memfd import sealed, unseal
-from twind.standard_streams import tell
+from twind.standard_streams import write_line
 
 BEHIND = 1.0  # s that a front may leave more than QUEUE unread
 QUEUE = 512  # replies and events owed; a front that far behind is not coming back
@@ -60,10 +60,10 @@ class ControlLink(Protocol):
     lost: bool  # whoever was there went since the last look; the loop clears it
     no_front: str  # why nobody can be served, for people; "": somebody can
 
-    def tend(self, now: float) -> None:
+    def supervise_front(self, now: float) -> None:
         """Once per tick: start, watch and bury who serves."""
 
-    def brief(self, briefing: int) -> None:
+    def set_briefing(self, briefing: int) -> None:
         """What who serves next is told: a sealed memfd, which is theirs to close."""
 
     def ask_reread(self) -> None:
@@ -114,7 +114,7 @@ class FrontLink:
 
     # ----------------------------------------------------------------------------- the front's life
 
-    def tend(self, now: float) -> None:
+    def supervise_front(self, now: float) -> None:
         """Start, watch and bury the front; at most one of these a tick."""
         if len(self._queue) > QUEUE:
             self.flush()
@@ -122,14 +122,16 @@ class FrontLink:
         behind = now - self._behind_since > BEHIND
         if self.front.overdue(now) or behind:
             if self.front.socket is not None:
-                tell(2, "warning", "twind: the front gives no sign of life, or takes nothing: it is killed")
+                write_line(
+                    2, "warning", "twind: the front gives no sign of life, or takes nothing: it is killed"
+                )
             self._bury(now)
             if behind:  # nobody takes it, and no front may be to be had
                 self._queue.clear()
         if self.front.reap():
             self._last_words = self.commands(now)  # an e-stop that it still passed on is not lost with it
             self._bury(now)
-            tell(2, "warning", f"twind: the front {self.front.fate}; another one is started")
+            write_line(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
             self._start(now)
 
@@ -141,7 +143,9 @@ class FrontLink:
             self.front.postpone(now)
             if self.no_front != str(error):
                 self.no_front = str(error)
-                tell(2, "error", f"twind: no client can be served, the front cannot be started: {error}")
+                write_line(
+                    2, "error", f"twind: no client can be served, the front cannot be started: {error}"
+                )
         else:
             self.no_front = ""
 
@@ -232,9 +236,9 @@ class FrontLink:
         """Owed to the log and to whoever watches."""
         self._owe(event)
 
-    def brief(self, briefing: int) -> None:
+    def set_briefing(self, briefing: int) -> None:
         """What the next front is told: a sealed memfd, which is ours to close."""
-        self.front.brief(briefing)
+        self.front.set_briefing(briefing)
 
     def ask_reread(self) -> None:
         """The front shall read the files again."""

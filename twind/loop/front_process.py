@@ -60,7 +60,7 @@ class FrontProcess:
         self._pause = 0.0
         self._born: float | None = None  # None: the pause after it is settled
 
-    def brief(self, briefing: int) -> None:
+    def set_briefing(self, briefing: int) -> None:
         """What fronts started from now on are told: a sealed memfd, which is ours to close."""
         os.close(self._briefing)
         self._briefing = briefing

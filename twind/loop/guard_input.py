@@ -63,4 +63,4 @@ def _obeying(loop: Loop, target: JointState) -> JointState:
     whole = all(port.holding for port in hardware.ports) and not some(hardware.left_out)
     if not loop.armed or whole:
         return target
-    return replace(target, heard=target.heard & hardware.held)
+    return replace(target, heard=target.heard & hardware.energised_joints)

@@ -20,7 +20,7 @@ class HangupSignal:
         self._came = False
         signal.signal(signal.SIGHUP, self._hang_up)
 
-    def tell(self, *, reread: Callable[[], None], end: Callable[[], None]) -> None:
+    def enable_delivery(self, *, reread: Callable[[], None], end: Callable[[], None]) -> None:
         """From now on who hangs up is heard at once; who has done so already, now."""
         self._reread, self._end = reread, end
         if self._came:

@@ -91,7 +91,7 @@ class Hardware:
         if not np.array_equal(shift, self._turns[number]):
             port, bus = self.ports[number], self.joints.buses[number].turned(shift)
             if port.writer is not None:
-                port.writer.bound(bus.lower, bus.upper)
+                port.writer.set_goal_limits(bus.lower, bus.upper)
             self._turns[number] = shift
             self.pairs = (*self.pairs[:number], (port, bus), *self.pairs[number + 1 :])
 
@@ -138,9 +138,9 @@ class Hardware:
         self.left_out[bus.joints] = False if mine is None else ~mine
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
-    def aim(self, position: Floats) -> list[ScriptRun[None]]:
+    def write_goals(self, position: Floats) -> list[ScriptRun[None]]:
         """Goal := position (n,), read back."""
-        return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
+        return self._order(lambda writer, bus: writer.write_goals(ticks(bus, position)))
 
     def torque(self, on: bool) -> list[ScriptRun[None]]:
         """Torque of every device, read back."""
@@ -150,9 +150,11 @@ class Hardware:
         """Every device soft, with its torque on; ids of those that did not confirm it."""
         return self._order(lambda writer, _: writer.damp())
 
-    def aimed(self) -> Generator[None, float, Floats]:
+    def read_goals(self) -> Generator[None, float, Floats]:
         """The goals (n,) that the servos hold, rad; NaN on buses that are not open. Raises BusError."""
-        asked = [(port.run(port.writer.aimed(), urgent=True), bus) for port, bus in self.pairs if port.writer]
+        asked = [
+            (port.run(port.writer.read_goals(), urgent=True), bus) for port, bus in self.pairs if port.writer
+        ]
         yield from all_of([task for task, _ in asked])
         held = np.full(len(self.joints), nan)
         for task, bus in asked:
@@ -177,7 +179,7 @@ class Hardware:
             port.holding = on and port.writer is not None and known
 
     @property
-    def held(self) -> Bools:
+    def energised_joints(self) -> Bools:
         """Joints (n,) that goals go to: of a bus that was armed, and not lost since; not who was left out."""
         found = np.zeros(len(self.joints), np.bool_)
         for port, bus in self.pairs:
@@ -254,7 +256,7 @@ class Hardware:
     def _bound(self, number: int) -> None:
         port, bus = self.pairs[number]
         if port.writer is not None and some(self._turns[number]):
-            port.writer.bound(bus.lower, bus.upper)
+            port.writer.set_goal_limits(bus.lower, bus.upper)
 
     def _read(self, now: float, end: float) -> JointState:
         self._begin()

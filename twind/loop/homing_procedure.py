@@ -15,9 +15,16 @@ import numpy as np
 
 from twind import link
 from twind.loop.homing_request import sought
-from twind.loop.pending_restore import PendingRestore, answer, clamped, give_back, leave, release
+from twind.loop.pending_restore import (
+    PendingRestore,
+    answer,
+    clamped,
+    give_back,
+    release,
+    report_pending_restore,
+)
 from twind.loop.procedures import Priority, Procedure
-from twind.loop.torque import loosen
+from twind.loop.torque import switch_torque_off
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
 from twind.robot.arrays import some
 from twind.robot.finding import Finding, ReasonCode
@@ -93,10 +100,10 @@ class HomingProcedure:
             return ""
         return f"{self._loop.joints.names[owed.sought.joint]} is given back its mode and settings"
 
-    def leave(self) -> None:
+    def report_pending_restore(self) -> None:
         """Report what is not restored yet when the daemon ends."""
         if self.owed is not None:
-            leave(self._loop, self.owed)
+            report_pending_restore(self._loop, self.owed)
 
     # ------------------------------------------------------------------------------- the search
 
@@ -107,7 +114,7 @@ class HomingProcedure:
             debt.findings = yield from self._outcome(debt)
             loop.hardware.clear()
             if loop.energising:
-                debt.findings += yield from self._loosened(debt)
+                debt.findings += yield from self._switch_torque_off(debt)
         except GeneratorExit:  # what took over takes the torque: `energising` is set
             debt.findings = debt.findings or (_cause(loop),)
             loop.unconfirmed = loop.unconfirmed or loop.energising
@@ -120,9 +127,9 @@ class HomingProcedure:
         """What went wrong; nothing: it was found."""
         loop, joint = self._loop, debt.sought.joint
         try:
-            yield from self._found(debt)
+            yield from self._run_search(debt)
         except HomingEnded as ended:
-            return (self._of(debt, ended.finding),)
+            return (self._attach_joint(debt, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so little current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
         except WireClamp as error:
@@ -135,11 +142,11 @@ class HomingProcedure:
             return (broken,)
         return ()
 
-    def _loosened(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
+    def _switch_torque_off(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """Torque off, read back; what is to be said of it."""
         loop = self._loop
         try:
-            yield from loosen(loop)
+            yield from switch_torque_off(loop)
         except BusError as error:
             message = f"torque could not be read back off: {error}"
             loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
@@ -147,7 +154,7 @@ class HomingProcedure:
         return ()
 
     @staticmethod
-    def _of(debt: PendingRestore, finding: Finding) -> Finding:
+    def _attach_joint(debt: PendingRestore, finding: Finding) -> Finding:
         """What the course says is of its joint."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
@@ -164,7 +171,7 @@ class HomingProcedure:
             release(self._loop, debt)
             answer(self._loop, debt)
 
-    def _found(self, debt: PendingRestore) -> Generator[None, float, None]:
+    def _run_search(self, debt: PendingRestore) -> Generator[None, float, None]:
         """Run all steps from first look to last capture. Raises HomingEnded, BusError, ValueError."""
         loop, aim = self._loop, debt.sought
         writer, command = aim.port.writer, debt.command
@@ -174,9 +181,9 @@ class HomingProcedure:
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
         loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque
-        alone = writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
+        alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(debt, alone.look())
-        debt.left, debt.watchdog = alone.left(kept), alone.watchdog
+        debt.left, debt.watchdog = alone.describe_leftovers(kept), alone.watchdog
         self.owed, debt.kept = debt, kept
         loop.procedures.beside(give_back(loop, debt))
         held = yield from self._pinned(debt, alone, kept)
@@ -209,10 +216,10 @@ class HomingProcedure:
     ) -> Generator[None, float, int]:
         """In its other mode, with goal := present read back; the count (calibrated) that it is to hold."""
         aim, before = debt.sought, self._count(debt)
-        yield from self._done(debt, alone.enter(kept))
+        yield from self._done(debt, alone.enter_current_mode(kept))
         yield from self._newer(debt)
         debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
-        alone.bound(aim.lower - debt.shift, aim.upper - debt.shift)
+        alone.set_goal_limits(aim.lower - debt.shift, aim.upper - debt.shift)
         for _ in range(SWINGS):
             held = self._count(debt)
             if not aim.lower <= held <= aim.upper:

@@ -54,11 +54,11 @@ class HomingRequest:
 
 def sought(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
     """Return the request in counts, or all findings against it."""
-    against = [*_asked(command), *_allowed(loop, command, now)]
+    against = [*_check_request(command), *_allowed(loop, command, now)]
     return against if against else _counted(loop, command)
 
 
-def _asked(command: link.FindStop) -> list[Finding]:
+def _check_request(command: link.FindStop) -> list[Finding]:
     """Return findings for numbers that are out of bounds; NaN is."""
     given = (
         ("current_share of the current limit", command.current_share, SHARES),
@@ -91,7 +91,7 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
         against("not verified since its bus was identified: `twindctl status`", ReasonCode.CALIB_MISMATCH)
     if loop.torque_off is not True:
         against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
-    if spec.stops.at(command.side) is None:
+    if spec.stops.endstop_of_side(command.side) is None:
         against(f"the robot file has no stop_rad.{command.side} of it: nobody knows where that stop is")
     if robot.bus(spec.bus).kind != SERIAL:
         against(f"a {spec.type.device} is not driven against a stop: move it there by hand, and sweep it")
@@ -138,7 +138,7 @@ def _counted(loop: Loop, command: link.FindStop) -> HomingRequest | list[Finding
 
 
 def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, cap: float) -> HomingParameters:
-    stop = spec.stops.at(command.side)
+    stop = spec.stops.endstop_of_side(command.side)
     assert stop is not None
     up = 1 if scale > 0.0 else -1
     speed = min(USUAL_SPEED if command.speed is None else command.speed, spec.velocity_limit)

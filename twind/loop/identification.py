@@ -65,10 +65,10 @@ class IdentificationState:
         """Once per tick, after the exchange."""
         loop = self._loop
         for lost in loop.hardware.lost:
-            self._lost(lost.bus, str(lost.error), now)
+            self._on_bus_lost(lost.bus, str(lost.error), now)
         loop.hardware.lost.clear()
         for port, bus in loop.hardware.pairs:
-            self._tend(port, bus, now)
+            self._step_port(port, bus, now)
         self.verified.watch(now)
         self._place(loop)
         self.settle_state(now)
@@ -99,7 +99,7 @@ class IdentificationState:
                 loop, loop.stop_level, now
             )  # it came back with torque on under a latched stop
         elif loop.unconfirmed and idle and loop.inherited:
-            loop.procedures.own(Priority.DISARM, lambda: torque.again(loop))
+            loop.procedures.own(Priority.DISARM, lambda: torque.retry_torque_off(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Process servos that restarted (R11).
@@ -114,7 +114,7 @@ class IdentificationState:
 
     # ----------------------------------------------------------------------------- coming
 
-    def _tend(self, port: BusPort, bus: JointBusMap, now: float) -> None:
+    def _step_port(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         loop = self._loop
         if port.link is PortState.CLOSED:
             if port.trouble and self._said.get(port.name) != port.trouble:
@@ -171,7 +171,7 @@ class IdentificationState:
                 return
             findings += tuple(self._slow(bus)) if slow else ()
         if findings != self.missing.get(port.name, ()):
-            self._tell("error", findings)
+            self._report_findings("error", findings)
         self.missing[port.name] = findings
         port.tape.identified(whole=not findings)
         self.verified.identified(port, bus, self._fits(port, bus, findings))
@@ -240,7 +240,7 @@ class IdentificationState:
             return
         verdict = self.judge(self._devices)
         self.mismatches = verdict.refusals
-        self._tell("warning", (*verdict.refusals, *verdict.warnings))
+        self._report_findings("warning", (*verdict.refusals, *verdict.warnings))
         self._found_all = True
 
     def _place(self, loop: Loop) -> None:
@@ -250,7 +250,7 @@ class IdentificationState:
             if loop.mode is Mode.MIRROR and loop.untouched:
                 loop.enter(loop.mode)
 
-    def _tell(self, level: str, findings: Sequence[Finding]) -> None:
+    def _report_findings(self, level: str, findings: Sequence[Finding]) -> None:
         """Report one event per code, however many joints it concerns."""
         for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
             group = tuple(same)
@@ -258,7 +258,7 @@ class IdentificationState:
 
     # ----------------------------------------------------------------------------- going
 
-    def _lost(self, bus: str, error: str, now: float) -> None:
+    def _on_bus_lost(self, bus: str, error: str, now: float) -> None:
         loop = self._loop
         finding = Finding(ReasonCode.PORT_LOST, message=f"{bus}: {error}")
         loop.say.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
@@ -294,6 +294,8 @@ class IdentificationState:
             return  # torque stays, and nothing is written
         if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
             loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now))
-        elif not some(loop.hardware.held):  # a bus that was lost before is back, but takes no goals of itself
+        elif not some(
+            loop.hardware.energised_joints
+        ):  # a bus that was lost before is back, but takes no goals of itself
             loop.executor.idle()
             loop.armed = False

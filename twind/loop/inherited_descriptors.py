@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from twind.listening_sockets import NAMES
-from twind.standard_streams import tell
+from twind.standard_streams import write_line
 
 WRECK = "flight"  # FDNAME of what the loop stores: the flight recorder of a daemon that is gone
 _FIRST = 3  # SD_LISTEN_FDS_START
@@ -50,5 +50,5 @@ def handed_over() -> InheritedDescriptors:
         else:
             known = " or ".join(NAMES)
             said = f"a socket named {name!r} was handed over, and nobody serves it"
-            tell(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
+            write_line(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
     return InheritedDescriptors(found, wreck)

@@ -101,7 +101,7 @@ def where(bus: JointBusMap) -> slice | Ints:
     return slice(first, first + count) if side_by_side else bus.joints
 
 
-def _told(sample: BusSample) -> Floats:
+def _measured_efforts(sample: BusSample) -> Floats:
     """Efforts (m,), raw; NaN of those who did not tell it."""
     told = sample.heard if sample.effort_told is None else sample.effort_told
     return np.where(told, sample.effort, nan)
@@ -180,7 +180,7 @@ class JointReadings:
         if usual:
             self.position[places] = position
             self.velocity[places] = velocities(bus, sample.position, sample.velocity)
-            effort = sample.effort if sample.effort_told is None else _told(sample)
+            effort = sample.effort if sample.effort_told is None else _measured_efforts(sample)
             self.effort[places] = efforts(bus, sample.position, effort)
             self.load[places] = np.abs(effort) * self._loads[number]
             self.heard_at[places] = sample.received
@@ -188,7 +188,7 @@ class JointReadings:
         rows = bus.joints[heard]
         self.position[rows] = position[heard]
         self.velocity[rows] = velocities(bus, sample.position, sample.velocity)[heard]
-        effort = _told(sample)
+        effort = _measured_efforts(sample)
         self.effort[rows] = efforts(bus, sample.position, effort)[heard]
         self.load[rows] = (np.abs(effort) * self._loads[number])[heard]
         self.heard_at[rows] = sample.received

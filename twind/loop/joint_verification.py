@@ -202,7 +202,7 @@ class JointVerification:
         shift = np.where(due, shift, before)
         ours = port.holding or loop.energising
         self._told |= due & (shift == before) & ~hardware.left_out if ours else due
-        self._say(port.name, found)
+        self._report_unverified(port.name, found)
         if not ours and some(shift != before):
             hardware.turn(number, shift[rows])
             loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
@@ -210,7 +210,7 @@ class JointVerification:
     def _place(self) -> None:
         """Where everybody else is, nobody knows; who gets goals of ours is where it was."""
         loop, hardware = self._loop, self._loop.hardware
-        placed = self._told if every(self._told) else self._told | hardware.held
+        placed = self._told if every(self._told) else self._told | hardware.energised_joints
         for _, bus in hardware.pairs:
             for each in bus.linked:  # by all of its actuators
                 mates = bus.joints[each.rows]
@@ -220,7 +220,7 @@ class JointVerification:
             hardware.readings.placed = placed.copy()
             loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
 
-    def _say(self, bus: str, found: Sequence[Finding]) -> None:
+    def _report_unverified(self, bus: str, found: Sequence[Finding]) -> None:
         """Report once for the same joints, however their readings change."""
         if set(map(_joint, found)) - set(map(_joint, self._unfit.get(bus, ()))):
             self._loop.say.event("warning", found[0].code, found[0].message, tuple(found))

@@ -53,7 +53,7 @@ def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
     until = loop.clock.now() + ANSWER
     why = yield from _returned(loop, debt, until)
     debt.findings += why
-    _say(loop, debt, why)
+    _report_restore(loop, debt, why)
     release(loop, debt)
     port.identify()
     while not debt.answered and not loop.hardware.connected and loop.clock.now() < until:
@@ -120,28 +120,28 @@ def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
     port, aim = debt.sought.port, debt.sought
     assert port.writer is not None
     try:
-        alone = port.writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
+        alone = port.writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
     except ValueError as error:
         return error
     finally:
-        port.writer.together()  # what is given back is judged as everybody's is
+        port.writer.end_single_device()  # what is given back is judged as everybody's is
     task = port.run(alone.give_back(debt.kept))
     while not task.done:
         yield
     return task.error
 
 
-def leave(loop: Loop, debt: PendingRestore) -> None:
+def report_pending_restore(loop: Loop, debt: PendingRestore) -> None:
     """Report that the daemon ends before mode and settings were written back."""
     why = unrestored(debt, "the daemon ends")
-    _say(loop, debt, (why,))
+    _report_restore(loop, debt, (why,))
     answer(loop, debt, why)
 
 
 def release(loop: Loop, debt: PendingRestore) -> None:
     """End the debt; all devices on its bus are written to again."""
     if debt.sought.port.writer is not None:
-        debt.sought.port.writer.together()
+        debt.sought.port.writer.end_single_device()
     loop.homing.owed = None
 
 
@@ -164,7 +164,7 @@ def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
     loop.say.reply(debt.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _say(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
+def _report_restore(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
     """Report the result of the restoring as events, for a client answered before and for all others."""
     name = loop.joints.names[debt.sought.joint]
     for finding in why:

@@ -11,7 +11,7 @@ import numpy as np
 from twind.loop import damping, torque_release
 from twind.loop.blocking_contacts import with_contact
 from twind.loop.procedures import Priority
-from twind.robot.arrays import Floats, whole
+from twind.robot.arrays import Floats, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
     """Do what the guard says; what may be written. A goal that may not leave becomes the last goal again."""
     if judgement.findings or loop.parts.guard.bars:
-        _tell(loop, judgement)
+        _report_decision(loop, judgement)
     if judgement.latches:
         loop.change(RobotEvent.FAULT, now)
     for bus in judgement.gone:
@@ -42,7 +42,7 @@ def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now
     return reference.position
 
 
-def _tell(loop: Loop, judgement: GuardDecision) -> None:
+def _report_decision(loop: Loop, judgement: GuardDecision) -> None:
     """News of each code once, latches, and who began anew."""
     stop = judgement.reaction.name.lower() if judgement.reaction else ""
     for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
@@ -78,7 +78,7 @@ def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
     """With those that their motors turn too: as commanded, these would push the motors on."""
     named = np.zeros(len(loop.joints), np.bool_)
     named[list(joints)] = True
-    return np.flatnonzero(whole(named, loop.joints.together)).tolist()
+    return np.flatnonzero(spread_over_groups(named, loop.joints.transmission_groups)).tolist()
 
 
 def _slow(loop: Loop, judgement: GuardDecision) -> None:

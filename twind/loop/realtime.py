@@ -45,7 +45,7 @@ def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, Granted
     return got
 
 
-def leave() -> None:
+def drop_realtime() -> None:
     """As any other process from now on: what comes takes its time, and may take much memory."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     if policy in (os.SCHED_FIFO, os.SCHED_RR):  # the flag stays: to clear it takes a right of its own

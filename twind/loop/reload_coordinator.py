@@ -113,7 +113,7 @@ class ReloadCoordinator:
         thresholds = thresholds_with(loop.parts.thresholds, command.changes)
         robot = of_robot(command.changes)
         if robot:
-            one = loop.parts.one.changed(robot)
+            one = loop.parts.one.with_changes(robot)
             unfit = (*at_rest(loop), *outside(loop, one.binding.limits, now))
             if unfit:
                 self._refuse(command, unfit)
@@ -123,8 +123,8 @@ class ReloadCoordinator:
         loop.health.warn_above(thresholds.latency_warn)
         self.generation = command.generation
         self.judged_since = self.generation if robot else self.judged_since
-        loop.link.brief(briefing)
-        self._tell(command)
+        loop.link.set_briefing(briefing)
+        self._publish_reload(command)
         return True
 
     def _refuse(self, command: link.ApplyChanges, findings: tuple[Finding, ...]) -> None:
@@ -135,7 +135,7 @@ class ReloadCoordinator:
             where = "" if first.joint is None else f"{named[first.joint]}: "
             self.failed(f"{where}{first.message}")
 
-    def _tell(self, command: link.ApplyChanges) -> None:
+    def _publish_reload(self, command: link.ApplyChanges) -> None:
         loop, applied, waiting = self._loop, sorted(command.changes), list(command.needs_restart)
         loop.say.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"

@@ -35,7 +35,7 @@ def serve(loop: Loop, now: float) -> None:
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
     if loop.link.lost:
         front_lost(loop)
-    loop.calibrating.tend(now)
+    loop.calibrating.end_if_due(now)
     loop.reloads.serve(now)
     if loop.stop_wanted and loop.procedures.own(
         Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
@@ -64,9 +64,9 @@ def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
 
 def _gone(loop: Loop, client: int) -> None:
     """A connection closed: its lease lapses, and what it began to arm is let go."""
-    loop.lease.gone(client)
-    loop.submissions.gone(client)
-    loop.stops.gone(client)
+    loop.lease.release_client(client)
+    loop.submissions.drop_client(client)
+    loop.stops.drop_client(client)
     if loop.procedures.rank is Priority.ARM and loop.arming_client == client:
         loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
 

@@ -37,7 +37,7 @@ class StatePublisher:
     def publish(self, now: float) -> None:
         """State first, then the answers it explains."""
         loop = self._loop
-        loop.link.tend(now)
+        loop.link.supervise_front(now)
         if self.urgent or now >= self._next:
             self.urgent, self._next = False, now + OVERVIEW
             loop.link.state(self.overview(now))

@@ -161,11 +161,11 @@ class SubmissionTracker:
         loop = self._loop
         count, asked = len(loop.joints), command.tolerances
         if loop.mode is Mode.LIVE:
-            return (GoalTolerances.of(count, asked) if asked else None), command.goal_time
+            return (GoalTolerances.from_entries(count, asked) if asked else None), command.goal_time
         bounds = loop.parts.guard.bounds
         own = any(goal is not None and goal > 0.0 for _, _, goal in asked)
         goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
-        return GoalTolerances.of(count, asked, bounds.follow), goal_time
+        return GoalTolerances.from_entries(count, asked, bounds.follow), goal_time
 
     def _lead(self, path: Trajectory, start_in: float) -> float:
         """How long the way to a first point at t = 0 takes, s, from where the path is foreseen to begin."""
@@ -183,7 +183,7 @@ class SubmissionTracker:
         if command.more:
             self._followed[command.id] = command
             loop.lease.pin(command.client, command.id)
-        self._tell(command.id, verdict, now, lead)
+        self._send_verdict(command.id, verdict, now, lead)
         loop.say.reply(
             command,
             continues=command.more,
@@ -208,13 +208,13 @@ class SubmissionTracker:
         loop = self._loop
         if taken is not None:
             loop.way.judge(taken, loop.clock.now())
-            self._tell(command.id, verdict, now)
+            self._send_verdict(command.id, verdict, now)
             codes = sorted({finding.code.value for finding in verdict.refusals})
             said = f"refused {command.id}: {', '.join(codes)}"
             loop.say.event("warning", codes[0], said, verdict.refusals[:8], id=command.id)
         loop.say.refuse(command, verdict.refusals)
 
-    def _tell(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
+    def _send_verdict(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
         link_, given = self._loop.link, plain(verdict)
         link_.event(link.VerdictReport(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
 
@@ -228,7 +228,7 @@ class SubmissionTracker:
         before, at = loop.executor.reference, loop.clock.now()
         loop.way.judge(taken, at)
         if judged.verdict.refusals:
-            self._tell(STREAM, judged.verdict, now)
+            self._send_verdict(STREAM, judged.verdict, now)
             loop.say.refuse(command, judged.verdict.refusals)
             return
         if before is not None:
@@ -266,7 +266,7 @@ class SubmissionTracker:
 
     # --------------------------------------------------------------------------- outcomes
 
-    def gone(self, client: int) -> None:
+    def drop_client(self, client: int) -> None:
         """A connection closed: nobody waits for its reports."""
         for name in [name for name, command in self._followed.items() if command.client == client]:
             self._unfollow(name)

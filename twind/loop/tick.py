@@ -331,7 +331,7 @@ class Loop:
                 slow.voltage,
                 now - slow.health_time,
                 self.parts.ratings,
-                self.joints.together,
+                self.joints.transmission_groups,
             ),
         )
 

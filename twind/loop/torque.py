@@ -23,33 +23,33 @@ INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
 EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that are the encoder's, not the joint's (R14)
 
 
-def past(loop: Loop) -> Bools:
+def beyond_hard_limit(loop: Loop) -> Bools:
     """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step.
     None of them is who is nowhere (NaN)."""
     position, limits = loop.measured.position, loop.limits
     return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
 
 
-def named(loop: Loop, which: Bools) -> str:
+def joint_names(loop: Loop, which: Bools) -> str:
     """Joints of the mask (n,) by name; of many the first ones."""
     names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more
 
 
-def spelled(loop: Loop, error: Exception) -> str:
+def error_text(loop: Loop, error: Exception) -> str:
     """What the bus said, and whose devices did not answer by their joints' names."""
     which = np.zeros(len(loop.joints), np.bool_)
     if isinstance(error, NoReply):
         for bus in loop.joints.buses:
             if bus.name == error.port:
                 which[bus.joints[np.isin(bus.ids, error.ids)]] = True
-    return f"{error} ({named(loop, which)})" if which.any() else str(error)
+    return f"{error} ({joint_names(loop, which)})" if which.any() else str(error)
 
 
 def say_unconfirmed(loop: Loop, error: BusError) -> None:
     """Torque off that somebody did not confirm."""
-    said = f"torque could not be read back off: {spelled(loop, error)}"
+    said = f"torque could not be read back off: {error_text(loop, error)}"
     loop.say.event("error", ReasonCode.TORQUE_MISMATCH, said)
 
 
@@ -62,7 +62,7 @@ def take(loop: Loop, held: Floats) -> None:
     loop.written = held
 
 
-def loosen(loop: Loop) -> Procedure:
+def switch_torque_off(loop: Loop) -> Procedure:
     """Torque off, read back. Raises BusError naming who did not confirm it: see `again`."""
     loop.executor.idle()
     loop.hardware.clear()
@@ -86,12 +86,12 @@ def loosen(loop: Loop) -> Procedure:
         return
 
 
-def again(loop: Loop) -> Procedure:
+def retry_torque_off(loop: Loop) -> Procedure:
     """Somebody who did not confirm torque off is heard again, with torque on: off."""
     loop.say.event(
         "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
     )
     try:
-        yield from loosen(loop)
+        yield from switch_torque_off(loop)
     except BusError as error:
         say_unconfirmed(loop, error)

@@ -16,7 +16,14 @@ import numpy as np
 from twind import link
 from twind.loop import damping
 from twind.loop.procedures import Priority, Procedure, all_of, ticks
-from twind.loop.torque import loosen, named, past, say_unconfirmed, spelled, take
+from twind.loop.torque import (
+    beyond_hard_limit,
+    error_text,
+    joint_names,
+    say_unconfirmed,
+    switch_torque_off,
+    take,
+)
 from twind.motion.settle import SPEED, settle
 from twind.robot.arrays import every, some
 from twind.robot.finding import Finding, ReasonCode
@@ -64,7 +71,7 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
     try:
         yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the robot was disarmed"))
     except BusError as error:
-        loop.say.error(command, "BusFailed", bus="", message=spelled(loop, error))
+        loop.say.error(command, "BusFailed", bus="", message=error_text(loop, error))
     except GeneratorExit:
         loop.say.error(command, "Busy", what="disarming was ended by something more urgent")
         raise
@@ -113,7 +120,7 @@ def shutdown(loop: Loop, now: float) -> Procedure:
     until = loop.clock.now() + AWAITED
     while loop.homing.owed is not None and loop.clock.now() < until:
         yield  # what was driven against its stop is given back
-    loop.homing.leave()
+    loop.homing.report_pending_restore()
     loop.finished = True
 
 
@@ -136,7 +143,7 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
         return
     try:
         if level == "cut":
-            yield from loosen(loop)
+            yield from switch_torque_off(loop)
         else:
             yield from release(loop, loop.latches[ReasonCode.ESTOP])
     except BusError as error:
@@ -161,15 +168,15 @@ def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedur
     except BusError as error:
         if manner.whole and not loop.armed:
             raise
-        said = f"the way to the rest pose was cut short: {spelled(loop, error)}"
+        said = f"the way to the rest pose was cut short: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.BUS_ERRORS, said)
-    yield from loosen(loop)
+    yield from switch_torque_off(loop)
 
 
 def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
     be energised: then there is nothing to lower."""
-    held, tripped = loop.hardware.held, loop.hardware.slow.watchdog == 255
+    held, tripped = loop.hardware.energised_joints, loop.hardware.slow.watchdog == 255
     if loop.armed and loop.soft_since is not None:
         return True  # it sinks: to clear tripped watchdogs would give it its strength back
     if loop.armed and held.any() and not (held & tripped).any():
@@ -178,7 +185,7 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     if loop.energising or not loop.torque_on:
         return False
     yield from _looked_for(loop)
-    (here, known), stepped = _where_it_is(loop), past(loop)
+    (here, known), stepped = _where_it_is(loop), beyond_hard_limit(loop)
     if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
         well = held & ~tripped
         here, known, stepped = np.where(well, loop.written, here), known | well, stepped & ~well
@@ -196,7 +203,7 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     except NoReply as error:  # the others took it: to lower what listens is better than to drop it
         if manner.whole:
             raise
-        said = f"lowered without everybody's answer: {spelled(loop, error)}"
+        said = f"lowered without everybody's answer: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
     take(loop, here)
     return True
@@ -207,7 +214,7 @@ def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
 
     Raises BusError where the whole robot is wanted and it is not armed.
     """
-    message = f"to hold {named(loop, stepped)} inside the hard limits would be a step"
+    message = f"to hold {joint_names(loop, stepped)} inside the hard limits would be a step"
     if manner.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(stepped)[0])
@@ -223,7 +230,7 @@ def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
 
     Raises BusError where the whole robot is wanted and it is not armed.
     """
-    message = f"nobody knows where {named(loop, nowhere)} is"
+    message = f"nobody knows where {joint_names(loop, nowhere)} is"
     if manner.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(nowhere)[0])
@@ -244,13 +251,13 @@ def _looked_for(loop: Loop) -> Procedure:
 
 def _rejoined(loop: Loop) -> Procedure:
     """A bus that was lost and is back is taken over where its joints are; the others hold what they held."""
-    if loop.hardware.held.all():
+    if loop.hardware.energised_joints.all():
         return
     while loop.executor.reference is not None and loop.executor.reference.velocity.any():
         yield  # those that we hold brake
-    back_with = ~loop.hardware.held & loop.hardware.open & past(loop)
+    back_with = ~loop.hardware.energised_joints & loop.hardware.open & beyond_hard_limit(loop)
     if some(back_with):
-        why = f"to hold {named(loop, back_with)} inside the hard limits would be a step"
+        why = f"to hold {joint_names(loop, back_with)} inside the hard limits would be a step"
         loop.say.event("error", ReasonCode.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
         return
     here, known = _where_it_is(loop)
@@ -258,14 +265,14 @@ def _rejoined(loop: Loop) -> Procedure:
     try:
         yield from all_of(back)
     except NoReply as error:
-        said = f"lowered without everybody's answer: {spelled(loop, error)}"
+        said = f"lowered without everybody's answer: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
     except BusError as error:  # never a reason to drop those that we hold
-        said = f"not taken over, let go where it stands: {spelled(loop, error)}"
+        said = f"not taken over, let go where it stands: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.BUS_ERRORS, said)
         return
     if back and loop.written is not None:
-        place = np.where(loop.hardware.held, loop.written, here)
+        place = np.where(loop.hardware.energised_joints, loop.written, here)
         loop.hardware.hold(True, identified=True)
         loop.executor.begin(place)
         loop.written = place
@@ -299,7 +306,7 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
             loop.say.event("warning", "SETTLE", f"the way to the rest pose takes {lasts:.1f} s")
             loop.parts.notifier.extend(lasts + LETTING_GO)  # a service manager that waits for our end
             until = until if free else now + lasts + LATE
-        yield from _goes(loop, until)
+        yield from _wait_for_settle(loop, until)
         reference = loop.executor.reference
         if reference is not None and (np.abs(reference.position - loop.rest) <= ARRIVED).all():
             return not free or (yield from _rests(loop, until))
@@ -308,7 +315,7 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     return False
 
 
-def _goes(loop: Loop, until: float) -> Procedure:
+def _wait_for_settle(loop: Loop, until: float) -> Procedure:
     """Wait for the end of the way, or for what ends it."""
     loop.stops.begun = loop.stops.begun or (yield from _obeyed(loop))
     now = yield
@@ -320,15 +327,15 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
     """The servos hold the goals that the last ticks wrote: the way has begun where it counts."""
     yield from ticks(2)
     try:
-        held = yield from loop.hardware.aimed()
+        held = yield from loop.hardware.read_goals()
     except BusError as error:
-        said = f"the goals of the way could not be read back: {spelled(loop, error)}"
+        said = f"the goals of the way could not be read back: {error_text(loop, error)}"
         loop.say.event("error", ReasonCode.BUS_ERRORS, said)
         return False
     if loop.written is None:
         return False
     lag = OBEYED * loop.limits.velocity * loop.period + loop.hardware.resolution
-    ours = loop.hardware.held
+    ours = loop.hardware.energised_joints
     return bool((np.abs(held - loop.written)[ours] <= lag[ours]).all())
 
 

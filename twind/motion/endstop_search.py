@@ -121,7 +121,7 @@ class EndstopSearch:
         """The goal (counts) of this tick; that of the last one where nothing may advance."""
         passed, self._now = now - self._now, now
         if not self.done:
-            self.failed = self._lost(look, now, passed)
+            self.failed = self._check_lost_reading(look, now, passed)
         if not self.done and self.failed is None:
             self._keep(look)
             self.failed = self._astray(look) or self._overdue(now)
@@ -221,7 +221,7 @@ class EndstopSearch:
         self._over = self._over + 1 if over else 0
         self._farthest = max(self._farthest, look.count * self.search.way)
 
-    def _lost(self, look: HomingSample, now: float, passed: float) -> Finding | None:
+    def _check_lost_reading(self, look: HomingSample, now: float, passed: float) -> Finding | None:
         if not 0.0 <= passed <= GAP:
             message = "s since the last step: nobody knows what the joint did meanwhile"
             return Finding(ReasonCode.TIME_GAP, value=passed, bound=GAP, message=message)

@@ -25,7 +25,7 @@ class GoalTolerances:
     speed: Floats  # rad/s, at its end
 
     @classmethod
-    def of(
+    def from_entries(
         cls,
         count: int,
         entries: Sequence[tuple[int, float | None, float | None]],

@@ -89,5 +89,5 @@ class LookaheadPlan:
             drift = np.where(self.streamed, self.stream.drift, drift)
             moved |= self.streamed
         target[joints], drift[joints] = position, 0.0 if velocity is None else velocity
-        follower.aim(target, drift)
+        follower.set_target(target, drift)
         return braking(choose(moved, follower.step(self.pace), self.reference), limits, times)

@@ -55,15 +55,15 @@ class MotionLayer:
         duration = self.curve.duration
         return duration if abs(t - duration) <= ROUNDING else t
 
-    def over(self, tick: int) -> bool:
+    def is_finished(self, tick: int) -> bool:
         """The end of the curve has been reached."""
         return self.elapsed(tick) >= self.curve.duration
 
-    def at(self, tick: int) -> Reference:
+    def reference_at(self, tick: int) -> Reference:
         """The reference on the curve; at rest on its last point after the end."""
         reference = self.curve.sample(self.elapsed(tick))
         assert reference is not None  # a layer is never asked about a time before its start
-        return reference if self.pace.even else self.pace.of(reference, self.period)
+        return reference if self.pace.even else self.pace.scale_reference(reference, self.period)
 
     def outside(self, error: Floats, bound: Floats) -> Bools:
         """Joints (n,) of the goal whose `error` is beyond `bound`; inf bounds nothing."""
@@ -108,7 +108,7 @@ def without(layers: Sequence[MotionLayer], joints: Bools) -> list[MotionLayer]:
 def laid_over(base: Reference, layers: Sequence[MotionLayer], tick: int) -> Reference:
     """`base`, with the joints of each layer taken from it."""
     for layer in layers:
-        base = choose(layer.joints, layer.at(tick), base)
+        base = choose(layer.joints, layer.reference_at(tick), base)
     return base
 
 

@@ -43,7 +43,7 @@ class StopRamp:
         """The ramp is over: `step` gives the same place for ever."""
         return self._steps * self._period >= self.duration
 
-    def at(self, t: float) -> Reference:
+    def reference_at(self, t: float) -> Reference:
         """The reference `t` s after the ramp began."""
         if t >= self.duration:
             return self._rest
@@ -63,11 +63,11 @@ class StopRamp:
         """One period further."""
         if not self.resting:
             self._steps += 1
-        return self.at(self._steps * self._period)
+        return self.reference_at(self._steps * self._period)
 
     def ahead(self, t: float) -> Reference:
         """The reference `t` s from now, without going there."""
-        return self.at(self._steps * self._period + t)
+        return self.reference_at(self._steps * self._period + t)
 
 
 class LimitedFollower:
@@ -92,7 +92,7 @@ class LimitedFollower:
         speed = np.abs(self._velocity).max(initial=0.0) + np.abs(self._drift).max(initial=0.0)
         return bool(away <= RESTING and speed <= RESTING)
 
-    def aim(self, target: Floats, drift: Floats) -> None:
+    def set_target(self, target: Floats, drift: Floats) -> None:
         """A new target (n,) in rad, moving on by itself with `drift` (n,) in rad/s."""
         self._target, self._drift = target.copy(), drift.copy()
 
@@ -124,7 +124,7 @@ class LimitedFollower:
     def ahead(self, t: float) -> Reference:
         """The reference `t` s from now, without going there."""
         copy = LimitedFollower(self._last, self._limits, self._period)
-        copy.aim(self._target, self._drift)
+        copy.set_target(self._target, self._drift)
         reference = self._last
         for _ in range(round(t / self._period)):
             if copy.resting:  # nothing more changes, however far ahead
@@ -135,7 +135,7 @@ class LimitedFollower:
     def onwards(self, share: float = 1.0) -> Reference:
         """What the next `step` would give."""
         copy = LimitedFollower(self._last, self._limits, self._period)
-        copy.aim(self._target, self._drift)
+        copy.set_target(self._target, self._drift)
         return copy.step(share)
 
     def _braking(self, distance: Floats) -> Floats:
@@ -168,5 +168,5 @@ class CompliantFollower(LimitedFollower):
         """`joints` (n,) go to `place` (n,), rad, within the hard limits; where that is NaN they do not."""
         limits, known = self._limits, joints & np.isfinite(place)
         there = np.clip(place, limits.lower, limits.upper)
-        self.aim(np.where(known, there, self.target), np.zeros(len(place)))
+        self.set_target(np.where(known, there, self.target), np.zeros(len(place)))
         self.joints = self.joints | known

@@ -36,7 +36,7 @@ class TimeScaling:
         self.change, self.now = to - self.now, to
         self.lag += 1.0 - to
 
-    def of(self, reference: Reference, period: float) -> Reference:
+    def scale_reference(self, reference: Reference, period: float) -> Reference:
         """What a reference on the curve means at this pace."""
         return Reference(
             reference.position,

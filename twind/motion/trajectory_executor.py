@@ -207,7 +207,7 @@ class TrajectoryExecutor:
         if old is None or (new & ~self._streamed).any():
             self._stream = LimitedFollower(self._reference, self.limits, self._period)
             if old is not None:
-                self._stream.aim(
+                self._stream.set_target(
                     np.where(self._streamed, old.target, self._stream.target),
                     np.where(self._streamed, old.drift, 0.0),
                 )
@@ -216,7 +216,7 @@ class TrajectoryExecutor:
         assert self._stream is not None  # made above when there was none
         target, drifts = self._stream.target.copy(), self._stream.drift.copy()
         target[joints], drifts[joints] = position, drift
-        self._stream.aim(target, drifts)
+        self._stream.set_target(target, drifts)
         self._valid_for, self._heard_at = valid_for, inf
         return None
 
@@ -335,7 +335,7 @@ class TrajectoryExecutor:
 
     def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
         if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
-            return self._layers[0].at(self._tick)
+            return self._layers[0].reference_at(self._tick)
         reference = floor.step()
         if self._layers:
             reference = laid_over(reference, self._layers, self._tick)
@@ -346,10 +346,14 @@ class TrajectoryExecutor:
     def _settle_down(self, reference: Reference) -> None:
         """End what has arrived: the goal without tolerances, then the layers, then the follower."""
         layer = self._running
-        if layer is not None and layer.over(self._tick) and not layer.goal.judged_at_end:
+        if layer is not None and layer.is_finished(self._tick) and not layer.goal.judged_at_end:
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
-        if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
+        if (
+            self._layers
+            and self._running is None
+            and all(layer.is_finished(self._tick) for layer in self._layers)
+        ):
             self._layers = []
             self._floor = StopRamp(reference, self.limits, self._period)
         if isinstance(self._floor, LimitedFollower) and self._floor.resting:
@@ -388,7 +392,7 @@ class TrajectoryExecutor:
         self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
         follower = LimitedFollower(self._reference, self.limits, self._period)
         there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
-        follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
+        follower.set_target(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
         self._floor = follower
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:

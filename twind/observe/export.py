@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Export; 1 where that file gives nothing."""
     with ProgressLine(options, "export") as progress:
-        progress.tell(options.file.name)
+        progress.update(options.file.name)
         messages = export(options.file, options.out, ros=options.ros)
     said = f"{options.out}: {messages} messages"
     show(options, {"file": str(options.file), "out": str(options.out), "messages": messages}, said)

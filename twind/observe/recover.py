@@ -67,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Recover; 1 where nothing can be."""
     with ProgressLine(options, "recover") as progress:
-        found = recover(options.file, options.out, tell=lambda share: progress.tell(options.file.name, share))
+        found = recover(
+            options.file, options.out, tell=lambda share: progress.update(options.file.name, share)
+        )
     data = {
         "file": str(options.file),
         "out": None if found.out is None else str(found.out),
@@ -111,7 +113,7 @@ def _look(path: Path) -> RecoveryResult:
     file, span = McapScanner(path), _MessageSpan()
     for each in file.contents():
         span.take(each)
-    return _found(file, span, path if _why(file) else None)
+    return _found(file, span, path if _explain_damage(file) else None)
 
 
 def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) -> RecoveryResult:
@@ -192,10 +194,12 @@ class _MessageSpan:
 
 def _found(file: McapScanner, span: _MessageSpan, out: Path | None) -> RecoveryResult:
     seconds = (span.last - span.first) / 1e9
-    return RecoveryResult(out, span.messages, seconds, file.size - file.kept, file.damaged, _why(file))
+    return RecoveryResult(
+        out, span.messages, seconds, file.size - file.kept, file.damaged, _explain_damage(file)
+    )
 
 
-def _why(file: McapScanner) -> str:
+def _explain_damage(file: McapScanner) -> str:
     """It is not whole; empty: it is."""
     if file.cut:
         return file.cut

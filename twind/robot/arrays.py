@@ -22,7 +22,7 @@ def some(flags: Bools | NDArray[np.integer[Any]]) -> bool:
     return bool(np.count_nonzero(flags))
 
 
-def whole(flags: Bools, groups: Sequence[Ints]) -> Bools:
+def spread_over_groups(flags: Bools, groups: Sequence[Ints]) -> Bools:
     """`flags` (n,), and where one of a group is set all of it: places that belong together."""
     found = flags.copy()
     for places in groups:

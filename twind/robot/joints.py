@@ -55,7 +55,7 @@ class JointMap:
         return tuple(replace(each, rows=bus.joints[each.rows]) for bus in self.buses for each in bus.linked)
 
     @property
-    def together(self) -> tuple[Ints, ...]:
+    def transmission_groups(self) -> tuple[Ints, ...]:
         """Places of the joints of each transmission."""
         return tuple(each.rows for each in self.linked)
 

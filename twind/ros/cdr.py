@@ -116,15 +116,15 @@ class CdrReader:
     def field(self, definitions: MessageDefinitions, field: MessageField) -> Any:
         """One field, or all of its row."""
         if not field.many:
-            return self.one(definitions, field.kind)
+            return self.read_value(definitions, field.kind)
         count = self.numbers("I", 4, 1)[0] if field.count is None else field.count
         if field.kind in PRIMITIVES:
             return list(self.numbers(*PRIMITIVES[field.kind], count)) if count else []
         if count > len(self.data) - self.place:  # each takes a byte at least: a lie must cost no memory
             raise struct.error(f"{field.name}: {count} values are more than the bytes that are left")
-        return [self.one(definitions, field.kind) for _ in range(count)]
+        return [self.read_value(definitions, field.kind) for _ in range(count)]
 
-    def one(self, definitions: MessageDefinitions, kind: str) -> Any:
+    def read_value(self, definitions: MessageDefinitions, kind: str) -> Any:
         """One value."""
         if kind in PRIMITIVES:
             return self.numbers(*PRIMITIVES[kind], 1)[0]

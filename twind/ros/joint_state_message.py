@@ -33,7 +33,7 @@ class JointStateLayout:
     _fixed: tuple[tuple[int, bytes], ...]  # what stands between stamp and numbers
 
     @classmethod
-    def of(cls, data: bytes) -> "JointStateLayout":
+    def from_message(cls, data: bytes) -> "JointStateLayout":
         """Read the layout of one JointState message. Raises CdrError."""
         source, fixed, columns = CdrReader(data), [], []
         try:
@@ -74,7 +74,7 @@ class JointStateBuffer:
         }
         self._data = bytearray(encode(JOINT_STATE, message))
         asked = (True, velocity, effort)
-        columns = zip(JointStateLayout.of(bytes(self._data)).columns, asked, strict=True)
+        columns = zip(JointStateLayout.from_message(bytes(self._data)).columns, asked, strict=True)
         self._places = [first for (first, _), wanted in columns if wanted]
         self._numbers = struct.Struct(f"<{len(names)}d")
 

@@ -11,9 +11,9 @@ from twind.safety.guard_types import (
     GuardThresholds,
     Reaction,
     RuleResult,
-    held,
     hold,
-    ours,
+    is_torque_held,
+    is_torque_ours,
 )
 
 WINDOW = 1.0  # s that are looked back
@@ -87,11 +87,11 @@ class BusRules:
 
         On a bus too bad to move nobody arms.
         """
-        bounds, reaction = self._bounds, hold(facts) if held(facts) else Reaction.NONE
+        bounds, reaction = self._bounds, hold(facts) if is_torque_held(facts) else Reaction.NONE
         row, share = record.bad_in_a_row, record.bad * facts.period / WINDOW  # of as many as a second has
         if row >= bounds.errors_row_fault:
             finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
-            yield RuleResult(finding, reaction, latches=held(facts), bars=True, bus=bus)
+            yield RuleResult(finding, reaction, latches=is_torque_held(facts), bars=True, bus=bus)
         elif row >= bounds.errors_row_hold:
             finding = self._bad(bus, row, bounds.errors_row_hold, "bad exchanges in a row")
             yield RuleResult(finding, reaction, bars=True, bus=bus)
@@ -117,7 +117,7 @@ class BusRules:
             "disconnect the other master, or the second servo with one id"
         )
         finding = Finding(ReasonCode.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
-        if ours(facts) and facts.state is not RobotState.INHIBITED:
+        if is_torque_ours(facts) and facts.state is not RobotState.INHIBITED:
             yield RuleResult(finding, Reaction.INHIBIT, latches=True, bars=True, bus=bus)
         else:
             yield RuleResult(finding, bars=True, bus=bus)
@@ -132,5 +132,5 @@ class BusRules:
         )
         bound = float(most if many else 1)
         finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=bound, message=message)
-        fault = many and held(facts)
+        fault = many and is_torque_held(facts)
         return RuleResult(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)

@@ -6,7 +6,15 @@ A serial bus has no controller that could report this, so it is judged by its an
 from collections.abc import Collection, Iterator, Sequence
 
 from twind.robot.finding import Finding, ReasonCode
-from twind.safety.guard_types import BusTraffic, GuardInput, GuardThresholds, Reaction, RuleResult, hold, ours
+from twind.safety.guard_types import (
+    BusTraffic,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+    is_torque_ours,
+)
 
 PASSIVE, OFF = 1, 2  # of `Traffic.line`: many errors; left the wire, or unacknowledged
 ROUNDING = 1e-9  # s
@@ -78,4 +86,4 @@ def _ours(facts: GuardInput, traffic: BusTraffic) -> bool:
 
     A bus given up before is lost already: to give it up again would stop the others on their way down.
     """
-    return ours(facts) and not traffic.left_out
+    return is_torque_ours(facts) and not traffic.left_out

@@ -8,7 +8,15 @@ import numpy as np
 from twind.robot.arrays import Bools, same, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
-from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.guard_types import (
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+    is_torque_held,
+    is_torque_ours,
+)
 
 ALERT = 0x80  # of a status's error byte: the hardware error bits say more
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
@@ -53,7 +61,7 @@ class DeviceRules:
             yield from self._alerts(facts)
         if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
-        if not held(facts):
+        if not is_torque_held(facts):
             self._taken, self._tripped = facts.now, []
             self._forget(facts.now)
             return
@@ -88,8 +96,8 @@ class DeviceRules:
             message += ", or switch its power off and on" if joint in self._can else ""
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
-            if ours(facts):
-                let_go = held(facts) and facts.torque[joint] == 0  # it shut itself down
+            if is_torque_ours(facts):
+                let_go = is_torque_held(facts) and facts.torque[joint] == 0  # it shut itself down
                 reaction = self._limp(facts, joint) if let_go else self._rest(facts)
                 yield RuleResult(finding, reaction, latches=True, bars=True)
             else:
@@ -102,7 +110,7 @@ class DeviceRules:
             finding = Finding(
                 ReasonCode.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
             )
-            if ours(facts):
+            if is_torque_ours(facts):
                 yield RuleResult(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
                 yield RuleResult(finding, bars=True)

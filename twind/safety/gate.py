@@ -205,7 +205,7 @@ def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> 
     return headroom(snapshot.condition, chosen, thresholds.health)
 
 
-def _asked(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
+def _check_request(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
     """S03, S12: the demand itself."""
     findings = []
     if demand.policy not in ("reject", "retime"):
@@ -284,14 +284,14 @@ def _slices(
     shape = wellformed(path, count, thresholds.max_points, thresholds.max_duration, thresholds.min_dt)
     chosen = np.ones(count, np.bool_) if shape else path.commanded
     admission = admit(snapshot, chosen, thresholds)
-    refusals = [*admission.refusals, *_asked(demand, thresholds), *shape]
+    refusals = [*admission.refusals, *_check_request(demand, thresholds), *shape]
     busy = [
         Finding(ReasonCode.BUSY, message="one trajectory runs and one waits; cancel or wait")
     ] * snapshot.busy
     if shape:
         verdict = Verdict((*refusals, *busy), admission.warnings)
         return GateResult(verdict, path, splines.hold(snapshot.reference.position))
-    before = _known(path, snapshot.reference)
+    before = _fill_reference(path, snapshot.reference)
     changes: list[Finding] = []
     if demand.append_stop:
         path, changes = retime.with_stop(path, limits, thresholds)
@@ -382,7 +382,7 @@ def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveS
     return CurveSubject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
 
 
-def _known(path: Trajectory, reference: Reference) -> Reference:
+def _fill_reference(path: Trajectory, reference: Reference) -> Reference:
     """The reference with what is unknown filled in, so that the rest of the path can be judged.
 
     An unknown place is refused by S18 in any case.

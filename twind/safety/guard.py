@@ -121,7 +121,7 @@ class Guard:
         new = [one for one in said if self._is_new(one, facts.now)]
         latching = [one for one in said if one.latches and (facts.state not in STOPPED or one in new)]
         hard = [one for one in said if one.reaction is Reaction.INHIBIT]
-        told = self._tell(latching or hard or new, said, facts.now)
+        told = self._new_findings(latching or hard or new, said, facts.now)
         here = {one.finding.joint for one in said if one.here and one.reaction}
         return GuardDecision(
             reaction,
@@ -140,7 +140,9 @@ class Guard:
         quiet = self._bounds.quiet_warning if mere_warning else self._bounds.quiet
         return one.key not in self._present and not now - self._told.get(one.key, -inf) < quiet
 
-    def _tell(self, telling: list[RuleResult], said: list[RuleResult], now: float) -> tuple[Finding, ...]:
+    def _new_findings(
+        self, telling: list[RuleResult], said: list[RuleResult], now: float
+    ) -> tuple[Finding, ...]:
         told = {one.key for one in telling}
         self._present = {one.key for one in said if one.key in told or not self._is_new(one, now)}
         self._told.update(dict.fromkeys(told, now))

@@ -197,12 +197,12 @@ def hold_here(facts: GuardInput) -> Reaction:
 Key = tuple[ReasonCode, int | None, float | None, int]
 
 
-def held(facts: GuardInput) -> bool:
+def is_torque_held(facts: GuardInput) -> bool:
     """Our torque holds the robot: a fault of it is a fault of the robot."""
     return facts.mode is Mode.LIVE and facts.torque_expected
 
 
-def ours(facts: GuardInput) -> bool:
+def is_torque_ours(facts: GuardInput) -> bool:
     """The same, or is just about to: what is wrong must end the arming."""
     return facts.mode is Mode.LIVE and (facts.torque_expected or facts.state is RobotState.ARMING)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twind.robot.actuator_ratings import ActuatorRatings
-from twind.robot.arrays import Bools, Floats, Ints, whole
+from twind.robot.arrays import Bools, Floats, Ints, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 
 UNREAD = "not read yet; ask again in half a second"
@@ -48,7 +48,7 @@ def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Fi
             "too low to begin; charge it, check the supply",
         ),
     ):
-        for joint in np.flatnonzero(whole(chosen, condition.together) & wrong):
+        for joint in np.flatnonzero(spread_over_groups(chosen, condition.together) & wrong):
             last, most, age = float(value[joint]), float(bound[joint]), float(condition.age[joint])
             if not (np.isfinite(last) and np.isfinite(age)):
                 found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))

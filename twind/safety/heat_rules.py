@@ -13,7 +13,15 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Ints, same
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
-from twind.safety.guard_types import MOVING, REACTING, GuardInput, GuardThresholds, Reaction, RuleResult, held
+from twind.safety.guard_types import (
+    MOVING,
+    REACTING,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    is_torque_held,
+)
 
 EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a case warms slowly
 
@@ -68,13 +76,16 @@ class HeatRules:
         if value >= ratings.shut[joint]:
             finding = _heat(joint, value, ratings.shut[joint], "°C: lowered, and not armed before it is cool")
             return RuleResult(
-                finding, Reaction.SETTLE if held(facts) else Reaction.NONE, latches=held(facts), bars=True
+                finding,
+                Reaction.SETTLE if is_torque_held(facts) else Reaction.NONE,
+                latches=is_torque_held(facts),
+                bars=True,
             )
         if value >= ratings.hot[joint]:
             finding = _heat(joint, value, ratings.hot[joint], "°C: it moves slower")
             moves = facts.motion in MOVING and facts.state not in REACTING
             return RuleResult(
-                finding, bars=cooling, pace=self._bounds.hot_pace if moves and held(facts) else 1.0
+                finding, bars=cooling, pace=self._bounds.hot_pace if moves and is_torque_held(facts) else 1.0
             )
         if value >= ratings.warm[joint]:
             return RuleResult(_heat(joint, value, ratings.warm[joint], "°C: let it rest"), bars=cooling)

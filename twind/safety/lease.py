@@ -59,7 +59,7 @@ class Lease:
         self._drop()
         return True
 
-    def gone(self, client: int) -> bool:
+    def release_client(self, client: int) -> bool:
         """Drop the lease of a connection that closed. True when it had one."""
         return self.release(client)
 

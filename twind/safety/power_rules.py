@@ -14,7 +14,15 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, every, same
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.goal_rules import ROUNDING
-from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, hold_here
+from twind.safety.guard_types import (
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+    hold_here,
+    is_torque_held,
+)
 
 LONGEST = 0.5  # s: of a tick that came later no more is summed up
 
@@ -47,7 +55,7 @@ class CurrentRules:
                 self._above[:], self._high = inf, False
             return
         self._high = True
-        if held(facts):
+        if is_torque_held(facts):
             yield from self._loaded(facts, load)
             yield from self._wearied(facts, load)
         else:
@@ -127,7 +135,7 @@ class VoltageRules:
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R19: the lowest supply of a robot that our torque holds, and its highest. One says it for all."""
-        if not held(facts):
+        if not is_torque_held(facts):
             if self._held < inf:
                 self._since[:], self._read[:], self._seen, self._said = inf, -inf, b"", []
                 self._held, self._suspect = inf, False

@@ -8,7 +8,15 @@ from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.safety.goal_rules import ROUNDING
-from twind.safety.guard_types import MOVING, GuardInput, GuardThresholds, Reaction, RuleResult, held, hold
+from twind.safety.guard_types import (
+    MOVING,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+    is_torque_held,
+)
 
 
 class ReadingRules:
@@ -26,7 +34,7 @@ class ReadingRules:
             yield from self._jumps(facts)
         measured, limits = facts.measured, self._limits
         if measured is None:
-            if held(facts):
+            if is_torque_held(facts):
                 yield RuleResult(
                     Finding(ReasonCode.STATE_STALE, message="no reading at all: holding"), hold(facts)
                 )
@@ -50,7 +58,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
             )
-            yield RuleResult(finding, hold(facts) if many and held(facts) else Reaction.NONE)
+            yield RuleResult(finding, hold(facts) if many and is_torque_held(facts) else Reaction.NONE)
 
     def _stale(self, facts: GuardInput, age: Floats) -> Iterator[RuleResult]:
         """R05. Who answers no more may be limp: the others hold, but what stands freely is lowered."""
@@ -65,7 +73,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
             )
-            if held(facts):
+            if is_torque_held(facts):
                 yield RuleResult(finding, reaction, latches=gone)
             else:
                 yield RuleResult(finding)
@@ -79,7 +87,7 @@ class ReadingRules:
             finding = Finding(
                 ReasonCode.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
             )
-            if held(facts):
+            if is_torque_held(facts):
                 yield RuleResult(finding, hold(facts), latches=True)
             else:
                 yield RuleResult(finding)

@@ -6,7 +6,15 @@ from math import inf
 
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
-from twind.safety.guard_types import GuardInput, GuardThresholds, Reaction, RuleResult, held, hold, ours
+from twind.safety.guard_types import (
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+    hold,
+    is_torque_held,
+    is_torque_ours,
+)
 from twind.safety.state_machine import LATCHED
 
 
@@ -24,7 +32,7 @@ class TimeGapRules:
         a fault, so that somebody disarms, which puts the goals where the joints are."""
         last, asleep = self._last, facts.suspended - self._suspended
         self._last, self._suspended = facts.now, facts.suspended
-        if last is None or not ours(facts):
+        if last is None or not is_torque_ours(facts):
             return
         gap, bound = facts.now - last - facts.period, self._bounds.gap
         if gap + asleep < bound:
@@ -51,7 +59,7 @@ class HoldRules:
         anyway, and nothing is latched, it is over with its cause."""
         if not self._free:
             return
-        if not held(facts) or not facts.torque_settled:
+        if not is_torque_held(facts) or not facts.torque_settled:
             self._since, self._ended = inf, False
             return
         holds = next((one.finding for one in said if one.reaction is Reaction.HOLD), None)

@@ -23,9 +23,9 @@ from twind.safety.guard_types import (
     GuardThresholds,
     Reaction,
     RuleResult,
-    held,
     hold,
     hold_here,
+    is_torque_held,
 )
 
 STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
@@ -58,7 +58,7 @@ class TrackingRules:
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R15, R16 and R25, of a robot that our torque holds."""
         measured, goal = facts.measured, facts.previous
-        if measured is None or not held(facts):
+        if measured is None or not is_torque_held(facts):
             self._forget()
             return
         velocity = measured.velocity

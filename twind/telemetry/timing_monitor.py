@@ -56,14 +56,14 @@ class TimingMonitor:
         if not live:
             self._time, self._trip = -inf, nan
             for name in ("total", *READING):
-                self._tell(self._alarms[name].drop())
+                self._queue_alert(self._alarms[name].drop())
             return
         if isfinite(self._time):
             latency = self.latency(now)
             self.total.add(latency, now)
             self._recent.add(latency, now)
             late = inf if isnan(latency) else latency
-            self._tell(self._alarms["total"].judge(late, self.total.threshold, now))
+            self._queue_alert(self._alarms["total"].judge(late, self.total.threshold, now))
         for window, trip in zip(self.buses, exchange.trips, strict=True):
             window.add(trip, now)
         for name, duration in zip(READING, exchange.hops, strict=False):
@@ -81,7 +81,7 @@ class TimingMonitor:
         bound = window.threshold if bound is None else bound
         window.add(duration, now, bound)
         if bound < inf:
-            self._tell(self._alarms[name].judge(duration, bound, now))
+            self._queue_alert(self._alarms[name].judge(duration, bound, now))
 
     def alerts(self) -> list[LatencyAlert]:
         """Return the latency alerts raised since the last call."""
@@ -100,6 +100,6 @@ class TimingMonitor:
         """True if a device answered within the last 2 s."""
         return now - self._time <= SILENT
 
-    def _tell(self, alert: LatencyAlert | None) -> None:
+    def _queue_alert(self, alert: LatencyAlert | None) -> None:
         if alert is not None:
             self._alerts.append(alert)

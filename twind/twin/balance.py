@@ -55,7 +55,7 @@ class Balance:
         self._feet = self._lowest()
 
     @property
-    def known(self) -> bool:
+    def has_feet(self) -> bool:
         """True if the robot has feet to stand on."""
         return bool(self._feet)
 

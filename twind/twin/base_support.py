@@ -58,7 +58,7 @@ class BaseSupport:
             self._grasp()
 
     @property
-    def held(self) -> bool:
+    def is_holding(self) -> bool:
         """True while the base is held."""
         return bool(self._data.eq_active[self._weld])
 
@@ -67,14 +67,14 @@ class BaseSupport:
         """Pose of the base: x, y, z (m) in the world, quaternion w x y z. A copy."""
         return np.array(self._data.qpos[self._qpos : self._qpos + 7])
 
-    def told(self) -> dict[str, object]:
+    def truth(self) -> dict[str, object]:
         """Return the true state of the base, not read over a bus: held, place (m), w x y z, speeds (m/s,
         rad/s, world)."""
         velocity = self._data.qvel[self._dof : self._dof + 6]
         turning = self._data.xmat[self._base].reshape(3, 3) @ velocity[3:]
         place = self.place.tolist()
         return {
-            "held": self.held,
+            "held": self.is_holding,
             "position": place[:3],
             "quaternion": place[3:],
             "velocity": velocity[:3].tolist(),
@@ -103,7 +103,7 @@ class BaseSupport:
             return
         legs = on[self._legs]
         whole = bool(legs.all())
-        if not self.held:
+        if not self.is_holding:
             if self._carried and not legs.any():
                 self._grasp()
             self._carried |= whole

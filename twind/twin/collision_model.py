@@ -156,10 +156,10 @@ def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, .
     clearance, where = robot.gate.collision, f"{robot.path}: collision"
     world = strangers(model, robot.base)
     pairs = [pair for pair in candidates(model) if clearance.judge_world or not world & set(pair)]
-    allowed = _named(model, clearance.allow, f"{where}.allow")
+    allowed = _geom_pair_names(model, clearance.allow, f"{where}.allow")
     pairs = [pair for pair in pairs if not any(named(pair) for named in allowed)]
     if clearance.pairs is not None:
-        only = _named(model, clearance.pairs, f"{where}.pairs")
+        only = _geom_pair_names(model, clearance.pairs, f"{where}.pairs")
         for names, named in zip(clearance.pairs, only, strict=True):
             if not any(named(pair) for pair in pairs):
                 said = f"the model never lets [{', '.join(names)}] collide, or `allow` does"
@@ -243,7 +243,9 @@ class _GeomPairNames:
         return (a in self.one and b in self.other) or (b in self.one and a in self.other)
 
 
-def _named(model: mujoco.MjModel, pairs: Iterable[Sequence[str]], where: str) -> list[_GeomPairNames]:
+def _geom_pair_names(
+    model: mujoco.MjModel, pairs: Iterable[Sequence[str]], where: str
+) -> list[_GeomPairNames]:
     return [_GeomPairNames(_geoms(model, one, where), _geoms(model, other, where)) for one, other in pairs]
 
 

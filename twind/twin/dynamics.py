@@ -63,7 +63,7 @@ class Dynamics:
         refusals = [each.finding for each in found if self._strict and each.worse] + self._unknown()
         warnings = [each.finding for each in found if not (self._strict and each.worse)]
         if self._balance is not None and count:
-            warnings += tipping(time, margin, known=self._balance.known)
+            warnings += tipping(time, margin, known=self._balance.has_feet)
         return Verdict(tuple(refusals), tuple(warnings))
 
     def _slower(self, velocity: Floats, acceleration: Floats) -> float:

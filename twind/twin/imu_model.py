@@ -67,7 +67,7 @@ class ImuModel:
         self._quaternion = data.sensordata[at[2] : at[2] + 4]
         self._gravity = model.opt.gravity
 
-    def at(self, time: float) -> Imu:
+    def read_imu(self, time: float) -> Imu:
         """A reading of now, which is `time` (s); before the first step of the physics all is 0."""
         w, x, y, z = self._quaternion.tolist()
         turned = np.array(product(self._laid(), product(unit((w, x, y, z)), conjugate(self._stands))))

@@ -70,7 +70,7 @@ class MujocoPhysics:
         """Return the current reading of the base's IMU. Raises ValueError: this body has none."""
         if self._felt is None:
             raise ValueError("this body has no inertial sensor")
-        return self._felt.at(self._time)
+        return self._felt.read_imu(self._time)
 
     def _settle(self) -> None:
         self._time = -SETTLE
@@ -91,19 +91,19 @@ class MujocoPhysics:
         """Torque, mode, gains and caps; see `twind_drivers.virtual.servo_physics`."""
         self._loops.drive(self._everyone, drive)
 
-    def aim(self, goal: Floats) -> None:
+    def set_goals(self, goal: Floats) -> None:
         """Goals in the units of the modes: encoder ticks, raw velocity, current or PWM."""
-        self.data.ctrl[:] = self._loops.aim(self._everyone, goal)
+        self.data.ctrl[:] = self._loops.set_goals(self._everyone, goal)
 
     def block(self, held: Bools) -> None:
         """Joints that something holds fast."""
         self._loops.block(self._everyone, held)
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """Set where hands hold limp joints, encoder ticks, ticks/s; NaN: not held."""
         self._loops.grip(self._everyone, place, speed)
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
         if base not in BASES:
             raise KeyError(f"lay: no base {base!r}; there are {', '.join(BASES)}")
@@ -151,21 +151,21 @@ class BusPhysics:
         """As `MujocoPhysics.drive`."""
         self._loops.drive(self._at, drive)
 
-    def aim(self, goal: Floats) -> None:
+    def set_goals(self, goal: Floats) -> None:
         """As `MujocoPhysics.aim`."""
-        self._whole.data.ctrl[self._at] = self._loops.aim(self._at, goal)
+        self._whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
 
     def block(self, held: Bools) -> None:
         """As `MujocoPhysics.block`."""
         self._loops.block(self._at, held)
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """As `MujocoPhysics.grip`."""
         self._loops.grip(self._at, place, speed)
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """As `MujocoPhysics.lay`: of the whole body."""
-        self._whole.lay(base)
+        self._whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do."""
@@ -180,7 +180,7 @@ class CanBusPhysics:
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at
-        self.position, self.velocity, self.torque = loops.told(whole.data, at)
+        self.position, self.velocity, self.torque = loops.read_shafts(whole.data, at)
         self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
 
     def drive(
@@ -204,19 +204,21 @@ class CanBusPhysics:
         """Joints that something holds fast."""
         self._loops.block(self._at, held)
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """Set where hands hold limp shafts (rad, rad/s; NaN: not held); `drive` must follow."""
         self._loops.grip_shaft(self._at, place, speed)
         self._gains[:] = np.nan
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """As `MujocoPhysics.lay`: of the whole body."""
-        self._whole.lay(base)
+        self._whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do. Raises Diverged."""
         self._whole.advance(now)
-        self.position[:], self.velocity[:], self.torque[:] = self._loops.told(self._whole.data, self._at)
+        self.position[:], self.velocity[:], self.torque[:] = self._loops.read_shafts(
+            self._whole.data, self._at
+        )
 
 
 def body_of(
@@ -237,7 +239,7 @@ def body_of(
     """
     rub, ends = friction or {}, stops or {}
     motors = [
-        ServoMotor.of(
+        ServoMotor.from_joint(
             joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name)
         )
         for joint in robot.joints

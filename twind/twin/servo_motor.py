@@ -77,7 +77,7 @@ class ServoMotor:
     stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
     @classmethod
-    def of(
+    def from_joint(
         cls,
         joint: JointSpec,
         zero: int,
@@ -199,7 +199,7 @@ class MotorControlLoops:
         self._grasp(at, on)
         self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
 
-    def aim(self, at: Places, goal: Floats) -> Floats:
+    def set_goals(self, at: Places, goal: Floats) -> Floats:
         """Goals of the motors `at`, in the units of their modes. Returns the controls of their actuators."""
         angle = (goal - self._zero[at]) / self._ticks[at]
         if self._simple:
@@ -237,7 +237,7 @@ class MotorControlLoops:
         angle = (position - self._zero[at] * self._angle[at]) / turn
         return np.asarray(stiff * angle + damp * velocity / turn + torque * turn)
 
-    def told(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
+    def read_shafts(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
         """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
         ratio, way = self._ratio[at], self._way[at]
         turned, speed = self._shafts(data)
@@ -283,7 +283,7 @@ class MotorControlLoops:
         """Before one step of the physics: hands, integral terms, the room that the back-EMF leaves."""
         turned, speeds = self._shafts(data)
         for each in self._couplings:
-            each.lay(data, turned[each.rows])
+            each.set_tendon_positions(data, turned[each.rows])
         if self._gripped.size:
             self._carry(data, turned)
         at = self._live

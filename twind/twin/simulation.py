@@ -101,7 +101,7 @@ class Simulation:
             effort=_reading(self._force, self._speed),
             age=self._age,
             heard=self._heard,
-            imu=None if self._felt is None else self._felt.at(now),
+            imu=None if self._felt is None else self._felt.read_imu(now),
         )
 
     def contact(self, joint: int) -> Contact | None:

@@ -60,7 +60,7 @@ class Coupling:
             shafts = self._shafts + self._back @ (joints - self._joints)
         return shafts, self._back @ data.qvel[self._v]
 
-    def lay(self, data: mujoco.MjData, shafts: Floats) -> None:
+    def set_tendon_positions(self, data: mujoco.MjData, shafts: Floats) -> None:
         """The tendons as they are where the shafts are now (`place`); forces go by the angle of a shaft, not
         by the length of its tendon."""
         self._model.wrap_prm[self._wraps] = self._back

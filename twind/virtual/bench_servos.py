@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from twind.config.can_type import MAX_ID, MAX_ODRIVE
-from twind.virtual.can_node_setup import named, scattered
+from twind.virtual.can_node_setup import default_node, scattered
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.packet import LAST_ID
@@ -77,7 +77,7 @@ def _node(text: str, id: str, model: str, versioned: bool) -> NodeSpec:
         raise VirtualRobotSpecError(f"--servo {text}: id {id} is not one of 0..{most}")
     if versioned:
         raise VirtualRobotSpecError(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
-    return named(int(id), model)
+    return default_node(int(id), model)
 
 
 def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:

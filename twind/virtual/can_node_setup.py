@@ -37,7 +37,7 @@ def node(joint: JointSpec) -> NodeSpec:
     )
 
 
-def named(id: int, model: str) -> NodeSpec:
+def default_node(id: int, model: str) -> NodeSpec:
     """One by its model alone, as from the factory. Raises KeyError: no such model."""
     known = MODELS[model]
     return NodeSpec(

@@ -167,7 +167,7 @@ class FaultCommandSocket:
                 client.setblocking(False)
                 self._clients[client] = b""
         for client in list(self._clients):
-            self._one(client)
+            self._serve_client(client)
 
     def close(self) -> None:
         """Let go of everything, path included."""
@@ -177,7 +177,7 @@ class FaultCommandSocket:
         self._listener.close()
         self._path.unlink(missing_ok=True)
 
-    def _one(self, client: socket.socket) -> None:
+    def _serve_client(self, client: socket.socket) -> None:
         try:
             data = client.recv(LINE)
         except BlockingIOError:

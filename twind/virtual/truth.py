@@ -60,7 +60,7 @@ class JointTruth:
             made["moving_threshold"] = self.tag
         return made | dict(self.registers)
 
-    def said(self) -> list[str]:
+    def non_default_keys(self) -> list[str]:
         """Return the keys whose values differ from the default."""
         return [each.name for each in fields(self) if getattr(self, each.name) != getattr(PLAIN, each.name)]
 
@@ -74,13 +74,13 @@ class Truth:
 
     joints: Mapping[str, JointTruth] = field(default_factory=dict)
 
-    def of(self, name: str) -> JointTruth:
+    def joint_truth(self, name: str) -> JointTruth:
         """Return the truth of one joint; the plain one if the file does not name it."""
         return self.joints.get(name, PLAIN)
 
     def holder(self, name: str) -> str:
         """The joint whose servo carries the id that belongs to `name`: itself, unless ids are exchanged."""
-        other = self.of(name).swapped_with
+        other = self.joint_truth(name).swapped_with
         return other or next((one for one, each in self.joints.items() if each.swapped_with == name), name)
 
 
@@ -137,7 +137,7 @@ def refuse_impossible(robot: RobotFile, truth: Truth) -> None:
             raise VirtualRobotSpecError(
                 f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}"
             )
-        strange = [key for key in each.said() if key not in OF_CAN]
+        strange = [key for key in each.non_default_keys() if key not in OF_CAN]
         if isinstance(specs[name].type, CanType) and strange:
             why = f"{strange[0]} is of serial servos; a CAN actuator has {', '.join(OF_CAN)}"
             raise VirtualRobotSpecError(f"truth: {name}: {why}")
@@ -177,7 +177,7 @@ def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float
         low, high = free if joint.transmission else found.get(joint.name, free)
         low = low if joint.stops.lower is None else joint.stops.lower
         high = high if joint.stops.upper is None else joint.stops.upper
-        found[joint.name] = truth.of(joint.name).stops_rad or (low, high)
+        found[joint.name] = truth.joint_truth(joint.name).stops_rad or (low, high)
     return found
 
 

@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _say(name: str, path: str) -> None:
+def _print_port(name: str, path: str) -> None:
     print(f"bus {name} {path}", flush=True)
 
 
@@ -202,13 +202,13 @@ def _serve(
         for name, link in links.items():
             ports[name] = VirtualPtyPort(name, link)
             undo.callback(ports[name].close)
-        server = VirtualBusServer(virtual, ports, clock, _say, crane)
+        server = VirtualBusServer(virtual, ports, clock, _print_port, crane)
         if options.faults is not None:
-            server.orders = FaultCommandSocket(options.faults, server.obey)
+            server.orders = FaultCommandSocket(options.faults, server.execute_fault_command)
             undo.callback(server.orders.close)
         _until_told(server)
         for name, port in ports.items():
-            _say(name, port.path)
+            _print_port(name, port.path)
         print("ready", flush=True)
         realtime.one_thread()
         realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let

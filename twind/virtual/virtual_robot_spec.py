@@ -109,7 +109,7 @@ def specimen(
     refuse_impossible(robot, known)
     ends = {} if truth is None else mechanical_stops(robot, known)
     wired = tuple(replace(joint, sign=_sign(joint, known)) for joint in robot.joints)
-    zeros = {joint.name: zero_of(robot.name, joint, known.of(joint.name)) for joint in wired}
+    zeros = {joint.name: zero_of(robot.name, joint, known.joint_truth(joint.name)) for joint in wired}
     hinges = {joint.name: hinge_of(joint, zeros[joint.name], ends) for joint in wired}
     made = VirtualRobotSpec(robot, zeros, {}, truth=known)
     ids = {joint.name: joint.id for joint in robot.joints}
@@ -124,7 +124,12 @@ def specimen(
         base = settings(baud or bus.baud, return_delay_us)
         bare = [
             servo_of(
-                joint, hinges[joint.name], known.of(joint.name), ids[known.holder(joint.name)], base, firmware
+                joint,
+                hinges[joint.name],
+                known.joint_truth(joint.name),
+                ids[known.holder(joint.name)],
+                base,
+                firmware,
             )
             for joint in joints
         ]
@@ -138,7 +143,7 @@ def specimen(
 
 
 def _sign(joint: JointSpec, truth: Truth) -> int:
-    return truth.of(joint.name).sign or joint.sign
+    return truth.joint_truth(joint.name).sign or joint.sign
 
 
 def calibration(made: VirtualRobotSpec) -> Calibration:
@@ -171,7 +176,7 @@ def _swept(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> Join
     turn = joint.type.ticks_per_turn
     return replace(
         entry,
-        device=replace(entry.device, tag=made.truth.of(holder).tag),
+        device=replace(entry.device, tag=made.truth.joint_truth(holder).tag),
         sweep_ticks=(low, high),
         seam_margin_ticks=seam_margin((low, high), turn, turn_start(joint.type)),
         turn_band_ticks=turn_band((low, high), turn),
@@ -246,7 +251,7 @@ def body_for(
 ) -> MujocoPhysics:
     """Build the whole body as it is wired, with friction and stops of the truth. `base`, `hold`: see
     `body_of`."""
-    rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
+    rubbing = {name: made.truth.joint_truth(name).friction_nm for name in made.robot.names}
     friction = {name: value for name, value in rubbing.items() if value is not None}
     alone = [joint.name for joint in made.robot.joints if not joint.transmission]
     ends = {name: made.hinge(name).stops for name in alone}
@@ -279,7 +284,7 @@ def fence(muscles: FirstOrderPhysics | FirstOrderCanPhysics, hinges: Sequence[Hi
     """Joints without load end where their hinges do."""
     ends = [(-math.inf, math.inf) if hinge is None else hinge.ends() for hinge in hinges]
     lower, upper = np.array(ends, np.float64).reshape(-1, 2).T
-    muscles.fence(lower, upper)
+    muscles.set_endstops(lower, upper)
 
 
 def _places(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:

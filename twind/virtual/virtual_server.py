@@ -41,7 +41,7 @@ class ServoClock:
         self._clock, self._last, self._lost = clock, clock.now(), 0.0
 
     @property
-    def lost(self) -> float:
+    def skipped_time(self) -> float:
         """Time that the servos did not live, s."""
         return self._lost
 
@@ -70,7 +70,7 @@ class VirtualBusServer:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
         self._crane = crane
-        self._lost = clock.lost  # s, that the clock registers have counted
+        self._lost = clock.skipped_time  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
         self.ended = False
         self.orders: FaultCommandSocket | None = None
@@ -96,18 +96,18 @@ class VirtualBusServer:
                     bus.advance(now)
                     port.look()
             for bus, port in self._pairs:
-                if bus.due() <= now:
+                if bus.next_output_time() <= now:
                     port.write(bus.take(now))
             if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
                 self.orders.serve()
 
     def clocks_go_on(self) -> None:
         """The servos' clock registers count the time that the servos did not live."""
-        more = self._clock.lost - self._lost
+        more = self._clock.skipped_time - self._lost
         if more > 0.0:
             self._lost += more
             for bus in self._buses.values():
-                bus.slip(more)
+                bus.skip_time(more)
 
     def _wait(self, next_step: float) -> set[int]:
         """Until something is to be done; descriptors that have something to read."""
@@ -115,9 +115,9 @@ class VirtualBusServer:
         soon = np.inf
         for bus, _ in self._pairs:
             if bus.kind == "can":
-                late = min(late, bus.due())
+                late = min(late, bus.next_output_time())
             else:
-                soon = min(soon, bus.due())
+                soon = min(soon, bus.next_output_time())
         left = min(soon - BUSY, late) - self._clock.now()
         sources = [port.fd for bus, port in self._pairs if port.present and not bus.faults.stalled]
         if self._input >= 0:
@@ -131,7 +131,7 @@ class VirtualBusServer:
 
     # --------------------------------------------------------------------------------- faults
 
-    def obey(self, order: Order) -> Order:
+    def execute_fault_command(self, order: Order) -> Order:
         """Execute one order of the faults socket. Raises FaultCommandError, KeyError, ValueError."""
         if order.get("query") == "state":
             return self._state()
@@ -204,9 +204,9 @@ class VirtualBusServer:
         now = self._clock.now()
         buses = {}
         for name, bus in self._buses.items():
-            buses[name] = {"plugged": bus.plugged, "kind": bus.kind, "servos": bus.truth(now)}
-        body = {} if self._crane is None else {"body": self._crane.told()}
-        return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses, **body}
+            buses[name] = {"plugged": bus.is_plugged, "kind": bus.kind, "servos": bus.truth(now)}
+        body = {} if self._crane is None else {"body": self._crane.truth()}
+        return {"ok": True, "now": now, "lost": self._clock.skipped_time, "buses": buses, **body}
 
     def _history(self, order: Order) -> Order:
         """At most `PAGE` readings, the oldest first, of those after `since` (s)."""

@@ -15,7 +15,7 @@ from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_configurator import WritableProber
 from twind_calibration.adoption.servo_locations import choose, joint_of, look, lookout, serial_buses
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.instances import stop
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortInUse
@@ -37,7 +37,7 @@ def adopt(options: argparse.Namespace) -> int:
     try:
         return _open_and_adopt(options)
     except Rejected as error:  # what it says to type is typed for the same robot
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _open_and_adopt(options: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
         _require_no_daemon(options, described, port)
     try:
         with ExitStack() as stack:
-            opened = {bus: _opened(port, stack) for bus, port in named.items()}
+            opened = {bus: _open_port(port, stack) for bus, port in named.items()}
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
@@ -64,7 +64,7 @@ def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dic
     robot, heard = described.robot, {}
     for bus, at in opened.items():
         rates = " and ".join(map(str, lookout(robot, robot.bus(bus))))
-        _say(options, f"looking for servos on bus {bus} at {rates} baud ...")
+        _print_line(options, f"looking for servos on bus {bus} at {rates} baud ...")
         heard[bus] = look(at, robot, robot.bus(bus))
     chosen = choose(robot, heard, options.joint)
     if chosen is None:
@@ -76,20 +76,20 @@ def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dic
     adoption = prepare(chosen, opened[chosen.bus.name], entry)
     if adoption.nothing:
         text = f"{name} has its servo, {chosen.home}, and that holds what it must; {adoption.entry}"
-        show(options, adoption.told("there"), text)
+        show(options, adoption.to_json("there"), text)
         return DONE
     if options.dry_run:
-        show(options, adoption.told("planned"), "\n".join([*adoption.lines(), "nothing was written"]))
+        show(options, adoption.to_json("planned"), "\n".join([*adoption.lines(), "nothing was written"]))
         return DONE
     _ask(options, adoption)
     try:
         adoption.carry_out()
     except KeyboardInterrupt:
-        _say(options, f"cut short: `twindctl adopt {name}` once more finds the servo and ends it")
+        _print_line(options, f"cut short: `twindctl adopt {name}` once more finds the servo and ends it")
         raise
     adopted = f"{name} has its servo: {chosen.home} on bus {chosen.bus.name}, torque off"
-    text = again(options).prose(f"{adopted}\n{CALIBRATE.format(name, page(CALIBRATION))}")
-    show(options, adoption.told("adopted"), text)
+    text = command_hint(options).prose(f"{adopted}\n{CALIBRATE.format(name, page(CALIBRATION))}")
+    show(options, adoption.to_json("adopted"), text)
     return DONE
 
 
@@ -106,7 +106,7 @@ def _require_somebody(options: argparse.Namespace) -> None:
 def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
     """Show what will be written; raises Rejected where nobody says yes."""
     for line in adoption.lines():
-        _say(options, line)
+        _print_line(options, line)
     if options.yes:
         return
     print("write this? [y/N] ", end="", file=sys.stderr, flush=True)
@@ -114,12 +114,12 @@ def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
         raise Rejected("nothing was written")
 
 
-def _say(options: argparse.Namespace, line: str) -> None:
+def _print_line(options: argparse.Namespace, line: str) -> None:
     if not options.json:
-        print(again(options).prose(line), file=sys.stderr, flush=True)
+        print(command_hint(options).prose(line), file=sys.stderr, flush=True)
 
 
-def _opened(port: str, stack: ExitStack) -> At:
+def _open_port(port: str, stack: ExitStack) -> At:
     """The port, alone; the result sets its rate. Raises PortError."""
     transport = SerialTransport(port, 57_600)  # which every adapter has; nothing is sent yet
     stack.callback(transport.close)

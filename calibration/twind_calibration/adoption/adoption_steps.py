@@ -43,7 +43,7 @@ class AdoptionPlan:
             said.append(f"  baud rate (8): {chosen.place.baud} -> {chosen.home.baud}")
         return [*said, *(f"  {line}" for line in self.entry.lines())]
 
-    def told(self, state: str) -> dict[str, Any]:
+    def to_json(self, state: str) -> dict[str, Any]:
         """Return the plan as data for programs. `state`: planned, adopted or there."""
         chosen = self.chosen
         return {

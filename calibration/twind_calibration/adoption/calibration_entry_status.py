@@ -70,7 +70,7 @@ class CalibrationEntryStatus:
 
     def _strike_from_file(self) -> None:
         """From what it says by now: others may have calibrated other joints."""
-        with file_ownership.alone(self.path) as folder:
+        with file_ownership.lock_folder(self.path) as folder:
             known = _loaded(self.robot, self.path, self.joint)
             joints = tuple(each for each in known.joints if each.name != self.joint)
             if joints != known.joints:

@@ -38,7 +38,7 @@ def looked_at(table: ControlTable) -> tuple[str, ...]:
     return tuple(key for key in SETTINGS if key in table)
 
 
-def wanted(joint: JointSpec, table: ControlTable) -> dict[str, int]:
+def required_registers(joint: JointSpec, table: ControlTable) -> dict[str, int]:
     """Register -> what it must hold. What neither joint nor daemon asks for: as delivered.
 
     A register whose delivered value no manual page tells, and that nobody asks for, is left out.
@@ -67,7 +67,7 @@ def plan(
     Raises Rejected before anything is written: a value that the servo does not take, and a servo that the
     daemon would still not accept afterwards, with the reasons.
     """
-    target = wanted(joint, table)
+    target = required_registers(joint, table)
     after = IdentifiedDevice(joint.id, table.number, table.model, firmware, {**now, **target})
     if wrong := list(unfit(joint, after)):
         raise Rejected(f"{joint.name}: adopted, the daemon would refuse it all the same: {'; '.join(wrong)}")
@@ -84,6 +84,6 @@ def plan(
 def different(joint: JointSpec, table: ControlTable, firmware: int, now: Mapping[str, int]) -> Iterator[str]:
     """What the registers of a servo at its place still hold otherwise, in words; nothing: it is adopted."""
     yield from unfit(joint, IdentifiedDevice(joint.id, table.number, table.model, firmware, now))
-    for key, value in wanted(joint, table).items():
+    for key, value in required_registers(joint, table).items():
         if now.get(key) != value:
             yield f"{key} ({table[key].address}) is {now.get(key)}, not {value}"

@@ -174,14 +174,14 @@ def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, Scan
     )
     strangers = [each for each in found if each.baud != bus.baud and each not in candidates]
     if len(candidates) + len(strangers) > 1 and home in found:
-        others = _listed([each for each in [*candidates, *strangers] if each != home])
+        others = _format_list([each for each in [*candidates, *strangers] if each != home])
         raise Rejected(
             f"{joint.name} has a servo already, {home}, and there is a new one, {others}: take one of them "
             "off the bus, or name the joint that is missing"
         )
     if len(candidates) + len(strangers) > 1:
         raise Rejected(
-            f"bus {bus.name} has several new servos: {_listed([*candidates, *strangers])}; "
+            f"bus {bus.name} has several new servos: {_format_list([*candidates, *strangers])}; "
             f"connect one new servo at a time{_unfinished(robot, joint, strangers)}"
         )
     if strangers:
@@ -223,7 +223,7 @@ def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[ServoLoc
     return "" if not begun else f"; one may be begun for {begun[0]}: `twindctl adopt {begun[0]}` ends that"
 
 
-def _listed(places: Sequence[ServoLocation]) -> str:
+def _format_list(places: Sequence[ServoLocation]) -> str:
     return ", ".join(str(each) for each in sorted(places, key=lambda each: (each.baud, each.id)))
 
 

@@ -7,11 +7,11 @@ from typing import Any
 from twind.ctl.progress import ProgressLine
 from twind.ctl.status_table import lined_up
 from twind.ctl.verb import DONE, REFUSED, show
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.doctor import check_table, report, runner
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.finding_commands import told
+from twind_calibration.doctor.finding_commands import add_commands
 from twind_calibration.doctor.host_inspector import HostInspector
 from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
 from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
@@ -40,12 +40,12 @@ def scan(options: argparse.Namespace) -> int:
         with ProgressLine(options, "scan") as progress:
             outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
         beside = examined.daemon is not None
-        here = again(options, examined.sockets or None)
-        outcome.found, outcome.fix = told(outcome.found, known, here, daemon=beside)
+        here = command_hint(options, examined.sockets or None)
+        outcome.found, outcome.fix = add_commands(outcome.found, known, here, daemon=beside)
         devices = list(_devices(examined))
     finally:
         examined.close()
-    wrong = report.wrong(outcome, known, None) + len(outcome.unseen) + len(examined.wrong_files)
+    wrong = report.count_problems(outcome, known, None) + len(outcome.unseen) + len(examined.wrong_files)
     text = [*_table(devices), *(str(error) for error in examined.wrong_files)]
     text += [*([BESIDE] if beside else []), "", report.text(outcome, known, None)]
     data = report.data(outcome, known, None) | {"devices": devices}

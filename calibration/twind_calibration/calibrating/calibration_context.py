@@ -56,7 +56,7 @@ class CalibrationContext:
                 "what is measured then begins a new file"
             ) from None
 
-    def chosen(self, names: Sequence[str], known: Sequence[str]) -> list[str]:
+    def select_actuators(self, names: Sequence[str], known: Sequence[str]) -> list[str]:
         """Return the named actuators, each once and in the order of the robot; all where none is named.
 
         Raises Rejected for a name that is not in `known`.

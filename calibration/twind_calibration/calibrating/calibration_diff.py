@@ -32,7 +32,7 @@ class CalibrationChange:
         if self.what == "device":
             return f"device: {'; '.join(self.after)}"
         moved = "" if self.degrees is None else f" ({self._ticks:+d} ticks, {self.degrees:+.2f} deg)"
-        return f"{self.what}: {_said(self.before)} -> {_said(self.after)}{moved}"
+        return f"{self.what}: {_format_value(self.before)} -> {_format_value(self.after)}{moved}"
 
 
 def changes(
@@ -43,7 +43,7 @@ def changes(
     for slot in slots:
         old, new = before.by_name.get(slot.name), after.by_name.get(slot.name)
         if old is not None and new is not None:
-            found.extend(_of(slot, old, new))
+            found.extend(_compare_entries(slot, old, new))
         elif old is not None or new is not None:
             found.append(
                 CalibrationChange(slot.name, "joint", old and old.zero_ticks, new and new.zero_ticks)
@@ -51,7 +51,7 @@ def changes(
     return found
 
 
-def _of(
+def _compare_entries(
     slot: CalibrationActuator, old: JointCalibration, new: JointCalibration
 ) -> Iterator[CalibrationChange]:
     places = {"zero_ticks": (old.zero_ticks, new.zero_ticks)}
@@ -68,9 +68,9 @@ def _of(
         yield CalibrationChange(slot.name, "device", [], device)
 
 
-def _said(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if value is None:
         return "none"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_said(item)}" for key, item in value.items())
+        return ", ".join(f"{key} {_format_value(item)}" for key, item in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from twind.config.atomic_save import draft_of
-from twind.config.calibration_file import written
+from twind.config.calibration_file import render
 from twind.config.config_section import ConfigSection, Plain
 from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device
 from twind.config.robot_spec import RobotFile
@@ -72,7 +72,7 @@ def dump(draft: CalibrationDraft, robot: RobotFile) -> str:
         }
         for name, one in draft.swept.items()
     }
-    return written(head, joints)
+    return render(head, joints)
 
 
 def read(text: str, file: str, robot: RobotFile) -> CalibrationDraft:
@@ -154,7 +154,7 @@ def change(
     `load`, and: it cannot be written.
     """
     path = path_of(calibration)
-    with file_ownership.alone(calibration) as folder:
+    with file_ownership.lock_folder(calibration) as folder:
         draft = act(load(calibration, robot))
         with file_ownership.refusing(path):
             if draft.swept:

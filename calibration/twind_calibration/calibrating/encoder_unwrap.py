@@ -21,7 +21,7 @@ def shortest(step: int, ticks_per_turn: int) -> int:
     return (step + half - 1) % ticks_per_turn - (half - 1)
 
 
-def lost(step: int, gap: float, speed: float, ticks_per_turn: int) -> str:
+def find_gap_reason(step: int, gap: float, speed: float, ticks_per_turn: int) -> str:
     """Why a reading may be missing before this one; "": none can be. `speed`: ticks/s before it."""
     turns = abs(step) / ticks_per_turn
     if turns > QUARTER:
@@ -64,7 +64,7 @@ class UnwrappedEncoder:
         if not gap > 0.0:
             return ""
         step = shortest(sample.ticks - self._last.ticks, self.turn)
-        why = lost(step, gap, self._speed, self.turn)
+        why = find_gap_reason(step, gap, self._speed, self.turn)
         if why:
             moved = self.span > self._still
             self._begin(sample)

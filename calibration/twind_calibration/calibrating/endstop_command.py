@@ -19,10 +19,10 @@ from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
 from twind_calibration.calibrating.encoder_unwrap import on_turn
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
 from twind_calibration.calibrating.recorded_devices import differences, records
-from twind_calibration.calibrating.zero_placement import ZeroOffset, misfits, whole
-from twind_calibration.command_hint import again
+from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
+from twind_calibration.command_hint import command_hint
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class EndstopPlan:
     speed: float | None  # rad/s; None: the daemon's own
     times: int | None
 
-    def words(self, at: float | None) -> str:
+    def describe(self, at: float | None) -> str:
         """What will move, where to and how strong; `at`: rad, where it is now."""
         kind = self.slot.joint.type
         assert isinstance(kind, ServoType)
@@ -59,7 +59,7 @@ def endstop(options: argparse.Namespace) -> int:
         with operator(options) as client:
             return _endstop(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _endstop(options: argparse.Namespace, client: Client) -> int:
@@ -73,12 +73,12 @@ def _endstop(options: argparse.Namespace, client: Client) -> int:
         raise Rejected(f"{touch.slot.name} is not calibrated, not even coarsely: {first}, first")
     _require_ready(client, place, touch, entry)
     if not options.json:
-        print(touch.words(_position(client, touch.slot.joint.name)), flush=True)
+        print(touch.describe(_position(client, touch.slot.joint.name)), flush=True)
     if not agreed(options, "nobody's fingers are in its way: go?"):
         raise Rejected("nothing moved")
     with calibrating(client, take=options.take):
-        counts = _found(options, client, touch)
-    fresh = measured(touch, entry, counts)
+        counts = _capture_stops(options, client, touch)
+    fresh = make_endstop_entry(touch, entry, counts)
     _show(options, touch, entry, fresh, counts)
     return _write(options, place, calibration, fresh)
 
@@ -86,9 +86,9 @@ def _endstop(options: argparse.Namespace, client: Client) -> int:
 def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPlan:
     """Raises Rejected: no such joint, no such stop; UsageError: nobody says which."""
     every = {slot.name: slot for slot in slots(place.robot)}
-    [name] = place.chosen([options.joint], list(every))
+    [name] = place.select_actuators([options.joint], list(every))
     slot, joint = every[name], every[name].joint
-    ends = joint.stops.described
+    ends = joint.stops.endstops_by_side
     if not ends:
         raise Rejected(f"{name}: {place.robot.path} describes no stop of it (`stop_rad`)")
     asked = options.side or (joint.homing.side if joint.homing is not None else None)
@@ -135,7 +135,7 @@ def _position(client: Client, name: str) -> float | None:
     return None
 
 
-def _found(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> list[int]:
+def _capture_stops(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> list[int]:
     """The captures. Raises Rejected: none, and why; ClientError."""
     how = {"current_share": touch.share, "speed": touch.speed, "times": touch.times}
     given = {key: value for key, value in how.items() if value is not None}
@@ -146,7 +146,7 @@ def _found(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> l
                 news = {"joint": touch.slot.name, "phase": last["phase"], "progress": last["progress"]}
                 print(json.dumps(news), flush=True)
             elif progress.live:
-                progress.tell(last["phase"], last["progress"])
+                progress.update(last["phase"], last["progress"])
             elif last["phase"] != phase or last["progress"] - told >= 0.1:
                 phase, told = last["phase"], last["progress"]
                 print(f"{touch.slot.name}: {phase}, {told:.0%}", file=sys.stderr, flush=True)
@@ -156,7 +156,7 @@ def _found(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> l
     return [int(count) for count in last["ticks"]]
 
 
-def measured(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
+def make_endstop_entry(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
     """The entry with the zero that follows, and the travel's end where the stop was met.
 
     `counts` may be whole turns off the file's. Raises Rejected: it does not fit the travel.
@@ -173,7 +173,7 @@ def measured(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int])
         raise Rejected(
             f"{slot.name}: met its stop at {mean:.0f}, and {'; '.join(wrong)}. Nothing was written"
         )
-    return whole(slot, entry.device, sweep, zero)
+    return make_entry(slot, entry.device, sweep, zero)
 
 
 def _show(
@@ -209,6 +209,6 @@ def _write(
 ) -> int:
     if not agreed(options, f"write this to {place.path}?"):
         raise Rejected("nothing was written")
-    after = written(place, calibration, [fresh])
+    after = write_entries(place, calibration, [fresh])
     next_steps(options, place, after)
     return DONE

@@ -19,7 +19,7 @@ from twind.twin.binding import BindingError, bind
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import TOOL, CalibrationContext, now
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.instances import restart
 
 
@@ -61,7 +61,7 @@ def merged(
     )
 
 
-def written(
+def write_entries(
     place: CalibrationContext,
     before: Calibration | None,
     entries: Sequence[JointCalibration],
@@ -73,7 +73,9 @@ def written(
     `held`: its folder, where that is held already (`kept.alone`). Raises Rejected: somebody else replaced one
     of them since, or the daemon would refuse the file.
     """
-    with contextlib.nullcontext(held) if held is not None else file_ownership.alone(place.path) as folder:
+    with (
+        contextlib.nullcontext(held) if held is not None else file_ownership.lock_folder(place.path) as folder
+    ):
         now = unchanged(place, before, [each.name for each in entries])
         after = merged(place, now, entries, method)
         try:
@@ -111,7 +113,7 @@ def next_steps(options: argparse.Namespace, place: CalibrationContext, after: Ca
     if options.json:
         print(json.dumps({"written": str(place.path), "left": left, "next": start}), flush=True)
         return
-    tell = again(options).prose
+    tell = command_hint(options).prose
     print(f"written: {place.path}, {len(after.joints)} of {len(names)} joints")
     if left:
         print(tell(f"not calibrated yet: {', '.join(left)}: `twindctl calibrate sweep` goes on with them"))

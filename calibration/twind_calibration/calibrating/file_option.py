@@ -11,6 +11,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def named(options: argparse.Namespace) -> str:
+def format_option(options: argparse.Namespace) -> str:
     """Return the same option as text for the next command; empty where it was not given."""
     return f" --calibration {shlex.quote(options.calibration)}" if options.calibration else ""

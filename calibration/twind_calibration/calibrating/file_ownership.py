@@ -17,14 +17,14 @@ from twind.ctl.verb import Rejected
 
 
 @contextlib.contextmanager
-def alone(path: Path) -> Iterator[LockedFolder]:
+def lock_folder(path: Path) -> Iterator[LockedFolder]:
     """The folder of the file at `path`, held: what it says now it says until this is left.
 
     No person is asked meanwhile: others wait. Raises Rejected: no folder, or somebody else has it.
     """
     with contextlib.ExitStack() as stack:
         with refusing(path):
-            folder = stack.enter_context(atomic_save.alone(path.parent))
+            folder = stack.enter_context(atomic_save.lock_folder(path.parent))
         yield folder
 
 
@@ -34,7 +34,7 @@ def save(calibration: Calibration, path: Path, held: LockedFolder | None = None)
     `held`: its folder, of whom made the calibration of what the file holds. Raises Rejected that names the
     file, why it was not written, and the remedy.
     """
-    with contextlib.nullcontext(held) if held is not None else alone(path) as folder, refusing(path):
+    with contextlib.nullcontext(held) if held is not None else lock_folder(path) as folder, refusing(path):
         if path.suffix != ".yaml":
             raise OSError("its name does not end in .yaml")
         folder.save_text(path.stem, dump_calibration(calibration), HISTORY, rights(path))

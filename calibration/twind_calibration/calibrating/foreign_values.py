@@ -14,9 +14,9 @@ from twind.config.servo_check import MAX_OFFSET
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.encoder_unwrap import framed, on_turn
 from twind_calibration.calibrating.lerobot_file import LeRobotMotor
-from twind_calibration.calibrating.sweep_tracker import told
+from twind_calibration.calibrating.sweep_tracker import describe_mismatch
 from twind_calibration.calibrating.travel_verdict import judge
-from twind_calibration.calibrating.zero_placement import ZeroOffset, misfits, whole
+from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
 
 REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
 DYNAMIXEL, FEETECH = "dynamixel", "feetech"
@@ -64,7 +64,7 @@ def of_registers(slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks |
     )
 
 
-def fold(
+def convert_entry(
     slot: CalibrationActuator,
     source: ForeignCalibration,
     device: DeviceRecord,
@@ -76,7 +76,7 @@ def fold(
 
     `wide`: its travel may be too long.
     """
-    refused = _refused(slot, source, device)
+    refused = _refusal_reason(slot, source, device)
     if refused or source.travel is None:
         return ImportResult(slot, None, (refused,))
     turn, now = slot.joint.type.ticks_per_turn, device.homing_offset_ticks
@@ -88,15 +88,15 @@ def fold(
     if source.swept:
         zero = on_turn(zero, turn_band(sweep, turn))
     judged = judge(slot, sweep[1] - sweep[0])
-    wrong = [] if judged.good or (wide and judged.wide) else [told(judged)]
+    wrong = [] if judged.is_acceptable or (wide and judged.wide) else [describe_mismatch(judged)]
     wrong += misfits(slot, device, sweep, zero)
     if wrong:
         return ImportResult(slot, None, tuple(wrong))
-    entry = whole(slot, device, sweep, ZeroOffset(zero, 0.0, 1, "sweep"))
+    entry = make_entry(slot, device, sweep, ZeroOffset(zero, 0.0, 1, "sweep"))
     return ImportResult(slot, replace(entry, method="import"))
 
 
-def _refused(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
+def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
     """Return the reason why none of the values is usable; "" where they are."""
     joint, now = slot.joint, device.homing_offset_ticks
     if not isinstance(joint.type, ServoType):

@@ -20,7 +20,7 @@ from twind_calibration.calibrating.calibration_diff import CalibrationChange, ch
 from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody
 from twind_calibration.calibrating.recorded_devices import FENCE
 from twind_calibration.calibrating.zero_placement import spread
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.robot_description import read
 
 HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")
@@ -72,13 +72,13 @@ def _page(
 def _row(slot: CalibrationActuator, one: JointCalibration) -> Sequence[str]:
     low, high = one.sweep_ticks
     return (
-        *(one.name, one.bus, str(one.id), str(one.zero_ticks), _spread(one)),
+        *(one.name, one.bus, str(one.id), str(one.zero_ticks), _format_spread(one)),
         *(f"{one.sign:+d}", f"{low}..{high}", f"{degrees((high - low) * abs(slot.rad_per_tick)):.1f}"),
         *(str(one.seam_margin_ticks), str(one.device.homing_offset_ticks), one.method, _proved(one.proof)),
     )
 
 
-def _spread(one: JointCalibration) -> str:
+def _format_spread(one: JointCalibration) -> str:
     known = spread(one)
     return "?" if known is None else f"{known:.1f}"
 
@@ -140,7 +140,7 @@ def _rollback(options: argparse.Namespace) -> int:
         print("\n".join([f"{place.path} -> {file}", *_against_now(archive, earlier, place)]), flush=True)
     if not agreed(options, f"put {file.name} of {earlier.created} back?"):
         raise Rejected("nothing was written")
-    with file_ownership.alone(place.path) as folder:
+    with file_ownership.lock_folder(place.path) as folder:
         if _bytes(place) != shown:
             raise Rejected(
                 f"somebody else wrote {place.path} meanwhile, and nothing was written now: the same "
@@ -150,7 +150,7 @@ def _rollback(options: argparse.Namespace) -> int:
         file_ownership.save(earlier, place.path, folder)
     next_steps(options, place, earlier)
     if fenced and not options.json:
-        command = again(options).prose(f"`twindctl calibrate limits {' '.join(fenced)}`")
+        command = command_hint(options).prose(f"`twindctl calibrate limits {' '.join(fenced)}`")
         print(
             f"the servos' own position limits were others then: {', '.join(fenced)}. Nobody arms until they "
             f"are those of the file: restart the daemon, {command}, and restart it again"
@@ -198,7 +198,7 @@ def _within(step: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
         try:
             return step(options)
         except Rejected as error:
-            raise Rejected(again(options).prose(str(error))) from error
+            raise Rejected(command_hint(options).prose(str(error))) from error
 
     return run
 

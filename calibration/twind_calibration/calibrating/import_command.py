@@ -17,18 +17,18 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
 from twind_calibration.calibrating.foreign_values import (
     Convention,
     ForeignCalibration,
     ImportResult,
-    fold,
+    convert_entry,
     of_motor,
     of_registers,
 )
 from twind_calibration.calibrating.motor_matching import matched, read_map
 from twind_calibration.calibrating.recorded_devices import differences, of_file, records
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 
 
 def take(options: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def take(options: argparse.Namespace) -> int:
         with operator(options) as client:
             return _take(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _take(options: argparse.Namespace, client: Client) -> int:
@@ -53,7 +53,7 @@ def _take(options: argparse.Namespace, client: Client) -> int:
     every = slots(place.robot)
     names = [slot.name for slot in every]
     motors = _motors(options, every)
-    asked = place.chosen(options.joints, names)
+    asked = place.select_actuators(options.joints, names)
     if motors is not None and options.joints and (absent := [name for name in asked if name not in motors]):
         raise Rejected(f"{options.file} says nothing of {', '.join(absent)}")
     chosen = [slot for slot in every if slot.name in asked and (motors is None or slot.name in motors)]
@@ -86,7 +86,7 @@ def _zeros(
 ) -> dict[str, Convention]:
     """Return the stated position of angle 0 of each actuator."""
     said: dict[str, Convention] = dict(options.zero_at)
-    place.chosen([name for name in said if name], names)
+    place.select_actuators([name for name in said if name], names)
     return {name: said.get(name, said.get("")) for name in names if name in said or "" in said}
 
 
@@ -109,7 +109,7 @@ def _fold(
         changed = [] if swept is None else differences(swept.device, device)
         source = of_registers(slot, device, None if swept is None or changed else swept.sweep_ticks)
         note = _limits(source, changed)
-    return replace(fold(slot, source, device, zeros[slot.name], wide=wide), note=note)
+    return replace(convert_entry(slot, source, device, zeros[slot.name], wide=wide), note=note)
 
 
 def _limits(source: ForeignCalibration, changed: Sequence[str]) -> str:
@@ -130,14 +130,14 @@ def _write(
     """Show, confirm, write, print the next step; return the exit code."""
     width = max((len(each.slot.name) for each in folded), default=0)
     for each in folded:
-        print(json.dumps(_told(each)) if options.json else _line(each, width), flush=True)
+        print(json.dumps(_to_json(each)) if options.json else _line(each, width), flush=True)
     entries = [each.entry for each in folded if each.entry is not None]
     if not entries:
         raise Rejected("nothing can be taken: nothing was written")
     if not agreed(options, f"write {len(entries)} of {len(folded)} joints to {place.path}?"):
         raise Rejected("nothing was written")
     drafts.require_room(place.path)
-    after = written(place, calibration, entries, "import")
+    after = write_entries(place, calibration, entries, "import")
     whole = [each.name for each in entries]
     drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
     next_steps(options, place, after)
@@ -155,7 +155,7 @@ def _line(folded: ImportResult, width: int) -> str:
     return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}{note}"
 
 
-def _told(folded: ImportResult) -> dict[str, Any]:
+def _to_json(folded: ImportResult) -> dict[str, Any]:
     one = folded.entry
     return {
         "joint": folded.slot.name,

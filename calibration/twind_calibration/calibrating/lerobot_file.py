@@ -64,7 +64,7 @@ def _motor(name: str, told: Any, file: str) -> LeRobotMotor:
         )
     if missing:
         raise Rejected(f"{file}: {name}.{missing[0]} is missing")
-    values = {key: _whole(f"{name}.{key}", told[key], file) for key in FIELDS}
+    values = {key: _parse_integer(f"{name}.{key}", told[key], file) for key in FIELDS}
     motor = LeRobotMotor(name, **values)
     if not motor.range_min < motor.range_max:
         raise Rejected(
@@ -74,7 +74,7 @@ def _motor(name: str, told: Any, file: str) -> LeRobotMotor:
     return motor
 
 
-def _whole(path: str, value: Any, file: str) -> int:
+def _parse_integer(path: str, value: Any, file: str) -> int:
     low, high = FIELDS[path.rpartition(".")[2]]
     if isinstance(value, bool) or not isinstance(value, int):
         raise Rejected(f"{file}: {path} is {_kind(value)}, not a whole number")

@@ -23,13 +23,13 @@ from twind_calibration.calibrating.entry_writer import (
     next_steps,
     require_somebody,
     unchanged,
-    written,
+    write_entries,
 )
-from twind_calibration.calibrating.file_option import named
+from twind_calibration.calibrating.file_option import format_option
 from twind_calibration.calibrating.recorded_devices import FENCE, differences, of_file, records
 from twind_calibration.calibrating.torque_free import limp, require_limp
-from twind_calibration.calibrating.zero_placement import fence, misfits
-from twind_calibration.command_hint import again
+from twind_calibration.calibrating.zero_placement import expected_servo_limits, misfits
+from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import MonotonicClock
 
 LEAST, MOST = "min_position_limit", "max_position_limit"
@@ -45,7 +45,7 @@ class ServoLimitChange:
     wanted: tuple[int, int]
 
     @property
-    def recorded(self) -> tuple[int, int]:
+    def recorded_limits(self) -> tuple[int, int]:
         """By the calibration file."""
         return self.entry.device.min_ticks, self.entry.device.max_ticks
 
@@ -65,7 +65,11 @@ class ServoLimitChange:
         """For a person."""
         then, now = (f"{first}..{last}" for first, last in (self.held, self.wanted))
         radians = f"{self.slot.lower:g}..{self.slot.upper:g} rad"
-        other = "" if self.held == self.recorded else f"; recorded as {self.recorded[0]}..{self.recorded[1]}"
+        other = (
+            ""
+            if self.held == self.recorded_limits
+            else f"; recorded as {self.recorded_limits[0]}..{self.recorded_limits[1]}"
+        )
         return f"{self.slot.name:<{width}} {then:>12} -> {now:<12} {radians}{other}"
 
 
@@ -75,31 +79,31 @@ def limits(options: argparse.Namespace) -> int:
         with operator(options) as client:
             return _limits(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _limits(options: argparse.Namespace, client: Client) -> int:
     place, clock = ground(options, client), MonotonicClock()
-    place.chosen(options.joints, [slot.name for slot in slots(place.robot)])
+    place.select_actuators(options.joints, [slot.name for slot in slots(place.robot)])
     require_somebody(options)
     if client.call("GetStatus")["status"]["mode"] != "live":
         raise Rejected("registers are written in mode live alone: `twindctl mode live`, then again")
     calibration = place.calibration()
     if calibration is None:
         raise Rejected(f"{place.path} is not there: `twindctl calibrate sweep`, then `zero`, first")
-    chosen = _chosen(options, place, calibration)
+    chosen = _select_actuators(options, place, calibration)
     require_limp(client, clock)
     found = records(client, place.robot, chosen, of_file(calibration))
     fences = fences_of(chosen, calibration, found)
     width = max((len(each.slot.name) for each in fences), default=0)
     if not fences:
-        _say(options, "every servo has the limits of its joint, or a mode that knows none")
+        _print_line(options, "every servo has the limits of its joint, or a mode that knows none")
         return DONE
     for each in fences:
-        _say(options, each.line(width))
+        _print_line(options, each.line(width))
     if not agreed(options, f"write these limits to {len(fences)} servos?"):
         raise Rejected("nothing was written")
-    with file_ownership.alone(
+    with file_ownership.lock_folder(
         place.path
     ) as folder:  # a limit is written from a zero that nobody replaces meanwhile
         unchanged(place, calibration, [each.slot.name for each in fences])
@@ -107,12 +111,12 @@ def _limits(options: argparse.Namespace, client: Client) -> int:
             return carry_out(options, client, place, calibration, fences, keep, folder)
 
 
-def _chosen(
+def _select_actuators(
     options: argparse.Namespace, place: CalibrationContext, calibration: Calibration
 ) -> list[CalibrationActuator]:
     """Raises Rejected: one that was named is not calibrated."""
     every = slots(place.robot)
-    names = place.chosen(options.joints, [slot.name for slot in every])
+    names = place.select_actuators(options.joints, [slot.name for slot in every])
     missing = [name for name in names if name not in calibration.by_name]
     if options.joints and missing:
         raise Rejected(
@@ -128,12 +132,12 @@ def fences_of(
     fences = []
     for slot in chosen:
         entry, device = calibration.by_name[slot.name], found.get(slot.name)
-        wanted = fence(slot, entry.zero_ticks)
+        wanted = expected_servo_limits(slot, entry.zero_ticks)
         if wanted is None:
             continue
         now = device or entry.device
         each = ServoLimitChange(slot, entry, (now.min_ticks, now.max_ticks), wanted)
-        if not each.held == each.recorded == each.wanted:
+        if not each.held == each.recorded_limits == each.wanted:
             _require_fit(each, device)
             fences.append(each)
     return fences
@@ -176,9 +180,9 @@ def carry_out(
         why = _cut_short(options, place, calibration, fences, entries, folder)
         if isinstance(error, CallError):
             raise Rejected(f"{each.slot.name}: {error}. {why}") from error
-        print(again(options).prose(f"cut short: {why}"), file=sys.stderr, flush=True)
+        print(command_hint(options).prose(f"cut short: {why}"), file=sys.stderr, flush=True)
         raise
-    next_steps(options, place, written(place, calibration, entries, held=folder))
+    next_steps(options, place, write_entries(place, calibration, entries, held=folder))
     return DONE
 
 
@@ -211,14 +215,14 @@ def _cut_short(
 ) -> str:
     """Record what is known; what is so now, and what goes on."""
     if entries:
-        written(place, calibration, entries, held=folder)
+        write_entries(place, calibration, entries, held=folder)
     names = " ".join(each.slot.name for each in fences)
     return (
         f"{len(entries)} of {len(fences)} servos are recorded as they are; `twindctl calibrate limits {names}"
-        f"{named(options)}` brings servos and file to agreement"
+        f"{format_option(options)}` brings servos and file to agreement"
     )
 
 
-def _say(options: argparse.Namespace, text: str) -> None:
+def _print_line(options: argparse.Namespace, text: str) -> None:
     if not options.json:
         print(text, flush=True)

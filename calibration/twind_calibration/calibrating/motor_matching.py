@@ -24,7 +24,7 @@ def matched(
     """Actuator -> its motor. Raises Rejected: a motor that is nobody's, or two of one actuator."""
     found: dict[str, LeRobotMotor] = {}
     for motor in motors.values():
-        slot = _by_id(motor, slots) if names is None else _named(motor, slots, names)
+        slot = _by_id(motor, slots) if names is None else _find_slot(motor, slots, names)
         if slot is None:
             continue
         if slot.name in found:
@@ -50,7 +50,7 @@ def _by_id(motor: LeRobotMotor, slots: Sequence[CalibrationActuator]) -> Calibra
     return same[0]
 
 
-def _named(
+def _find_slot(
     motor: LeRobotMotor, slots: Sequence[CalibrationActuator], names: Names
 ) -> CalibrationActuator | None:
     if motor.name not in names:

@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.config.calibration_file import Calibration
-from twind.config.device_record import DeviceRecord, recorded
+from twind.config.device_record import DeviceRecord, make_device_record
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
@@ -54,7 +54,7 @@ def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool)
     name, unique = told.get("model_name"), told.get("unique_id")
     device = IdentifiedDevice(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
     try:
-        return recorded(device, tagged=tagged)
+        return make_device_record(device, tagged=tagged)
     except KeyError as error:
         raise Rejected(
             f"{slot.name} (bus {slot.joint.bus} id {slot.joint.id}) does not tell its {error.args[0]}: is "

@@ -18,14 +18,19 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.calibration_draft import DraftTravel
-from twind_calibration.calibrating.file_option import named
+from twind_calibration.calibrating.file_option import format_option
 from twind_calibration.calibrating.raw_readings import RawReading, readings
 from twind_calibration.calibrating.recorded_devices import of_file, records
 from twind_calibration.calibrating.sweep_display import SweepDisplay, line
-from twind_calibration.calibrating.sweep_tracker import SweepEvent, SweepStage, SweepTracker, told
+from twind_calibration.calibrating.sweep_tracker import (
+    SweepEvent,
+    SweepStage,
+    SweepTracker,
+    describe_mismatch,
+)
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s
@@ -39,7 +44,7 @@ def sweep(options: argparse.Namespace) -> int:
         with operator(options) as client:
             return _sweep(options, client, MonotonicClock())
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
@@ -51,7 +56,7 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
     known = set(draft.swept) | (set() if calibration is None else set(calibration.by_name))
     asked = [
         name
-        for name in place.chosen(options.joints, names)
+        for name in place.select_actuators(options.joints, names)
         if options.joints or options.again or name not in known
     ]
     session = SweepSession(options, place, every, asked, clock)
@@ -114,7 +119,7 @@ class SweepSession:
         self._forget(self._asked)  # else an earlier travel would pass for one of this sweep
         count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]
         ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
-        self._say(f"move {count} {HEAD}{ends}")
+        self._print_line(f"move {count} {HEAD}{ends}")
 
     def take(self, reading: RawReading) -> bool:
         """Process one reading; return whether the sweep is over."""
@@ -122,7 +127,7 @@ class SweepSession:
             self._news(news)
         self._show(reading.time)
         late = self._options.timeout is not None and self._clock.now() - self._begun > self._options.timeout
-        return late or self._entered() or self._travels.over
+        return late or self._entered() or self._travels.is_finished
 
     def save(self, *, at_once: bool) -> None:
         """Write the completed travels to the draft.
@@ -137,9 +142,9 @@ class SweepSession:
     def cut(self) -> None:
         """Report an interruption (Ctrl-C): travels completed before are in the draft."""
         self._draw()
-        self._board.leave()
+        self._board.close()
         done = sum(name in self.draft.swept for name in self._asked)
-        self._say(
+        self._print_line(
             f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
             f"`{self._next()}` goes on with the others"
         )
@@ -155,24 +160,24 @@ class SweepSession:
                 json.dumps(
                     {
                         "done": done,
-                        "left": {name: self._why(name) for name in left},
+                        "left": {name: self._explain_stop(name) for name in left},
                         "draft": str(drafts.path_of(self._place.path)),
-                        "next": again(self._options).command(next),
+                        "next": command_hint(self._options).command(next),
                     }
                 )
             )
             return DONE if whole else REFUSED
         self._draw()
-        self._board.leave()
+        self._board.close()
         if not self._asked:
-            self._say("every joint has its travel already: --again, or names, sweep them anew")
+            self._print_line("every joint has its travel already: --again, or names, sweep them anew")
             return DONE
         for name in left:
-            self._say(f"not done: {name}: {self._why(name)}")
+            self._print_line(f"not done: {name}: {self._explain_stop(name)}")
         where = f", kept in {drafts.path_of(self._place.path)}" if done else ""
-        self._say(f"{len(done)} of {len(self._asked)} swept{where}")
+        self._print_line(f"{len(done)} of {len(self._asked)} swept{where}")
         what = "hold the robot in a pose whose angles are known" if whole else "the rest"
-        self._say(f"next: `{next}`, {what}")
+        self._print_line(f"next: `{next}`, {what}")
         return DONE if whole else REFUSED
 
     def _next(self) -> str:
@@ -180,13 +185,13 @@ class SweepSession:
         left = [name for name in self._asked if name not in self.draft.swept]
         anew = self._options.joints or self._options.again  # what the file has of them is not enough
         names = "".join(f" {name}" for name in left) if anew else ""
-        return f"twindctl calibrate {f'sweep{names}' if left else 'zero'}{named(self._options)}"
+        return f"twindctl calibrate {f'sweep{names}' if left else 'zero'}{format_option(self._options)}"
 
-    def _why(self, name: str) -> str:
+    def _explain_stop(self, name: str) -> str:
         progress = self._travels.progress(name)
         if progress.stage is SweepStage.STILL:
             return "it was not moved"
-        return told(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
+        return describe_mismatch(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
 
     def _keep(self, name: str, travel: tuple[int, int]) -> None:
         """Store a travel in the draft, in the frame of the calibration file."""
@@ -212,7 +217,7 @@ class SweepSession:
         if self._options.json:
             print(json.dumps({"joint": news.name, "event": news.what, "text": news.text}), flush=True)
         elif news.what != "done" or not sys.stdout.isatty():
-            self._say(f"{news.name}: {news.what}: {news.text}")
+            self._print_line(f"{news.name}: {news.what}: {news.text}")
 
     def _show(self, time: float) -> None:
         if self._options.json:
@@ -241,9 +246,9 @@ class SweepSession:
         ready, _, _ = select.select([sys.stdin], [], [], 0.0)
         return bool(ready) and sys.stdin.readline() is not None
 
-    def _say(self, text: str) -> None:
+    def _print_line(self, text: str) -> None:
         if not self._options.json:
-            self._board.say(again(self._options).prose(text))
+            self._board.print_line(command_hint(self._options).prose(text))
 
 
 def _plain(progress: Any) -> dict[str, Any]:

@@ -62,11 +62,11 @@ class SweepDisplay:
         self._out.flush()
         self._drawn = shown
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Leave the drawn lines on the terminal: later output does not overwrite them."""
         self._drawn = []
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a permanent line above the redrawn lines, which are redrawn by the next `draw`."""
         self._out.write(f"{self._back()}{text}\n")
         self._out.flush()

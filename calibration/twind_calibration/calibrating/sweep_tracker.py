@@ -57,7 +57,7 @@ class SweepTracker:
 
     def take(self, readings: Mapping[str, EncoderSample]) -> list[SweepEvent]:
         """Process one reading of all actuators that answered."""
-        news = [each for name, sample in readings.items() for each in self._one(name, sample)]
+        news = [each for name, sample in readings.items() for each in self._process_sample(name, sample)]
         stray = self._stray()
         if stray is not None and not self._told.issuperset(stray.moved):
             self._told.update(stray.moved)
@@ -80,16 +80,16 @@ class SweepTracker:
         if name in self._kept:
             return self._kept[name]
         track = self._tracks[name]
-        if at_once and self._judge(self._slots[name], track.span).good:
+        if at_once and self._judge(self._slots[name], track.span).is_acceptable:
             return track.low, track.high
         return None
 
     @property
-    def over(self) -> bool:
+    def is_finished(self) -> bool:
         """True when all requested actuators are complete."""
         return all(self._stages[name] in (SweepStage.DONE, SweepStage.WRONG) for name in self.asked)
 
-    def _one(self, name: str, sample: EncoderSample) -> list[SweepEvent]:
+    def _process_sample(self, name: str, sample: EncoderSample) -> list[SweepEvent]:
         track, before = self._tracks[name], self._stages[name]
         why = track.take(sample)
         if why:
@@ -100,13 +100,15 @@ class SweepTracker:
             self._stages[name] = SweepStage.MOVING
         if name not in self.asked or self._rested(name) != (True, True):
             return []
-        return self._ended(name, before)
+        return self._finish_actuator(name, before)
 
-    def _ended(self, name: str, before: SweepStage) -> list[SweepEvent]:
+    def _finish_actuator(self, name: str, before: SweepStage) -> list[SweepEvent]:
         """Return whether the actuator has rested at both ends of its present travel."""
         track = self._tracks[name]
         judged = self._judge(self._slots[name], track.span)
-        if judged.good and judged.radians >= ALL * (self._slots[name].upper - self._slots[name].lower):
+        if judged.is_acceptable and judged.radians >= ALL * (
+            self._slots[name].upper - self._slots[name].lower
+        ):
             low, high = self._kept.get(name, (0, 0))
             if track.span > high - low:
                 self._kept[name] = (track.low, track.high)
@@ -120,7 +122,7 @@ class SweepTracker:
         said = (
             f"{judged.radians:.2f} rad, {100 * judged.share:.0f} % of the described {self._range(name):.2f}"
         )
-        return [SweepEvent(after.value, name, told(judged) if judged.wrong else said)]
+        return [SweepEvent(after.value, name, describe_mismatch(judged) if judged.wrong else said)]
 
     def _rested(self, name: str) -> tuple[bool, bool]:
         return self._tracks[name].rested(max(4, self._slots[name].ticks(NEAR)))
@@ -140,7 +142,7 @@ class SweepTracker:
         return strayed(shares, self.asked)
 
 
-def told(judged: TravelVerdict) -> str:
+def describe_mismatch(judged: TravelVerdict) -> str:
     """Describe a travel that does not fit: the error, and its likely causes."""
     wide = "; `--wide` takes it as it is" if judged.wide else ""
     return f"{judged.wrong}; likely: {', or '.join(judged.causes)}{wide}"

@@ -22,7 +22,7 @@ class TravelVerdict:
     wide: bool = False  # too long, and nothing else: `--wide` takes it
 
     @property
-    def good(self) -> bool:
+    def is_acceptable(self) -> bool:
         """True when the travel is acceptable."""
         return not self.wrong
 

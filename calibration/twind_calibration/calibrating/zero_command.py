@@ -17,7 +17,7 @@ from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
 from twind_calibration.calibrating.encoder_unwrap import on_turn
-from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
 from twind_calibration.calibrating.joint_capture import JointCapture, capture
 from twind_calibration.calibrating.raw_readings import readings
 from twind_calibration.calibrating.recorded_devices import differences, records
@@ -27,11 +27,11 @@ from twind_calibration.calibrating.zero_placement import (
     ZeroOffset,
     by_ends,
     by_pose,
+    make_entry,
     misfits,
     spread,
-    whole,
 )
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import MonotonicClock
 
 SPARE = 5  # times as many readings as are asked for may pass until everybody was heard so often
@@ -71,7 +71,7 @@ class ZeroResult:
             f"travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
         )
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the result as one line of JSON."""
         one = self.entry
         return {
@@ -95,20 +95,20 @@ def zero(options: argparse.Namespace) -> int:
         with operator(options) as client:
             return _zero(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _zero(options: argparse.Namespace, client: Client) -> int:
     place, clock = ground(options, client), MonotonicClock()
     every = slots(place.robot)
-    place.chosen(
+    place.select_actuators(
         options.joints, [slot.name for slot in every]
     )  # a yes to a name that is none is worth nothing
     require_somebody(options)
     calibration = place.calibration()
     draft = drafts.load(place.path, place.robot)
     swept = travels_of(draft, calibration)
-    chosen = _chosen(options, place, every, draft, swept)
+    chosen = _select_actuators(options, place, every, draft, swept)
     angles = None if options.from_sweep else _angles(options, place, chosen)
     require_limp(client, clock)
     if angles is not None:
@@ -135,7 +135,7 @@ def travels_of(draft: drafts.CalibrationDraft, calibration: Calibration | None) 
     return found | {name: RecordedTravel(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
 
 
-def _chosen(
+def _select_actuators(
     options: argparse.Namespace,
     place: CalibrationContext,
     every: Sequence[CalibrationActuator],
@@ -143,7 +143,7 @@ def _chosen(
     swept: Mapping[str, RecordedTravel],
 ) -> list[CalibrationActuator]:
     """Return the selected actuators. Raises Rejected: none has a sweep, or a named one has none."""
-    names = place.chosen(options.joints, [slot.name for slot in every])
+    names = place.select_actuators(options.joints, [slot.name for slot in every])
     unswept = [name for name in names if name not in swept]
     if options.joints and unswept:
         raise Rejected(
@@ -172,7 +172,7 @@ def _angles(
         raise Rejected(f"{place.robot.name} has no pose {options.pose!r}; it has {', '.join(poses)}")
     pose = poses[options.pose] if options.pose is not None else dict.fromkeys(place.robot.names, 0.0)
     others = dict(options.at)
-    place.chosen(list(others), place.robot.names)
+    place.select_actuators(list(others), place.robot.names)
     stands = slot_angles(place.robot, dict(pose) | others)
     angles = {slot.name: stands[slot.joint.name] for slot in chosen}
     for slot in chosen:
@@ -257,14 +257,14 @@ def place_slot(
         stands = on_turn(round(read.mean), turn_band(known.sweep, slot.joint.type.ticks_per_turn))
         wrong = ""
     speaks = [*([wrong] if wrong else []), *misfits(slot, device, known.sweep, at.ticks, stands)]
-    entry = None if speaks else whole(slot, device, known.sweep, at)
+    entry = None if speaks else make_entry(slot, device, known.sweep, at)
     return ZeroResult(slot, entry, tuple(speaks), angle)
 
 
 def _ends(slot: CalibrationActuator) -> tuple[float | None, float | None]:
     """Return the angles (rad) of the ends of the travel: described stops, else the limits."""
     stops = slot.joint.stops
-    return (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
+    return (stops.lower, stops.upper) if stops.endstops_by_side else (slot.lower, slot.upper)
 
 
 def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
@@ -298,16 +298,20 @@ def _write(
     """Show, confirm, write, print the next step; return the exit code."""
     width = max(len(each.slot.name) for each in placed)
     for each in placed:
-        print(json.dumps(each.told()) if options.json else each.line(width), flush=True)
+        print(json.dumps(each.to_json()) if options.json else each.line(width), flush=True)
     entries = [each.entry for each in placed if each.entry is not None]
     if options.from_sweep and entries and not options.json:
         print(_coarse(placed))
-        print(again(options).prose("a wrong sign fits its ends too: `twindctl calibrate prove` afterwards"))
+        print(
+            command_hint(options).prose(
+                "a wrong sign fits its ends too: `twindctl calibrate prove` afterwards"
+            )
+        )
     if not entries:
         raise Rejected("no joint has a zero: nothing was written")
     if not agreed(options, f"write {len(entries)} of {len(placed)} joints to {place.path}?"):
         raise Rejected("nothing was written")
-    after = written(place, calibration, entries)
+    after = write_entries(place, calibration, entries)
     whole = [each.name for each in entries]
     drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
     next_steps(options, place, after)

@@ -69,7 +69,7 @@ def misfits(
         found.append(
             f"its limits {slot.lower:g}..{slot.upper:g} rad would lie at {first}..{last}, "
             f"{beyond * abs(slot.rad_per_tick):.2f} rad beyond its travel {sweep[0]}..{sweep[1]}: "
-            f"{_why(slot, sweep, zero, spare)}"
+            f"{_explain_sign_error(slot, sweep, zero, spare)}"
         )
     if stands is not None and not sweep[0] - spare <= stands <= sweep[1] + spare:
         found.append(f"it stands at {stands}, outside its travel {sweep[0]}..{sweep[1]}: sweep it again")
@@ -77,7 +77,7 @@ def misfits(
     return found
 
 
-def _why(slot: CalibrationActuator, sweep: Ticks, zero: int, spare: int) -> str:
+def _explain_sign_error(slot: CalibrationActuator, sweep: Ticks, zero: int, spare: int) -> str:
     """Return the likely cause of a misfit: a wrong sign mirrors the limits about the zero."""
     first, last = tick_range(slot.joint, zero, -slot.upper, -slot.lower)
     if max(sweep[0] - first, last - sweep[1]) <= spare:
@@ -106,7 +106,7 @@ def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int
     return []
 
 
-def whole(
+def make_entry(
     slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks, zero: ZeroOffset
 ) -> JointCalibration:
     """Build the entry of the calibration file, without any proof."""
@@ -127,7 +127,7 @@ def whole(
     )
 
 
-def fence(slot: CalibrationActuator, zero: int) -> Ticks | None:
+def expected_servo_limits(slot: CalibrationActuator, zero: int) -> Ticks | None:
     """Return the Min and Max Position Limit that the servo should have: the joint's limits rounded inwards.
 
     None: its mode has no such limits. `misfits` reports limits outside the range of the servo.

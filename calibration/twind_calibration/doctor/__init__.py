@@ -42,11 +42,11 @@ def run(options: argparse.Namespace) -> int:
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
     from twind.ctl.progress import ProgressLine
-    from twind_calibration.command_hint import again
+    from twind_calibration.command_hint import command_hint
     from twind_calibration.doctor import check_table, report, runner
     from twind_calibration.doctor.check_context import CheckContext
     from twind_calibration.doctor.context_builder import examine
-    from twind_calibration.doctor.finding_commands import told
+    from twind_calibration.doctor.finding_commands import add_commands
     from twind_calibration.doctor.host_inspector import HostInspector
     from twind_drivers.clock import MonotonicClock
 
@@ -62,13 +62,13 @@ def run(options: argparse.Namespace) -> int:
     examined = look()
     try:
         with _gently(examined.daemon is not None), ProgressLine(options, "doctor") as progress:
-            chosen = progress.each(runner.chosen(checks, options.only), lambda check: check.what)
+            chosen = progress.each(runner.select_checks(checks, options.only), lambda check: check.what)
             outcome = runner.run(examined, chosen, known)
         if options.only:
             outcome.found = [each for each in outcome.found if each.code in {*options.only, "CHECK_BROKEN"}]
             outcome.because = {}
-        here = again(options, examined.sockets or None)
-        outcome.found, outcome.fix = told(
+        here = command_hint(options, examined.sockets or None)
+        outcome.found, outcome.fix = add_commands(
             outcome.found, known, here, options.only, daemon=examined.daemon is not None
         )
     finally:
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
             mended = runner.mend(outcome, look, checks, known)
     text = report.text(outcome, known, mended, verbose=options.verbose)
     show(options, report.data(outcome, known, mended), text)
-    return DONE if outcome.looked and not report.wrong(outcome, known, mended) else REFUSED
+    return DONE if outcome.looked and not report.count_problems(outcome, known, mended) else REFUSED
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from statistics import median
 from twind.config.actuator_types import ServoType
 from twind.robot.attitude import G
 from twind_calibration.doctor import register_fix
-from twind_calibration.doctor.bus_surveys import serial, servos, together
+from twind_calibration.doctor.bus_surveys import merge_findings, serial, servos
 from twind_calibration.doctor.check import DoctorFinding
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, device_of
@@ -68,7 +68,7 @@ def who(examined: CheckContext) -> Iterator[DoctorFinding]:
         yield from _elsewhere(survey)
         if survey.servos or survey.elsewhere:  # else the bus is silent, and that is told
             advice = CABLE + _scan(examined, survey)
-            yield from together(
+            yield from merge_findings(
                 DoctorFinding("SERVO_MISSING", device_of(each), "no answer", advice=advice)
                 for each in survey.missing
             )
@@ -116,13 +116,13 @@ def _elsewhere(survey: SerialSurvey) -> Iterator[DoctorFinding]:
 
 def model(examined: CheckContext) -> Iterator[DoctorFinding]:
     """SERVO_MODEL, WATCHDOG_UNKNOWN, FIRMWARE_SLOW, SECOND_ID."""
-    for servo in (servo for survey in serial(examined) for servo in survey.known):
-        if servo.joint is not None and not servo.fits:
+    for servo in (servo for survey in serial(examined) for servo in survey.described_servos):
+        if servo.joint is not None and not servo.is_expected_model:
             yield DoctorFinding(
                 "SERVO_MODEL", servo.thing, f"a {_model(servo)}", f"a {servo.joint.type.device}"
             )
         yield from _second(servo)
-    yield from together(_firmware(examined))
+    yield from merge_findings(_firmware(examined))
 
 
 def _firmware(examined: CheckContext) -> Iterator[DoctorFinding]:
@@ -152,7 +152,7 @@ def _second(servo: SurveyedServo) -> Iterator[DoctorFinding]:
 
 def speed(examined: CheckContext) -> Iterator[DoctorFinding]:
     """BUS_BUDGET, RETURN_DELAY, SERVO_SLOW."""
-    yield from together(_delays(examined))
+    yield from merge_findings(_delays(examined))
     for survey in serial(examined):
         yield from _late(survey)
         yield from _budget(examined, survey)
@@ -191,7 +191,7 @@ def _late(survey: SerialSurvey) -> Iterator[DoctorFinding]:
 
 def _budget(examined: CheckContext, survey: SerialSurvey) -> Iterator[DoctorFinding]:
     """The cycle with the return delays and firmwares that are really there."""
-    robot, known = examined.need_robot(), survey.known
+    robot, known = examined.need_robot(), survey.described_servos
     rate = examined.settings.rate_hz if examined.settings and examined.settings.rate_hz else robot.rate_hz
     joints = [joint for joint in robot.joints if joint.bus == survey.spec.name]
     tables = [table(number_of(joint.type.device)) for joint in joints]

@@ -36,10 +36,10 @@ def can(examined: CheckContext) -> Iterator[CanSurvey]:
 def servos(examined: CheckContext) -> Iterator[tuple[SerialSurvey, SurveyedServo]]:
     """Every servo that is a joint's and of the joint's model, with its bus. Raises as above."""
     for survey in serial(examined):
-        yield from ((survey, servo) for servo in survey.known if servo.fits)
+        yield from ((survey, servo) for servo in survey.described_servos if servo.is_expected_model)
 
 
-def together(found: Iterable[DoctorFinding]) -> Iterator[DoctorFinding]:
+def merge_findings(found: Iterable[DoctorFinding]) -> Iterator[DoctorFinding]:
     """The same complaint about more than a few servos of one bus is told once, and mended at once."""
     groups: dict[tuple[str, str, str, str, bool], list[DoctorFinding]] = {}
     for each in found:

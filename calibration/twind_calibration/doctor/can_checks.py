@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from twind.config.actuator_types import CanType
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor.bus_surveys import can, together
+from twind_calibration.doctor.bus_surveys import can, merge_findings
 from twind_calibration.doctor.check import DoctorFinding
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import CanSurvey, SurveyedCanActuator, device_of
@@ -39,7 +39,7 @@ def bus(examined: CheckContext) -> Iterator[DoctorFinding]:
                 "CAN_SILENT", thing, f"none of {len(survey.missing)} actuators answers", "all of them"
             )
         else:
-            yield from together(
+            yield from merge_findings(
                 DoctorFinding("CAN_MISSING", device_of(each), "no answer") for each in survey.missing
             )
 
@@ -47,7 +47,7 @@ def bus(examined: CheckContext) -> Iterator[DoctorFinding]:
 def nodes(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_TWICE, CAN_RANGE, CAN_MODE, CAN_FAULT, CAN_VOLTAGE_LOW."""
     for survey in can(examined):
-        yield from together(_nodes(survey))
+        yield from merge_findings(_nodes(survey))
 
 
 def _nodes(survey: CanSurvey) -> Iterator[DoctorFinding]:
@@ -87,7 +87,7 @@ def torque(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_TORQUE_ON, CAN_WATCHDOG_OFF, CAN_WATCHDOG_UNVERIFIED."""
     armed = examined.daemon is not None and bool(examined.daemon.status["armed"])
     for survey in can(examined):
-        yield from together(_torque(survey, armed=armed))
+        yield from merge_findings(_torque(survey, armed=armed))
 
 
 def _torque(survey: CanSurvey, *, armed: bool) -> Iterator[DoctorFinding]:

@@ -71,7 +71,7 @@ def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:
 
 def links(x: CheckContext) -> Iterator[DoctorFinding]:
     """CAN_LINK_…: check every interface that a bus of this robot uses."""
-    for bus, name in _wanted(x):
+    for bus, name in _configured_interfaces(x):
         link = read_link(x.host, name)
         if link is None or link.kind != CAN_TYPE:
             what = "no such interface" if link is None else "is no CAN interface"
@@ -112,7 +112,7 @@ def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Itera
         yield DoctorFinding("CAN_LINK_RESTART", name, "restart-ms 0", f"restart-ms {RESTART_MS}", again)
 
 
-def _wanted(x: CheckContext) -> list[tuple[str, str]]:
+def _configured_interfaces(x: CheckContext) -> list[tuple[str, str]]:
     """Return bus and interface of every socketcan port. Raises CheckNotApplicable."""
     robot, found = x.need_robot(), []
     for bus, port in x.ports.items():

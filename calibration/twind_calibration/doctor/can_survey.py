@@ -9,7 +9,7 @@ from twind.config.actuator_types import CanType
 from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor.can_bus_inspector import CanBusInspector
 from twind_calibration.doctor.check import CheckUnavailable
-from twind_calibration.doctor.survey import PARAMETERS, CanSurvey, SurveyedCanActuator, asked
+from twind_calibration.doctor.survey import PARAMETERS, CanSurvey, SurveyedCanActuator, is_queried
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.channel import CanErrorState
@@ -43,14 +43,14 @@ def survey_can_line(line: CanBusInspector) -> CanSurvey:
 def _survey(line: CanBusInspector) -> CanSurvey:
     reader, clock = line.reader, line.clock
     clock.sleep_until(clock.now() + LISTEN)
-    unasked = reader.fleet.hear(line.channel.receive(clock.now()))
+    unasked = reader.fleet.decode_frames(line.channel.receive(clock.now()))
     perform(reader, reader.identify(), clock)  # ranges that they tell become those of the frames
     spoke, twice, strangers = _rounds(line)
     joints = [joint for joint in line.robot.joints if joint.bus == line.spec.name]
     if unasked.masters:  # then a second answer may be to the other master
         twice = set()
     nodes = tuple(_node(line, joint, twice=joint.id in twice) for joint in joints if joint.id in spoke)
-    missing = tuple(joint for joint in joints if joint.id not in spoke and asked(joint))
+    missing = tuple(joint for joint in joints if joint.id not in spoke and is_queried(joint))
     condition = CONDITIONS.get(line.channel.condition.line, "")
     return CanSurvey(
         line.spec, line.port, nodes, missing, condition, unasked.masters, unasked.strangers + strangers
@@ -85,7 +85,7 @@ def _rounds(line: CanBusInspector) -> tuple[set[int], set[int], int]:
         _ask(line)
         count, wanted = reader.line.heard.count.copy(), reader.line.expect.copy()
         clock.sleep_until(clock.now() + AFTER)
-        late = reader.fleet.hear(line.channel.receive(clock.now()))
+        late = reader.fleet.decode_frames(line.channel.receive(clock.now()))
         count += late.count
         strangers += reader.line.heard.strangers + late.strangers
         spoke |= count > 0

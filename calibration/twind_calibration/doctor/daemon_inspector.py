@@ -58,7 +58,7 @@ class DaemonInspector:
         raise CheckUnavailable("the daemon ended Monitor without an answer")
 
     @property
-    def live(self) -> bool:
+    def is_live(self) -> bool:
         """May it write to the bus? Reading registers needs no live mode."""
         return bool(self.status["mode"] == "live")
 

@@ -22,11 +22,11 @@ from twind_calibration.doctor.survey import (
     SurveyedCanActuator,
     SurveyedImu,
     SurveyedServo,
-    asked,
+    is_queried,
     thing_of,
 )
 from twind_drivers.dynamixel.control_tables import ControlTable
-from twind_drivers.dynamixel.dynamixel_identification import known as table_of
+from twind_drivers.dynamixel.dynamixel_identification import find_table as table_of
 
 SILENT = 1000.0  # ms, of an IMU: one that is silent is asked at least once a second
 PATIENCE = 65.0  # s for one answer: a scan of a slow bus
@@ -70,7 +70,7 @@ def _inertial(daemon: DaemonInspector, imu: ImuSpec) -> SurveyedImu:
 def survey_can(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> CanSurvey:
     """Inspect one CAN bus. Raises CheckUnavailable as `survey_serial` does."""
     port, nodes, missing = _bus(daemon, spec, robot, _node)
-    return CanSurvey(spec, port, nodes, tuple(filter(asked, missing)))
+    return CanSurvey(spec, port, nodes, tuple(filter(is_queried, missing)))
 
 
 def _bus(

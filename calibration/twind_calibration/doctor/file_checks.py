@@ -15,7 +15,7 @@ from twind_calibration.doctor.check_context import CheckContext
 SHOWN = 4  # names in one finding
 
 
-def refused(x: CheckContext) -> Iterator[DoctorFinding]:
+def check_file_refused(x: CheckContext) -> Iterator[DoctorFinding]:
     """FILE_REFUSED, CALIBRATION_UNFIT: what the daemon would say of each file, with file, line and column."""
     for error in x.wrong_files:
         code = "CALIBRATION_UNFIT" if _of_calibration(x, error.file) else "FILE_REFUSED"

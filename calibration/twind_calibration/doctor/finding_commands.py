@@ -15,7 +15,7 @@ WRITE = re.compile(r"twindctl register write (?P<bus>\S+) (?P<id>\d+) (?P<what>.
 FIRST = "a running daemon does it (mode live, nobody armed): "
 
 
-def told(
+def add_commands(
     found: Sequence[DoctorFinding],
     rows: Mapping[str, Check],
     again: CommandHint,

@@ -18,7 +18,7 @@ Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 
 # what it is in a word, the codes it can find, the function
 CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
-    ("files", ("FILE_REFUSED", "CALIBRATION_UNFIT"), file_checks.refused),
+    ("files", ("FILE_REFUSED", "CALIBRATION_UNFIT"), file_checks.check_file_refused),
     ("model", ("MODEL_UNFIT", "MODEL_NO_LIMITS"), file_checks.model),
     ("calibration", ("CALIBRATION_MISSING",), file_checks.calibration),
     ("service", ("UNIT_FAILED", "UNIT_RESTARTED"), service_checks.unit),
@@ -30,7 +30,7 @@ CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
     ("ports", ("PORT_UNSET",), port_checks.unset),
     ("ports", ("PORT_MISSING", "PORT_UNFIT", "PORT_RENUMBERED"), port_checks.present),
     ("rights", ("PORT_DENIED",), port_checks.permitted),
-    ("holders", ("PORT_HELD",), port_checks.free),
+    ("holders", ("PORT_HELD",), port_checks.check_port_held),
     ("probing programs", ("PORT_PROBED",), port_checks.probed),
     ("latency timers", ("LATENCY_TIMER",), port_checks.timers),
     ("USB", ("USB_AUTOSUSPEND", "USB_HUBS"), port_checks.usb),

@@ -47,7 +47,7 @@ class HostInspector:
                     held = [fd for fd in (entry / "fd").iterdir() if os.readlink(fd) == real]
                 except OSError:  # gone, or another user's
                     continue
-                if any(_same(fd, path) for fd in held):
+                if any(_is_same_node(fd, path) for fd in held):
                     found.add(int(entry.name))
         return self._others(found)
 
@@ -57,10 +57,10 @@ class HostInspector:
 
     def daemons(self) -> list[PortHolder]:
         """Processes that are a twind, of any user; fewer where /proc hides them (proc(5), hidepid)."""
-        lines = {pid: " ".join(self.words(pid)) for pid in self.processes() if pid != os.getpid()}
+        lines = {pid: " ".join(self.command_line(pid)) for pid in self.processes() if pid != os.getpid()}
         return [PortHolder(pid, line) for pid, line in lines.items() if is_daemon(line)]
 
-    def words(self, pid: int) -> list[str]:
+    def command_line(self, pid: int) -> list[str]:
         """The whole command line of a process; nothing where it is hidden or gone."""
         return (self.text(self.proc / str(pid) / "cmdline") or "").rstrip("\0").split("\0")
 
@@ -82,7 +82,7 @@ class HostInspector:
                     return True
         return False
 
-    def listens(self, path: str) -> bool | None:
+    def has_listener(self, path: str) -> bool | None:
         """Does anybody listen on a Unix socket, also where this user may not look? None: nobody can say.
 
         Lines of /proc/net/unix: number, references, protocol, flags, type, state, inode, path; flag 0x10000
@@ -182,7 +182,7 @@ def is_daemon(command: str) -> bool:
     return any(os.path.basename(word) in ("twind", "twind.cli") for word in command.split()[:3])
 
 
-def _same(one: Path, other: str) -> bool:
+def _is_same_node(one: Path, other: str) -> bool:
     """The same node, not only the same name: a container has a /dev/pts/0 of its own. Unknown: the same."""
     try:
         return os.path.samestat(one.stat(), os.stat(other))

@@ -127,7 +127,7 @@ def permitted(x: CheckContext) -> Iterator[DoctorFinding]:
             yield DoctorFinding("PORT_DENIED", node.path, said, "group dialout, mode 0660", advice=advice)
 
 
-def free(x: CheckContext) -> Iterator[DoctorFinding]:
+def check_port_held(x: CheckContext) -> Iterator[DoctorFinding]:
     """PORT_HELD: who beside our daemon has a port, or owns a CAN interface of the kernel."""
     ours = {systemd.daemon_pid(x)} if x.daemon is not None else set()
     links = _interfaces(x)
@@ -269,7 +269,7 @@ def _held(
         if holder.pid in ours:
             continue
         what = f"held by pid {holder.pid} ({holder.command}), bus {bus}"
-        if is_daemon(" ".join(host.words(holder.pid))):
+        if is_daemon(" ".join(host.command_line(holder.pid))):
             advice = _another(host, holder.pid)
         elif PROBER in holder.command:
             advice = IGNORED
@@ -280,7 +280,7 @@ def _held(
 
 def _another(host: HostInspector, pid: int) -> str:
     """How to come to another twind, or to end it; by its command line, or its service."""
-    words, unit = host.words(pid), host.unit(pid)
+    words, unit = host.command_line(pid), host.unit(pid)
     told = [word.partition("=")[2] or follows for word, follows in pairwise([*words, ""]) if _names(word)]
     name = unit.removeprefix("twind@").removesuffix(".service")
     place = told[-1] if told else f"{SYSTEM}/{name}" if unit.startswith("twind@") else ""

@@ -40,7 +40,7 @@ def register(examined: CheckContext, servo: SurveyedServo, name: str, value: int
     text = f"{name} := {value} (is {servo.values[name]})"
     daemon, line = examined.daemon, examined.lines.get(servo.bus)
     if daemon is not None:
-        if not daemon.live or daemon.status["armed"] or daemon.status["inherited"]:
+        if not daemon.is_live or daemon.status["armed"] or daemon.status["inherited"]:
             return None
         return Fix(text, lambda: _by_daemon(daemon, servo, name, value), servo.thing)
     if line is None:

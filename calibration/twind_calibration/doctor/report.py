@@ -70,7 +70,9 @@ def data(
     }
 
 
-def wrong(outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None) -> int:
+def count_problems(
+    outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None
+) -> int:
     """Count the findings, without notes and without those that were fixed."""
     gone = {id(each.found) for each in mended or () if not each.there and not each.error}
     return sum(
@@ -153,7 +155,7 @@ def _last(
     *,
     verbose: bool,
 ) -> list[str]:
-    count = wrong(outcome, complaints, mended)
+    count = count_problems(outcome, complaints, mended)
     verdict = (
         "nothing wrong" if count == 0 else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
     )

@@ -54,11 +54,11 @@ def run(
     outcome = DoctorReport(examined.about())
     for check in checks:
         _run_one(examined, check, outcome)
-    outcome.found, outcome.because = _told(outcome.found, complaints)
+    outcome.found, outcome.because = _order_findings(outcome.found, complaints)
     return outcome
 
 
-def chosen(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[CheckProbe]:
+def select_checks(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[CheckProbe]:
     """The checks that can find one of these codes; all without any."""
     return [check for check in checks if not only or set(check.codes) & set(only)]
 
@@ -83,7 +83,7 @@ def mend(
         return []
     examined = again()
     try:
-        after = run(examined, chosen(checks, [found.code for found, _ in tried]), complaints)
+        after = run(examined, select_checks(checks, [found.code for found, _ in tried]), complaints)
     finally:
         examined.close()
     left = {(found.code, thing) for found in after.found for thing in _things(found)}
@@ -139,7 +139,7 @@ def _run_one(examined: CheckContext, check: CheckProbe, outcome: DoctorReport) -
         outcome.looked.append(check.what)
 
 
-def _told(
+def _order_findings(
     found: Sequence[DoctorFinding], complaints: Mapping[str, Check]
 ) -> tuple[list[DoctorFinding], dict[int, str]]:
     """Order of telling: by severity, but what may be explained by another finding comes right after that."""

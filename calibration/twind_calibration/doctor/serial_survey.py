@@ -21,7 +21,7 @@ from twind_calibration.doctor.survey import (
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
-from twind_drivers.dynamixel.dynamixel_identification import known as table_of
+from twind_drivers.dynamixel.dynamixel_identification import find_table as table_of
 from twind_drivers.dynamixel.prober import Prober
 from twind_drivers.dynamixel.register_sensor import decoded
 
@@ -49,7 +49,7 @@ def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequ
     asker = BusProbe(line.transport, line.clock, spec.baud, timer=_timer(line))
     answered = {each.id: each for each in rate.found}
     for id in joints.keys() - answered.keys():  # a roll call lost on a busy machine is no missing servo
-        answer = _again(asker, spec.baud, id)
+        answer = _repeat_ping(asker, spec.baud, id)
         if answer is not None:
             answered[id] = answer
     imu = robot.imu if robot.imu is not None and robot.imu.bus == spec.name else None
@@ -93,7 +93,7 @@ class _LinkQuality:
         self.asked = self.garbled = self.lost = 0
 
 
-def _again(asker: BusProbe, baud: int, id: int) -> ScannedDevice | None:
+def _repeat_ping(asker: BusProbe, baud: int, id: int) -> ScannedDevice | None:
     for _ in range(TRIES):
         data = asker.ping(id).data
         if data is not None:
@@ -176,12 +176,12 @@ def _elsewhere(line: SerialBusInspector, spec: BusSpec, ids: Sequence[int]) -> t
     """Return the devices that answer at the other baud rates; restores the rate of the port afterwards."""
     timer = _timer(line)
 
-    def at(baud: int) -> Prober:
+    def open_prober(baud: int) -> Prober:
         line.transport.set_baud(baud)
         return Prober(line.transport, line.clock, baud, timer=timer)
 
     try:
-        rates = list(scan(at, [baud for baud in BAUDS if baud != spec.baud], ids))
+        rates = list(scan(open_prober, [baud for baud in BAUDS if baud != spec.baud], ids))
     finally:
         line.transport.set_baud(spec.baud)
     return tuple(each for rate in rates for each in rate.found)

@@ -64,7 +64,7 @@ def reach(x: CheckContext) -> Iterator[DoctorFinding]:
     try:
         found = path.stat()
     except PermissionError:
-        if x.host.listens(str(path)) is False:
+        if x.host.has_listener(str(path)) is False:
             yield DoctorFinding("NO_DAEMON", str(path), NOBODY, command=start)
             return
         yield DoctorFinding(
@@ -75,7 +75,7 @@ def reach(x: CheckContext) -> Iterator[DoctorFinding]:
         yield DoctorFinding("NO_DAEMON", str(path), "there is no such socket", command=start)
         return
     if not os.access(path, os.W_OK, effective_ids=True):
-        if x.host.listens(str(path)) is False:
+        if x.host.has_listener(str(path)) is False:
             yield DoctorFinding("NO_DAEMON", str(path), NOBODY, command=start)
         else:
             yield _denied(path, found, start)

@@ -7,7 +7,7 @@ from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor import register_fix
-from twind_calibration.doctor.bus_surveys import servos, together
+from twind_calibration.doctor.bus_surveys import merge_findings, servos
 from twind_calibration.doctor.check import DoctorFinding
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import MAPPED, SurveyedServo
@@ -34,7 +34,7 @@ ERRORS = {
 def settings(examined: CheckContext) -> Iterator[DoctorFinding]:
     """STATUS_LEVEL, OPERATING_MODE, TORQUE_BY_GOAL, TORQUE_AT_BOOT, RAM_RESTORE, OFFSET_IGNORED, REVERSED,
     PROFILE_IN_TIME, REGISTER_DIFFERS."""
-    yield from together(_settings(examined))
+    yield from merge_findings(_settings(examined))
 
 
 def _settings(examined: CheckContext) -> Iterator[DoctorFinding]:
@@ -116,7 +116,7 @@ def _demanded(servo: SurveyedServo) -> Iterator[DoctorFinding]:
 
 def calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
     """CALIBRATION_CHANGED, FIRMWARE_CHANGED."""
-    yield from together(_calibrated(examined))
+    yield from merge_findings(_calibrated(examined))
 
 
 def _calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
@@ -146,7 +146,7 @@ def _calibrated(examined: CheckContext) -> Iterator[DoctorFinding]:
 
 def limits(examined: CheckContext) -> Iterator[DoctorFinding]:
     """FENCE_TIGHT, LIMIT_ZERO, CURRENT_CAP, SHUTDOWN_MASK, PROFILE_LEFT, INDIRECT_LEFT."""
-    yield from together(_limits(examined))
+    yield from merge_findings(_limits(examined))
 
 
 def _limits(examined: CheckContext) -> Iterator[DoctorFinding]:
@@ -160,7 +160,7 @@ def _limits(examined: CheckContext) -> Iterator[DoctorFinding]:
                 )
         yield from _cap(servo)
         yield from _mask(servo)
-        yield from _left(servo)
+        yield from _check_leftover_settings(servo)
 
 
 def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFinding]:
@@ -235,7 +235,7 @@ def _mask(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     )
 
 
-def _left(servo: SurveyedServo) -> Iterator[DoctorFinding]:
+def _check_leftover_settings(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     speeds = {name: servo.values.get(name, 0) for name in ("profile_velocity", "profile_acceleration")}
     if any(speeds.values()) and servo.values.get("torque_enable") == 0:
         said = " and ".join(f"{name} is {value}" for name, value in speeds.items() if value)
@@ -254,7 +254,7 @@ def _left(servo: SurveyedServo) -> Iterator[DoctorFinding]:
 def state(examined: CheckContext) -> Iterator[DoctorFinding]:
     """ERROR_OVERLOAD, ERROR_HEAT, ERROR_VOLTAGE, ERROR_ENCODER, ERROR_SHOCK, SERVO_HOT, TORQUE_ON,
     WATCHDOG_TRIPPED, WATCHDOG_OFF, WATCHDOG_LEFT."""
-    yield from together(_state(examined))
+    yield from merge_findings(_state(examined))
 
 
 def _state(examined: CheckContext) -> Iterator[DoctorFinding]:

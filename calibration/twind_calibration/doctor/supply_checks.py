@@ -5,7 +5,7 @@ from statistics import median
 
 from twind.config.actuator_types import TypeSpec
 from twind.config.supply_limits import SupplyLimits, usual_supply
-from twind_calibration.doctor.bus_surveys import serial, together
+from twind_calibration.doctor.bus_surveys import merge_findings, serial
 from twind_calibration.doctor.check import DoctorFinding
 from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.survey import SurveyedServo
@@ -19,11 +19,11 @@ def supply(examined: CheckContext) -> Iterator[DoctorFinding]:
     for survey in serial(examined):
         volts = {
             servo: servo.values["present_input_voltage"] / 10
-            for servo in survey.known
-            if servo.fits and servo.values.get("present_input_voltage")
+            for servo in survey.described_servos
+            if servo.is_expected_model and servo.values.get("present_input_voltage")
         }
         yield from _drops(survey.spec.name, volts)
-        yield from together(found for servo, each in volts.items() for found in _volts(servo, each))
+        yield from merge_findings(found for servo, each in volts.items() for found in _volts(servo, each))
 
 
 def _drops(bus: str, volts: Mapping[SurveyedServo, float]) -> Iterator[DoctorFinding]:

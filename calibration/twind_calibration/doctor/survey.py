@@ -57,7 +57,7 @@ class SurveyedServo:
         return Devices(self.bus, [(self.id, "" if self.joint is None else self.joint.name)])
 
     @property
-    def fits(self) -> bool:
+    def is_expected_model(self) -> bool:
         """It is of the model that its joint has: only then do its registers mean what the robot file says."""
         return self.joint is not None and self.model == number_of(self.joint.type.device)
 
@@ -97,7 +97,7 @@ class SerialSurvey:
     imu: SurveyedImu | None = None  # None: the robot file describes none there
 
     @property
-    def known(self) -> tuple[SurveyedServo, ...]:
+    def described_servos(self) -> tuple[SurveyedServo, ...]:
         """Those that are a joint's, one of each id."""
         return tuple(servo for servo in self.servos if servo.joint is not None and not servo.trouble)
 
@@ -132,6 +132,6 @@ class CanSurvey:
     strangers: int = 0  # frames of nobody that the robot file knows
 
 
-def asked(joint: JointSpec) -> bool:
+def is_queried(joint: JointSpec) -> bool:
     """Does its CAN actuator answer a question? A CubeMars in MIT mode answers commands alone."""
     return isinstance(joint.type, CanType) and joint.type.family not in MUTE

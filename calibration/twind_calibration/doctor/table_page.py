@@ -45,7 +45,7 @@ def rows() -> str:
     return "\n".join(lines)
 
 
-def written(text: str) -> str:
+def render_page(text: str) -> str:
     """The page with its tables of today. Raises ValueError where the page has no place for them."""
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -57,7 +57,7 @@ def written(text: str) -> str:
 def main(arguments: list[str]) -> int:
     """Write the page named. Exit code 0."""
     path = Path(arguments[0])
-    path.write_text(written(path.read_text(encoding="utf-8")), encoding="utf-8")
+    path.write_text(render_page(path.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 

@@ -36,7 +36,9 @@ class ExpectedLoads:
         """(d, k) N·m, rows for errors of the joint's zero between those of `zeros`."""
         return self._family(zeros, self._body.torque)
 
-    def wrong(self, sums: Mirror, zeros: Floats = CLOSE, step: float = STEP) -> WrongSignLoads:
+    def loads_with_wrong_sign(
+        self, sums: Mirror, zeros: Floats = CLOSE, step: float = STEP
+    ) -> WrongSignLoads:
         """Likewise, its sign wrong; `sums` and `step` (rad) as in `mirror`."""
         return WrongSignLoads(self._reversed(zeros), self._reversed(offsets(sums, step)))
 
@@ -94,7 +96,7 @@ def look_ahead(
     """
     spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept(pose, joint, places), joint)
     room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
-    return foresee(expected.right(FEW), expected.wrong(mirror(spec, entry), FEW, GROSS), room)
+    return foresee(expected.right(FEW), expected.loads_with_wrong_sign(mirror(spec, entry), FEW, GROSS), room)
 
 
 def strained(body: PosedModel, pose: Floats) -> dict[int, str]:

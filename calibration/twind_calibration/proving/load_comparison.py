@@ -15,7 +15,7 @@ from twind_calibration.proving.sign_proof import (
     LoadVerdict,
     ProofContradiction,
     SignProof,
-    fits,
+    is_explained,
     judge,
     misfits,
 )
@@ -46,7 +46,7 @@ def weigh(
     spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept.poses, joint)
     lsb = spec.ratio * spec.type.effort_lsb_nm
     right = expected.right()
-    wrong = expected.wrong(mirror(spec, entry))
+    wrong = expected.loads_with_wrong_sign(mirror(spec, entry))
     judged = judge(swept.up[:, joint], swept.down[:, joint], right, wrong, friction, lsb)
     if not np.isfinite(swept.poses).all() or body.stands_on(joint):
         return LoadComparison(
@@ -58,7 +58,7 @@ def weigh(
     places = {other: told.place(other) for other in body.twins(joint)}
     there = sorted((other for other, each in places.items() if each is JointMatch.THERE), key=told.misfit)
     if judged.proof is not SignProof.CONTRADICTED:
-        if told.turned() is JointMatch.THERE:
+        if told.match_with_sign_flipped() is JointMatch.THERE:
             judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.OTHERS)
         elif there:
             judged = replace(judged, proof=SignProof.CONTRADICTED, against=ProofContradiction.PLACE)
@@ -68,7 +68,9 @@ def weigh(
             )
     measured, room = swept.effort[:, joint], judged.foreseen.slack
     standing = np.flatnonzero(np.abs(swept.poses[0]) > BENT).tolist()
-    bent = [other for other in standing if other != joint and fits(measured, expected.bent(other), room)]
+    bent = [
+        other for other in standing if other != joint and is_explained(measured, expected.bent(other), room)
+    ]
     return LoadComparison(judged, _few(there), _few(bent))
 
 
@@ -113,7 +115,7 @@ class _LoadMatch:
         own = self._swept.effort[:, self._joint]
         return float(misfits(own, self._expected.exchanged(other)).min())
 
-    def turned(self) -> JointMatch:
+    def match_with_sign_flipped(self) -> JointMatch:
         """Return whether the others' loads changed in the opposite way: then its sign or theirs are wrong."""
         return self._changed(self._expected.all_turned())
 

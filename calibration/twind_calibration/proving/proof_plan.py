@@ -17,7 +17,7 @@ from twind.config.yaml_tree import ConfigError
 from twind.ctl.verb import DONE, Rejected, show
 from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.proof_sweep import sweeps
 from twind_calibration.proving.sign_proof import LoadPrediction
@@ -39,7 +39,7 @@ class ProofPlan:
     strains: bool  # it holds much of what it can
 
     @property
-    def good(self) -> bool:
+    def is_usable(self) -> bool:
         """True when the plan proves the joint without overloading it."""
         return self.foreseen.observable and not self.strains
 
@@ -58,9 +58,9 @@ def best(body: PosedModel, joint: int, size: float, friction: float) -> ProofPla
             for bend in bends:
                 seen = _seen(body, rest, joint, bend, size, friction)
                 found += [] if seen is None else [ProofPlan(joint, base, bend, *seen)]
-        if any(way.good for way in found):
+        if any(way.is_usable for way in found):
             break
-    return max(found, key=lambda way: (way.good, way.foreseen.apart), default=None)
+    return max(found, key=lambda way: (way.is_usable, way.foreseen.apart), default=None)
 
 
 def _seen(
@@ -106,7 +106,11 @@ def told_plan(options: argparse.Namespace) -> int:
     size, friction = radians(options.degrees), float(options.friction)
     ways = {place: best(body, place, size, friction) for place in chosen}
     rows = [_row(robot, place, way) for place, way in ways.items()]
-    show(options, {"robot": robot.name, "joints": rows}, again(options).prose("\n".join(_lines(body, rows))))
+    show(
+        options,
+        {"robot": robot.name, "joints": rows},
+        command_hint(options).prose("\n".join(_lines(body, rows))),
+    )
     return DONE
 
 

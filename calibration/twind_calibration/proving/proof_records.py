@@ -10,7 +10,7 @@ from twind.config.config_section import Plain
 from twind_calibration.proving.proof_report import ProofVerdict
 
 
-def measured(calibration: Calibration | None) -> dict[str, Any]:
+def measurement_records(calibration: Calibration | None) -> dict[str, Any]:
     """What was measured of each actuator, as JSON tells it: everything but its proof."""
     joints = () if calibration is None else calibration.joints
     return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
@@ -26,7 +26,7 @@ def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     return [name for name in {**one, **other} if one.get(name) != other.get(name)]
 
 
-def recorded(
+def with_proofs(
     calibration: Calibration, verdicts: Mapping[str, ProofVerdict], at: str
 ) -> tuple[Calibration, list[str], list[str]]:
     """With the proofs of `verdicts`, by entry: the calibration, whose proof is new, whose was taken away.
@@ -43,7 +43,7 @@ def recorded(
 def _with(entry: JointCalibration, verdict: ProofVerdict | None, at: str) -> JointCalibration:
     if verdict is None or verdict.proof is None:
         return entry
-    if not verdict.good:
+    if not verdict.is_consistent:
         return replace(entry, proof=None)
     found: Plain = verdict.record(at)
     if found is None or (verdict.by_eye and _by_gravity(entry.proof)):

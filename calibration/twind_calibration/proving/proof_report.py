@@ -55,7 +55,7 @@ class ProofVerdict:
     names: Sequence[str] = ()  # of all joints, by place
 
     @property
-    def measured(self) -> bool:
+    def is_measured(self) -> bool:
         """True when the joint went its whole way and its readings arrived."""
         heard = self.seen is not None and self.seen.motion not in (
             EncoderResponse.UNHEARD,
@@ -66,7 +66,7 @@ class ProofVerdict:
     @property
     def against(self) -> ProofContradiction:
         """The contradiction, if any."""
-        if not self.measured or self.seen is None:
+        if not self.is_measured or self.seen is None:
             return ProofContradiction.NOTHING
         if self.seen.motion is not EncoderResponse.FOLLOWS or self.seen.others or not came_back(self.seen):
             return ProofContradiction.MOTION
@@ -77,7 +77,7 @@ class ProofVerdict:
     @property
     def proof(self) -> SignProof | None:
         """Present status of the proof; None: nothing was measured."""
-        if not self.measured:
+        if not self.is_measured:
             return None
         if self.against is not ProofContradiction.NOTHING:
             return SignProof.CONTRADICTED
@@ -85,7 +85,7 @@ class ProofVerdict:
         return SignProof.CONFIRMED if self.confirmed and found is not SignProof.PROVED else found
 
     @property
-    def good(self) -> bool:
+    def is_consistent(self) -> bool:
         """True when it was measured without contradiction; this does not mean proved."""
         return self.proof not in (None, SignProof.CONTRADICTED)
 
@@ -107,13 +107,13 @@ class ProofVerdict:
         return {
             "sign": "gravity" if self.proof is SignProof.PROVED else "operator",
             "base_pose": self.base,
-            "slope_ratio": None if judged is None else _known(judged.slope_ratio),
-            "offset_residual_rad": None if judged is None else _known(judged.offset),
-            "offset_unsure_rad": None if judged is None else _known(judged.offset_unsure),
+            "slope_ratio": None if judged is None else _null_if_nan(judged.slope_ratio),
+            "offset_residual_rad": None if judged is None else _null_if_nan(judged.offset),
+            "offset_unsure_rad": None if judged is None else _null_if_nan(judged.offset_unsure),
             "at": at,
         }
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return one line of JSON; unknown values are null."""
         weighed, seen = self.weighed, self.seen
         return {
@@ -127,7 +127,9 @@ class ProofVerdict:
             "ended": list(self.gone.ended),
             "left_rad": self.gone.left,
             "motion": None if seen is None else seen.motion.value,
-            "others": [] if seen is None else dict(zip(self._named(seen.others), seen.ways, strict=True)),
+            "others": []
+            if seen is None
+            else dict(zip(self._joint_names(seen.others), seen.ways, strict=True)),
             "looks": self.looks,
             "confirmed": self.confirmed,
             **({} if weighed is None else self._numbers(weighed)),
@@ -136,19 +138,19 @@ class ProofVerdict:
     def _numbers(self, weighed: LoadComparison) -> dict[str, Any]:
         judged = weighed.judged
         return {
-            "span_nm": _known(judged.foreseen.span),
-            "flip_nm": _known(judged.foreseen.flip),
-            "apart_nm": _known(judged.foreseen.apart),
-            "slack_nm": _known(judged.foreseen.slack),
-            "slope_ratio": _known(judged.slope_ratio),
-            "misfit_nm": _known(judged.misfit),
-            "misfit_reversed_nm": _known(judged.misfit_reversed),
-            "offset_residual_rad": _known(judged.offset),
-            "offset_unsure_rad": _known(judged.offset_unsure),
-            "friction_nm": _known(judged.friction),
-            "like": self._named(weighed.like),
-            "bent": self._named(weighed.bent),
-            "untold": self._named(weighed.untold),
+            "span_nm": _null_if_nan(judged.foreseen.span),
+            "flip_nm": _null_if_nan(judged.foreseen.flip),
+            "apart_nm": _null_if_nan(judged.foreseen.apart),
+            "slack_nm": _null_if_nan(judged.foreseen.slack),
+            "slope_ratio": _null_if_nan(judged.slope_ratio),
+            "misfit_nm": _null_if_nan(judged.misfit),
+            "misfit_reversed_nm": _null_if_nan(judged.misfit_reversed),
+            "offset_residual_rad": _null_if_nan(judged.offset),
+            "offset_unsure_rad": _null_if_nan(judged.offset_unsure),
+            "friction_nm": _null_if_nan(judged.friction),
+            "like": self._joint_names(weighed.like),
+            "bent": self._joint_names(weighed.bent),
+            "untold": self._joint_names(weighed.untold),
         }
 
     def lines(self) -> list[str]:
@@ -168,18 +170,18 @@ class ProofVerdict:
         if self.against is ProofContradiction.MOTION:
             said += self._motion()
         if self.weighed is not None and self.proof is SignProof.CONTRADICTED:
-            like, bent = self._named(self.weighed.like), self._named(self.weighed.bent)
+            like, bent = self._joint_names(self.weighed.like), self._joint_names(self.weighed.bent)
             said += [f"it measures what the servo of {each} should: are the two exchanged?" for each in like]
             said += [f"it measures what a wrong sign of {each} would make of it" for each in bent]
-        if self.weighed is not None and self.good and 0 < len(self.weighed.untold) <= MOST_NAMED:
-            named = " or ".join(self._named(self.weighed.untold))
+        if self.weighed is not None and self.is_consistent and 0 < len(self.weighed.untold) <= MOST_NAMED:
+            named = " or ".join(self._joint_names(self.weighed.untold))
             said.append(f"exchanged with the servo of {named} it would measure the same")
         if self.confirmed:
             said.append(f"seen: {self.looks or 'it moves'}, and back")
         return [said[0], *(f"             {each}" for each in said[1:])]
 
     def _load(self) -> str:
-        if not self.measured:
+        if not self.is_measured:
             return "not judged" if self.gone.ended else "not heard while it moved"
         if self.weighed is None or not isfinite(self.weighed.judged.misfit):
             return (
@@ -198,13 +200,13 @@ class ProofVerdict:
         if seen is None:
             return []
         said = [f"{seen.motion.value}: {CAUSES[seen.motion]}"] if seen.motion in CAUSES else []
-        ways = zip(self._named(seen.others), seen.ways, strict=True)
+        ways = zip(self._joint_names(seen.others), seen.ways, strict=True)
         said += [
             f"{name} went {way:+.3f} rad with it: a second id (12), a linkage, a cable" for name, way in ways
         ]
         return [*said, *([] if came_back(seen) else [f"it stands {seen.off:+.3f} rad from where it stood"])]
 
-    def _named(self, places: Sequence[int]) -> list[str]:
+    def _joint_names(self, places: Sequence[int]) -> list[str]:
         return [self.names[place] for place in places]
 
 
@@ -214,5 +216,5 @@ def _zero(judged: LoadVerdict) -> str:
     return f"zero off by {judged.offset:+.2f} ± {judged.offset_unsure:.2f} rad"
 
 
-def _known(number: float) -> float | None:
+def _null_if_nan(number: float) -> float | None:
     return number if isfinite(number) else None

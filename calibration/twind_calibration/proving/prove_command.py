@@ -19,15 +19,15 @@ from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.entry_writer import agreed, require_somebody
-from twind_calibration.calibrating.file_ownership import alone, save
+from twind_calibration.calibrating.file_ownership import lock_folder, save
 from twind_calibration.calibrating.prove import LEAST, MOST
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.instances import restart
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.observable_pose import posed, wanted_pose
 from twind_calibration.proving.proof_plan import told_plan
-from twind_calibration.proving.proof_records import in_force, measured, recorded, unlike
+from twind_calibration.proving.proof_records import in_force, measurement_records, unlike, with_proofs
 from twind_calibration.proving.proof_report import BLIND, ProofVerdict
 from twind_calibration.proving.proof_sweep import ProofSweep, sweeps, swept
 from twind_calibration.wiggling.joint_move import MoveResult, allowed, go, goal_of
@@ -35,14 +35,14 @@ from twind_calibration.wiggling.move_evidence import EncoderObservation, Encoder
 from twind_calibration.wiggling.move_preconditions import (
     AROUND,
     pose,
+    print_note,
     require_amounts,
     require_armed,
     seen,
-    tell,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.state_trace import HoldMean
-from twind_calibration.wiggling.state_trace import recorded as watched
+from twind_calibration.wiggling.state_trace import record_states as watched
 from twind_drivers.clock import Clock, MonotonicClock
 
 
@@ -57,7 +57,7 @@ def prove(options: argparse.Namespace) -> int:
     try:
         return _prove(options)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _prove(options: argparse.Namespace) -> int:
@@ -69,21 +69,21 @@ def _prove(options: argparse.Namespace) -> int:
         try:
             with posed(client, session.goals, take=options.take):
                 for name in session.chosen:
-                    verdicts.append(session.one(name))
+                    verdicts.append(session.prove_joint(name))
                     if verdicts[-1].proof is None and not session.armed():
                         break  # what took the torque off, or latched, is told; the others would be refused
         except KeyboardInterrupt:  # the connection ends, and with it the lease
-            tell(options, "the robot holds where it is: `twindctl status --joints` says where")
+            print_note(options, "the robot holds where it is: `twindctl status --joints` says where")
             raise
         finally:
             session.keep(verdicts)
     done = {each.joint for each in verdicts if each.proof is not None}
     left = [name for name in session.chosen if name not in done]
     if not options.json:
-        print(again(options).prose(BLIND), flush=True)
+        print(command_hint(options).prose(BLIND), flush=True)
         if left:
             print(f"not done, the same once more with: {' '.join(left)}", flush=True)
-    return DONE if not left and all(each.good for each in verdicts) else REFUSED
+    return DONE if not left and all(each.is_consistent for each in verdicts) else REFUSED
 
 
 class ProofSession:
@@ -93,7 +93,7 @@ class ProofSession:
         self._options, self._client, self._clock = options, client, clock
         self._ground: CalibrationContext = ground(options, client)
         self.names = list(self._ground.robot.names)
-        self.chosen = self._ground.chosen(options.joints, self.names)
+        self.chosen = self._ground.select_actuators(options.joints, self.names)
         self.goals = wanted_pose(self._ground.robot, options.pose, options.bends)
         told = client.call("GetRobot")
         self._body = _body(self._ground, told["mjcf"], options.base)
@@ -117,20 +117,20 @@ class ProofSession:
         for name, angle in self.goals.items():
             there[self.names.index(name)] = angle
         if np.isfinite(there).all() and (said := strained(self._body, there)):
-            tell(self._options, f"held so, prop it: {'; '.join(said.values())}")
+            print_note(self._options, f"held so, prop it: {'; '.join(said.values())}")
 
     def armed(self) -> bool:
         """Return whether the robot is still armed and no fault is latched."""
         status = self._client.call("GetStatus")["status"]
         return bool(status["armed"]) and not status["faults"]
 
-    def one(self, name: str) -> ProofVerdict:
+    def prove_joint(self, name: str) -> ProofVerdict:
         """Sweep one joint, print and return the verdict."""
-        verdict = self._one(name)
+        verdict = self._measure_joint(name)
         if self._options.json:
-            print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
+            print(json.dumps(verdict.to_json(), ensure_ascii=False), flush=True)
         else:
-            print(again(self._options).prose("\n".join(verdict.lines())), flush=True)
+            print(command_hint(self._options).prose("\n".join(verdict.lines())), flush=True)
         return verdict
 
     def keep(self, verdicts: Sequence[ProofVerdict]) -> None:
@@ -142,12 +142,12 @@ class ProofSession:
             return
         own = {joint.name: joint.actuator for joint in self._ground.robot.joints if not joint.transmission}
         proofs = {own[each.joint]: each for each in verdicts if each.joint in own}
-        with alone(self._ground.path) as folder:
+        with lock_folder(self._ground.path) as folder:
             before = self._ground.calibration()
-            other = unlike(measured(before), self._in_force)
+            other = unlike(measurement_records(before), self._in_force)
             if before is not None:
                 kept = {name: each for name, each in proofs.items() if name not in other}
-                self._write(folder, *recorded(before, kept, now()))
+                self._write(folder, *with_proofs(before, kept, now()))
         if lost := [name for name in proofs if name in other]:
             raise Rejected(
                 f"{self._ground.path}: {', '.join(lost)} calibrated anew meanwhile: what was proved holds of "
@@ -163,7 +163,7 @@ class ProofSession:
             return
         said = [f"proof of {', '.join(new)} written"] if new else []
         said += [f"earlier proof of {', '.join(gone)} taken away"] if gone else []
-        tell(self._options, f"{self._ground.path}: {'; '.join(said)}: `twindctl reload` takes it")
+        print_note(self._options, f"{self._ground.path}: {'; '.join(said)}: `twindctl reload` takes it")
 
     def _calibrated(self) -> Mapping[str, JointCalibration]:
         """Return the entries by actuator.
@@ -171,7 +171,7 @@ class ProofSession:
         Raises Rejected: the daemon uses another calibration than the file.
         """
         file = self._ground.calibration()
-        if names := unlike(measured(file), self._in_force):
+        if names := unlike(measurement_records(file), self._in_force):
             raise Rejected(
                 f"{self._ground.path} is not what the daemon goes by: {', '.join(names)} measured otherwise. "
                 f"{self._anew()}"
@@ -181,7 +181,7 @@ class ProofSession:
     def _anew(self) -> str:
         return f"Restart the daemon (`{restart(self._options.socket)}`), then once more"
 
-    def _one(self, name: str) -> ProofVerdict:
+    def _measure_joint(self, name: str) -> ProofVerdict:
         place = self.names.index(name)
         joint = self._ground.robot.joints[place]
         who: dict[str, Any] = {
@@ -226,15 +226,15 @@ class ProofSession:
             watched(watching, self.names) as trace,
             ProgressLine(self._options, name) as progress,
         ):
-            self._rest()
+            self._move_to_rest()
             gone = go(
                 self._client, self._clock, name, way.home, way.farthest,
-                take=self._options.take, along=way.path(name), tell=progress.tell,
+                take=self._options.take, along=way.path(name), tell=progress.update,
             )  # fmt: skip
-            self._rest()
+            self._move_to_rest()
         return gone, None if gone.ended or not gone.moved else trace.visits(place, way.visits)
 
-    def _rest(self) -> None:
+    def _move_to_rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
     def _looks(self, place: int, way: ProofSweep, entry: JointCalibration | None) -> str:
@@ -251,7 +251,9 @@ class ProofSession:
             friction = float(self._options.friction)
             ahead = look_ahead(self._body, there, place, way.places, friction, entry)
             shows = f"a wrong sign would be {ahead.flip:.2f} N·m off"
-            tell(self._options, f"{self.names[place]}: {shows}; watch, as if it stood: {looks}, and back")
+            print_note(
+                self._options, f"{self.names[place]}: {shows}; watch, as if it stood: {looks}, and back"
+            )
         return looks
 
 

@@ -144,7 +144,7 @@ def misfits(measured: Floats, family: Floats) -> Floats:
     return found
 
 
-def fits(measured: Floats, family: Floats, slack: float) -> bool:
+def is_explained(measured: Floats, family: Floats, slack: float) -> bool:
     """One of its rows is what was measured."""
     return bool((misfits(measured, family) <= slack).any())
 
@@ -196,7 +196,7 @@ def _verdict(
 ) -> tuple[SignProof, ProofContradiction]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = foreseen.slack
-    near, mirrored = fits(measured, wrong.near, room), fits(measured, wrong.mirrored, room)
+    near, mirrored = is_explained(measured, wrong.near, room), is_explained(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
             return SignProof.UNOBSERVABLE, ProofContradiction.NOTHING
@@ -209,7 +209,7 @@ def _verdict(
         return SignProof.CONTRADICTED, ProofContradiction.ZERO
     if mirrored:
         return SignProof.CONTRADICTED, ProofContradiction.SIGN
-    if fits(measured, -right[NEAR], room):
+    if is_explained(measured, -right[NEAR], room):
         return SignProof.CONTRADICTED, ProofContradiction.CURRENT
     return SignProof.CONTRADICTED, ProofContradiction.NEITHER
 

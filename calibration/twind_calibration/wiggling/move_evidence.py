@@ -122,18 +122,20 @@ def weigh(measured: float, model: float, reversed: float, friction: float) -> To
     twice that, the sign cannot be told. NaN: unknown.
     """
 
-    def said(load: TorqueResponse) -> TorqueObservation:
+    def make_observation(load: TorqueResponse) -> TorqueObservation:
         return TorqueObservation(load, measured, model, reversed)
 
     if not np.isfinite(measured + model + reversed):
-        return said(TorqueResponse.UNKNOWN)
+        return make_observation(TorqueResponse.UNKNOWN)
     slack = max(friction, UNSURE * max(abs(model), abs(reversed)))
     fits, fits_reversed = abs(measured - model) <= slack, abs(measured - reversed) <= slack
     if not abs(model - reversed) > 2.0 * slack:
-        return said(TorqueResponse.UNOBSERVABLE if fits or fits_reversed else TorqueResponse.NEITHER)
+        return make_observation(
+            TorqueResponse.UNOBSERVABLE if fits or fits_reversed else TorqueResponse.NEITHER
+        )
     if fits:
-        return said(TorqueResponse.AGREES)
-    return said(TorqueResponse.REVERSED if fits_reversed else TorqueResponse.NEITHER)
+        return make_observation(TorqueResponse.AGREES)
+    return make_observation(TorqueResponse.REVERSED if fits_reversed else TorqueResponse.NEITHER)
 
 
 def alike(measured: float, model: float, elsewhere: Sequence[float], friction: float) -> tuple[int, ...]:

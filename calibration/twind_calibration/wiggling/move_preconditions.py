@@ -9,7 +9,7 @@ import numpy as np
 from twind.client import Client
 from twind.ctl.verb import Rejected, UsageError, lease
 from twind.robot.arrays import Floats
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 
 AROUND = 0.4  # s that are recorded before and after a move
 MOST_FRICTION = 100.0  # N·m
@@ -49,6 +49,6 @@ def seen(options: argparse.Namespace, name: str, looks: str) -> bool | None:
     return {"y": True, "yes": True, "n": False, "no": False}.get(sys.stdin.readline().strip().lower())
 
 
-def tell(options: argparse.Namespace, line: str) -> None:
+def print_note(options: argparse.Namespace, line: str) -> None:
     """To the person, beside the result; its commands reach the same daemon."""
-    print(again(options).prose(line), file=sys.stderr, flush=True)
+    print(command_hint(options).prose(line), file=sys.stderr, flush=True)

@@ -85,7 +85,7 @@ def _mean(values: Floats) -> Floats:
 
 
 @contextmanager
-def recorded(client: Client, names: Sequence[str]) -> Iterator[StateTrace]:
+def record_states(client: Client, names: Sequence[str]) -> Iterator[StateTrace]:
     """States while the body runs, on a connection of their own. Raises ClientError: none can be had."""
     trace, ended, began = StateTrace(names), threading.Event(), threading.Event()
     client.connect()

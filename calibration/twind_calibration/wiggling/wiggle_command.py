@@ -16,7 +16,7 @@ from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.binding import BindingError
-from twind_calibration.command_hint import again
+from twind_calibration.command_hint import command_hint
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (
@@ -30,13 +30,13 @@ from twind_calibration.wiggling.move_evidence import (
 from twind_calibration.wiggling.move_preconditions import (
     AROUND,
     pose,
+    print_note,
     require_amounts,
     require_armed,
     seen,
-    tell,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
-from twind_calibration.wiggling.state_trace import HoldMeans, recorded
+from twind_calibration.wiggling.state_trace import HoldMeans, record_states
 from twind_calibration.wiggling.wiggle_report import BLIND, NOT_COMPARED, WiggleVerdict
 from twind_drivers.clock import Clock, MonotonicClock
 
@@ -49,7 +49,7 @@ def wiggle(options: argparse.Namespace) -> int:
     try:
         return _wiggle(options)
     except Rejected as error:  # what it says to type is typed for the same daemon
-        raise Rejected(again(options).prose(str(error))) from error
+        raise Rejected(command_hint(options).prose(str(error))) from error
 
 
 def _wiggle(options: argparse.Namespace) -> int:
@@ -57,9 +57,9 @@ def _wiggle(options: argparse.Namespace) -> int:
         session = WiggleSession(options, client, MonotonicClock())
         session.require_ready()
         try:
-            good = [session.one(name) for name in session.chosen]
+            good = [session.wiggle_joint(name) for name in session.chosen]
         except KeyboardInterrupt:  # the connection ends, and with it the lease
-            tell(options, "the robot holds where it is: `twindctl status --joints` says where")
+            print_note(options, "the robot holds where it is: `twindctl status --joints` says where")
             raise
         session.close()
     return DONE if all(good) else REFUSED
@@ -73,7 +73,7 @@ class WiggleSession:
         self._robot: Mapping[str, Any] = client.call("GetRobot")["robot"]
         self.names: list[str] = [joint["name"] for joint in self._robot["joints"]]
         self.mode: str = client.call("GetStatus")["status"]["mode"]
-        self.chosen = self._chosen(options.joints)
+        self.chosen = self._select_joints(options.joints)
         self._body, self._why = _body(self._robot)
 
     def require_ready(self) -> None:
@@ -81,20 +81,20 @@ class WiggleSession:
         if self._options.json:
             pass
         elif self.mode != "live":
-            tell(self._options, f"mode {self.mode}: {NOT_COMPARED}")
+            print_note(self._options, f"mode {self.mode}: {NOT_COMPARED}")
         elif self._why:
-            tell(self._options, f"loads are not compared: {self._why}")
+            print_note(self._options, f"loads are not compared: {self._why}")
         if self.mode == "live":
             require_armed(self._options, self._client)
 
-    def one(self, name: str) -> bool:
+    def wiggle_joint(self, name: str) -> bool:
         """Move one joint and print the result; return whether nothing contradicts."""
-        verdict = self._one(name)
+        verdict = self._measure_joint(name)
         if self._options.json:
-            print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
+            print(json.dumps(verdict.to_json(), ensure_ascii=False), flush=True)
         else:
-            print(again(self._options).prose("\n".join(verdict.lines())), flush=True)
-        return verdict.good
+            print(command_hint(self._options).prose("\n".join(verdict.lines())), flush=True)
+        return verdict.is_consistent
 
     def close(self) -> None:
         """Print the closing notes: the limits of the test, and that the robot stays armed."""
@@ -102,9 +102,11 @@ class WiggleSession:
             return
         print(BLIND, flush=True)
         if self._options.arm:
-            tell(self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off")
+            print_note(
+                self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off"
+            )
 
-    def _one(self, name: str) -> WiggleVerdict:
+    def _measure_joint(self, name: str) -> WiggleVerdict:
         place = self.names.index(name)
         joint = self._robot["joints"][place]
         who = {"joint": name, "bus": joint["bus"], "id": joint["id"], "names": self.names}
@@ -120,10 +122,10 @@ class WiggleSession:
         if self.mode != "live":
             gone = self._go(name, home, gone.way)
             return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.SIMULATED, gone), looks=looks, **who)
-        with observer(self._options) as watching, recorded(watching, self.names) as trace:
-            self._rest()
+        with observer(self._options) as watching, record_states(watching, self.names) as trace:
+            self._move_to_rest()
             gone = self._go(name, home, gone.way)
-            self._rest()
+            self._move_to_rest()
         if not gone.moved or gone.ended:
             return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.ENDED, gone), looks=looks, **who)
         stays = trace.stays(place, home, home + gone.way)
@@ -141,7 +143,7 @@ class WiggleSession:
     def _go(self, name: str, home: float, way: float) -> MoveResult:
         return go(self._client, self._clock, name, home, way, take=self._options.take)
 
-    def _rest(self) -> None:
+    def _move_to_rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
     def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
@@ -173,10 +175,10 @@ class WiggleSession:
             return ""
         looks = self._body.looks_like(position, place, way)
         if not self._options.json and self.mode == "live":
-            tell(self._options, f"{self.names[place]}: watch: {looks}, and back")
+            print_note(self._options, f"{self.names[place]}: watch: {looks}, and back")
         return looks
 
-    def _chosen(self, joints: Sequence[str]) -> list[str]:
+    def _select_joints(self, joints: Sequence[str]) -> list[str]:
         for name in joints:
             if name not in self.names:
                 near = get_close_matches(name, self.names, 1)

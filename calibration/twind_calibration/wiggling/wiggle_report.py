@@ -48,7 +48,7 @@ class WiggleVerdict:
     names: Sequence[str] = ()  # of all joints, by place
 
     @property
-    def good(self) -> bool:
+    def is_consistent(self) -> bool:
         """Nothing speaks against this joint. Not: everything speaks for it."""
         if not self.gone.moved or self.gone.ended or self.seen is None or self.confirmed is False:
             return False
@@ -67,42 +67,44 @@ class WiggleVerdict:
     @property
     def open(self) -> bool:
         """Nothing speaks against it, and nothing has shown sign and place: neither its load nor a person."""
-        if not self.good or self.seen is None or self.seen.motion is EncoderResponse.SIMULATED:
+        if not self.is_consistent or self.seen is None or self.seen.motion is EncoderResponse.SIMULATED:
             return False
         return self.confirmed is None and (
             self.weighed is None or self.weighed.load is not TorqueResponse.AGREES
         )
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """One line of JSON; what is not known is null."""
         seen, weighed = self.seen, self.weighed
         return {
             "joint": self.joint,
             "bus": self.bus,
             "id": self.id,
-            "good": self.good,
+            "good": self.is_consistent,
             "open": self.open,
             "refused": list(self.gone.refused),
             "ended": list(self.gone.ended),
             "left_rad": self.gone.left,
             "asked_rad": self.gone.way,
             "motion": None if seen is None else seen.motion.value,
-            "expected_rad": None if seen is None else _known(seen.expected),
-            "moved_rad": None if seen is None else _known(seen.moved),
-            "off_rad": None if seen is None else _known(seen.off),
-            "others": [] if seen is None else dict(zip(self._named(seen.others), seen.ways, strict=True)),
+            "expected_rad": None if seen is None else _null_if_nan(seen.expected),
+            "moved_rad": None if seen is None else _null_if_nan(seen.moved),
+            "off_rad": None if seen is None else _null_if_nan(seen.off),
+            "others": []
+            if seen is None
+            else dict(zip(self._joint_names(seen.others), seen.ways, strict=True)),
             "load": TorqueResponse.UNKNOWN.value if weighed is None else weighed.load.value,
-            "measured_nm": None if weighed is None else _known(weighed.measured),
-            "model_nm": None if weighed is None else _known(weighed.model),
-            "reversed_nm": None if weighed is None else _known(weighed.reversed),
-            "like": [] if weighed is None else self._named(weighed.like),
+            "measured_nm": None if weighed is None else _null_if_nan(weighed.measured),
+            "model_nm": None if weighed is None else _null_if_nan(weighed.model),
+            "reversed_nm": None if weighed is None else _null_if_nan(weighed.reversed),
+            "like": [] if weighed is None else self._joint_names(weighed.like),
             "looks": self.looks,
             "confirmed": self.confirmed,
         }
 
     def lines(self) -> list[str]:
         """For a person."""
-        word = "open" if self.open else "ok  " if self.good else "LOOK"
+        word = "open" if self.open else "ok  " if self.is_consistent else "LOOK"
         head = f"{word} {self.joint} ({self.bus} id {self.id}): "
         if not self.gone.moved:
             return [head + "not moved, the daemon refuses: " + "; ".join(self.gone.refused)]
@@ -116,7 +118,7 @@ class WiggleVerdict:
             return said
         if self.seen.motion in CAUSES:
             said.append(f"     {CAUSES[self.seen.motion]}")
-        ways = zip(self._named(self.seen.others), self.seen.ways, strict=True)
+        ways = zip(self._joint_names(self.seen.others), self.seen.ways, strict=True)
         said += [
             f"     {name} went {_deg(way)} with it: a second id (12), a linkage, a cable"
             for name, way in ways
@@ -152,14 +154,15 @@ class WiggleVerdict:
             ),
             TorqueResponse.UNOBSERVABLE: f"     by load: the sign cannot be told in this pose: {felt}",
         }
-        like = f"     it measures what {' or '.join(self._named(w.like))} should: are their servos exchanged?"
+        names = ' or '.join(self._joint_names(w.like))
+        like = f"     it measures what {names} should: are their servos exchanged?"
         return [says[w.load], *([like] if w.like else [])]
 
     def _eye(self) -> str:
         state = {True: "confirmed", False: "NOT SO, says who watched", None: "not confirmed"}[self.confirmed]
         return f"     by eye: {self.looks or 'it moves'}, and back: {state}"
 
-    def _named(self, places: Sequence[int]) -> list[str]:
+    def _joint_names(self, places: Sequence[int]) -> list[str]:
         return [self.names[place] for place in places]
 
 
@@ -167,5 +170,5 @@ def _deg(radians: float) -> str:
     return f"{degrees(radians):+.2f}°"
 
 
-def _known(number: float) -> float | None:
+def _null_if_nan(number: float) -> float | None:
     return number if isfinite(number) else None

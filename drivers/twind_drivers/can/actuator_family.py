@@ -99,7 +99,7 @@ class ActuatorFamily(Protocol):
     claims: frozenset[int]  # 11-bit ids that it hears or speaks on: nobody else of that bus may have them
     replies: Bools  # (k,) True: it answers every command with feedback
 
-    def question(self) -> Frames:
+    def make_position_request(self) -> Frames:
         """Return frames that request the position of all; moves nothing, changes no torque. May be empty."""
 
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
@@ -112,7 +112,7 @@ class ActuatorFamily(Protocol):
         WireClamp.
         """
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """Return the frame of one order. Raises ValueError where the family has no such order."""
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
@@ -124,7 +124,7 @@ class ActuatorFamily(Protocol):
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode all feedback among `frames`; also return which frames were feedback (len(frames),)."""
 
-    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+    def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Decode all register answers among `frames`; also return which frames those were."""
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
@@ -140,8 +140,8 @@ class ActuatorFamily(Protocol):
         family). 0: it was not read.
         """
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Row that each frame commands, enables or writes; -1: none of these. For the last check."""
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position (len(frames),) rad that each frame commands; NaN: none of ours, or no motion command."""

@@ -86,24 +86,27 @@ class ActuatorGroup:
         }
         # All of one family, in its order: its arrays are the bus's.
         self._alone = self.families[0][0] if len(self.families) == 1 else None
-        self.wide = any(self.special(row, ValuelessCommand.DISABLE)["id"][0] & EXTENDED for row in self._of)
+        self.wide = any(
+            self.encode_valueless_command(row, ValuelessCommand.DISABLE)["id"][0] & EXTENDED
+            for row in self._of
+        )
         self.ranges = self._ranges()
         self._silence = GroupFeedback.nothing(len(self.ids))
         self._rows, self._once = list(range(len(self.ids))), np.ones(len(self.ids), np.int64)
         self._once.setflags(write=False)
-        self.replies = self._spread(lambda family: family.replies, np.bool_)
-        self.answers = self._spread(lambda family: family.answers, np.int64)
+        self.replies = self._scatter_to_rows(lambda family: family.replies, np.bool_)
+        self.answers = self._scatter_to_rows(lambda family: family.answers, np.int64)
 
     def __len__(self) -> int:
         return len(self.ids)
 
-    def _spread(self, of: Callable[[ActuatorFamily], Any], kind: type[T]) -> NDArray[T]:
+    def _scatter_to_rows(self, of: Callable[[ActuatorFamily], Any], kind: type[T]) -> NDArray[T]:
         whole = np.zeros(len(self.ids), kind)
         for family, rows in self.families:
             whole[rows] = of(family)
         return whole
 
-    def of(self, row: int) -> tuple[ActuatorFamily, int]:
+    def family_of_row(self, row: int) -> tuple[ActuatorFamily, int]:
         """Return the family of a row, and its index in that family."""
         return self._of[row]
 
@@ -119,16 +122,16 @@ class ActuatorGroup:
 
     def _ranges(self) -> FieldRanges:
         return FieldRanges(
-            position=self._spread(lambda family: family.ranges.position, np.float64),
-            velocity=self._spread(lambda family: family.ranges.velocity, np.float64),
-            torque=self._spread(lambda family: family.ranges.torque, np.float64),
-            kp=self._spread(lambda family: family.ranges.kp, np.float64),
-            kd=self._spread(lambda family: family.ranges.kd, np.float64),
+            position=self._scatter_to_rows(lambda family: family.ranges.position, np.float64),
+            velocity=self._scatter_to_rows(lambda family: family.ranges.velocity, np.float64),
+            torque=self._scatter_to_rows(lambda family: family.ranges.torque, np.float64),
+            kp=self._scatter_to_rows(lambda family: family.ranges.kp, np.float64),
+            kd=self._scatter_to_rows(lambda family: family.ranges.kd, np.float64),
         )
 
     # --------------------------------------------------------------------------- out
 
-    def question(self, rows: Bools | None = None) -> tuple[Frames, Ints]:
+    def make_position_request(self, rows: Bools | None = None) -> tuple[Frames, Ints]:
         """Return frames that request the position of `rows` (m,), None: all.
 
         Also returns the number of frames that each of the m actuators answers with.
@@ -141,7 +144,7 @@ class ActuatorGroup:
         expect = np.zeros(len(self.ids), np.int64)
         for family, own in asked:
             expect[own] = family.answers
-        return joined([family.question() for family, _ in asked]), expect
+        return joined([family.make_position_request() for family, _ in asked]), expect
 
     def command(self, values: Floats, rows: Bools | None = None) -> Frames:
         """Commands of `values` (5, m): position, velocity, kp, kd, torque; of `rows` alone, if given.
@@ -159,10 +162,10 @@ class ActuatorGroup:
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """One order. Raises ValueError where its family has none."""
         family, place = self._of[row]
-        return family.special(place, what)
+        return family.encode_valueless_command(place, what)
 
     def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one register. Raises ValueError where its family cannot."""
@@ -175,36 +178,36 @@ class ActuatorGroup:
         return family.write(place, parameter, data)
 
     def _only(self, made: Frames, rows: Bools) -> Frames:
-        to = self.commands_to(made)
+        to = self.commanded_rows(made)
         chosen: Frames = made[(to >= 0) & rows[to]]
         return chosen
 
     # --------------------------------------------------------------------------- the last check
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Row (k,) that each frame commands, enables or writes; -1: none."""
         if self._alone is not None:
-            return self._alone.commands_to(frames)
+            return self._alone.commanded_rows(frames)
         to = np.full(len(frames), -1, np.int64)
         for family, own in self.families:
-            place = family.commands_to(frames)
+            place = family.commanded_rows(frames)
             mine = place >= 0
             to[mine] = own[place[mine]]
         return to
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position (k,) in rad that each frame commands; NaN: it commands none."""
         if self._alone is not None:
-            return self._alone.commanded(frames)
+            return self._alone.decode_commanded_position(frames)
         place = np.full(len(frames), np.nan)
         for family, _ in self.families:
-            own = family.commanded(frames)
+            own = family.decode_commanded_position(frames)
             place[~np.isnan(own)] = own[~np.isnan(own)]
         return place
 
     # --------------------------------------------------------------------------- in
 
-    def hear(self, frames: Frames) -> GroupFeedback:
+    def decode_frames(self, frames: Frames) -> GroupFeedback:
         """Decode received frames, the newest of each actuator; nothing raises."""
         if not len(frames):
             return self._silence
@@ -216,13 +219,13 @@ class ActuatorGroup:
         known = np.zeros(len(frames), np.bool_)
         for family, own in self.families:
             told, mine = family.feedback(frames)
-            answers, answered = family.answered(frames)
+            answers, answered = family.decode_register_replies(frames)
             known |= mine | answered
             _keep(heard, told, own)
             heard.answers += [each._replace(row=int(own[each.row])) for each in answers]
         if not known.all():
             rest = frames[~known]
-            heard.masters = int(np.count_nonzero(self.commands_to(rest) >= 0))
+            heard.masters = int(np.count_nonzero(self.commanded_rows(rest) >= 0))
             heard.strangers = len(rest) - heard.masters
         return heard
 

@@ -143,12 +143,14 @@ def _watch(own: CanCommandEncoder, required: Bools, there: Bools) -> Script[Bool
             _require_rate(own, family.ids[0])
             ticks = encode(family.watchdog, round(WATCHDOG / family.watchdog.unit))
             own_there = [row for row in rows.tolist() if there[row]]
-            yield from written(own, {own.reader.ids[row]: ticks for row in own_there}, family.watchdog)
+            yield from write_and_read_back(
+                own, {own.reader.ids[row]: ticks for row in own_there}, family.watchdog
+            )
             watched[own_there] = True
     without = np.flatnonzero(there & required & ~watched)
     if len(without):
         row = int(without[0])
-        family, _ = own.fleet.of(row)
+        family, _ = own.fleet.family_of_row(row)
         reason = (
             f"{family.name} has none that could be read back: allow it in the robot file, or do not drive it"
         )
@@ -185,7 +187,7 @@ def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
             if np.isfinite(limits[row])
         }
         if data:
-            yield from written(own, data, parameter)
+            yield from write_and_read_back(own, data, parameter)
 
 
 # --------------------------------------------------------------------------------------------- registers
@@ -209,7 +211,9 @@ def collect(
     return found
 
 
-def written(own: CanCommandEncoder, data: Mapping[int, bytes], parameter: FamilyRegister) -> Script[None]:
+def write_and_read_back(
+    own: CanCommandEncoder, data: Mapping[int, bytes], parameter: FamilyRegister
+) -> Script[None]:
     """One register of several of a family, read back; what was lost is written again.
 
     Raises DeviceRefused for the first that reads otherwise, NoReply.

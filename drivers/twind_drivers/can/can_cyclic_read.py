@@ -51,7 +51,7 @@ class CanCyclicRead:
         self._sure = False  # nobody is suspected or parked
         self._everyone: Bools = np.ones(m, np.bool_)
         self._everyone.setflags(write=False)
-        self._everybody = CanTransaction(*fleet.question())
+        self._everybody = CanTransaction(*fleet.make_position_request())
         self.nothing = CanTransaction(NOTHING, np.zeros(m, np.int64))
 
     # --------------------------------------------------------------------------- out
@@ -62,18 +62,18 @@ class CanCyclicRead:
         silent = ~(commanded & self.fleet.replies)
         if not silent.any():
             return self.nothing
-        return self.question(silent, now)
+        return self.make_cyclic_request(silent, now)
 
-    def question(self, silent: Bools, now: float) -> CanTransaction:
+    def make_cyclic_request(self, silent: Bools, now: float) -> CanTransaction:
         """Return a request for the positions of at least the actuators `silent` (m,)."""
         if not silent.any():
             return self.nothing
-        asked = self._everybody if silent.all() else CanTransaction(*self.fleet.question(silent))
+        asked = self._everybody if silent.all() else CanTransaction(*self.fleet.make_position_request(silent))
         frames, rows = self.knock
         knocked = rows & silent & ~self.energised
         if not knocked.any() or not now - self._first >= KNOCK:
             return asked
-        own = frames if knocked.all() else frames[knocked[self.fleet.commands_to(frames)]]
+        own = frames if knocked.all() else frames[knocked[self.fleet.commanded_rows(frames)]]
         return CanTransaction(
             joined([asked.frames, own]), asked.expect + np.where(self.fleet.replies, knocked, 0)
         )
@@ -85,7 +85,7 @@ class CanCyclicRead:
         line, heard = self._line, self._line.heard
         if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
             believed, asked = self._everyone, self.attendance.asked
-            self._whole(heard, now)
+            self._take_complete_reading(heard, now)
         else:
             believed, asked = self._look(heard, now)
         foreign, line.foreign = line.foreign, 0
@@ -107,9 +107,9 @@ class CanCyclicRead:
             line=int(line.condition(now)),
         )
 
-    def _whole(self, heard: GroupFeedback, now: float) -> None:
+    def _take_complete_reading(self, heard: GroupFeedback, now: float) -> None:
         """Update the state after a healthy reading: one answer of each, none suspect or parked before."""
-        self.attendance.whole()
+        self.attendance.record_complete_reply()
         if self.energised.any():
             self._bar(now)
         self.place, self._heard_at[:] = heard.position, now
@@ -157,12 +157,12 @@ class CanCyclicRead:
         """Return the actuators (m,) that this reading waited for; update the presence for the next one."""
         asked: Bools = self.attendance.asked & (could | believed | (self.fleet.answers > 0))
         heard = self._line.heard.count > 0
-        self.attendance.missed(heard, could & self.attendance.asked, now)
+        self.attendance.record_missing_reply(heard, could & self.attendance.asked, now)
         if self.attendance.parked:
             for row in np.flatnonzero(self._line.spoke & ~self.attendance.asked).tolist():
                 self.attendance.back(row, now)
         elif could.any() and heard[could].all():
-            self.attendance.whole()
+            self.attendance.record_complete_reply()
         self._line.asked = self.attendance.asked
         self._line.spoke.fill(False)
         return asked

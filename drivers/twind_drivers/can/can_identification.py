@@ -54,7 +54,7 @@ def _collect(ids: Sequence[int], parameter: FamilyRegister, count: int) -> Scrip
 def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> IdentifiedDevice:
     """Build the settings to compare with the calibration, under the register names of serial servos."""
     row = fleet.row(id)
-    family, place = fleet.of(row)
+    family, place = fleet.family_of_row(row)
     known = {name: value for name, value in values.items() if isfinite(value)}
     fleet.learn(row, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
     span = float(family.ranges.position[place])

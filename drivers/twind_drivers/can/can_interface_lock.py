@@ -29,7 +29,7 @@ class CanInterfaceLock:
         except OSError as error:
             self._sign.close()
             if error.errno == errno.EADDRINUSE:
-                raise PortInUse(interface, f"in use by {_named(interface)}; stop it first") from error
+                raise PortInUse(interface, f"in use by {_lock_name(interface)}; stop it first") from error
             reason = f"its owner cannot be told: {os.strerror(error.errno or 0)}"
             raise PortError(interface, reason) from error
 
@@ -57,7 +57,7 @@ def owners(interface: str, proc: Path = Path("/proc")) -> Iterator[int]:
             yield int(entry.name)
 
 
-def _named(interface: str) -> str:
+def _lock_name(interface: str) -> str:
     for pid in owners(interface):
         return f"pid {pid} ({command(pid)})"
     return "another process (not visible to this user)"

@@ -96,7 +96,7 @@ def number_of(name: str) -> int:
     return model(name).number
 
 
-def named(number: int) -> CanActuatorModel:
+def model_by_number(number: int) -> CanActuatorModel:
     """The model with that number. Raises KeyError where there is none."""
     found = _NUMBERED.get(number)
     if found is None:

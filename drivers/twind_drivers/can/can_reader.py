@@ -42,11 +42,11 @@ from twind_drivers.can.register_access import (
     asking,
     asks_state,
     decode,
+    encode_register_value,
     ordering,
     parameter_of,
     rows_of,
     state,
-    whole,
 )
 from twind_drivers.slow_read_rate import upkeep_stride
 
@@ -122,7 +122,7 @@ class CanReader:
 
     def request(self, now: float) -> None:
         """Begin the cyclic reading: pending goals and questions leave together. Raises PortError."""
-        self.line.send(self.cyclic.next(self.line.commanded(now), now), now, goals=True)
+        self.line.send(self.cyclic.next(self.line.commanded_rows(now), now), now, goals=True)
         self._overhear(now)
 
     def feed(self, now: float) -> bool:
@@ -152,7 +152,7 @@ class CanReader:
             rows = rows_of(self.fleet, query)
             if not rows.any():
                 return self.cyclic.nothing
-            return replace(self.cyclic.question(rows, now), states=rows & ~self.fleet.replies)
+            return replace(self.cyclic.make_cyclic_request(rows, now), states=rows & ~self.fleet.replies)
         found = self._asked.get(query)
         return asking(self.fleet, query) if found is None else found
 
@@ -177,21 +177,25 @@ class CanReader:
         spoke[[each.row for each in heard.answers]] = True
         alerted = alert(heard.fault)
         error = {self.ids[row]: int(ALERT) if alerted[row] else 0 for row in np.flatnonzero(spoke).tolist()}
-        return RequestReply(self._told(request, exchange), error, waited, self.line.strays)
+        return RequestReply(self._replies_by_id(request, exchange), error, waited, self.line.strays)
 
     def _overhear(self, now: float) -> None:
         """What was told between two transactions, by those who tell it of themselves (ODrive's heartbeat)."""
         if self.line.aside is not None:
             tell = (self.line.aside.count > 0) & ~self.fleet.replies
-            self.slow.hear(self.line.aside, tell, self.cyclic.barred & self.cyclic.watched, now)
+            self.slow.update_from_feedback(
+                self.line.aside, tell, self.cyclic.barred & self.cyclic.watched, now
+            )
 
     def _keep(self, rows: Bools) -> None:
         heard, at = self.line.heard, self.line.received
-        self.slow.hear(heard, rows, self.cyclic.barred & self.cyclic.watched, at)
+        self.slow.update_from_feedback(heard, rows, self.cyclic.barred & self.cyclic.watched, at)
         if heard.answers:
-            self.slow.fold(heard, self.cyclic.proven, self.cyclic.barred & self.cyclic.watched, at)
+            self.slow.update_from_replies(
+                heard, self.cyclic.proven, self.cyclic.barred & self.cyclic.watched, at
+            )
 
-    def _told(self, request: Request | None, exchange: CanTransaction) -> dict[int, bytes]:
+    def _replies_by_id(self, request: Request | None, exchange: CanTransaction) -> dict[int, bytes]:
         """By id: the bytes asked for; of an order nothing, from whoever answered it."""
         heard = self.line.heard
         if isinstance(request, PingRequest | ReadRequest) and asks_state(request):
@@ -270,7 +274,7 @@ class CanReader:
 
     def _register(self, id: int, parameter: FamilyRegister, data: bytes) -> RegisterAddress:
         try:
-            value = whole(parameter, decode(parameter, data))
+            value = encode_register_value(parameter, decode(parameter, data))
         except ValueError as error:
             raise DeviceRefused(self.name, id, parameter.name, str(error)) from None
         return RegisterAddress(parameter.name, parameter.address, 4, value, parameter.kept)

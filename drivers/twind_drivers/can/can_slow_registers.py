@@ -94,7 +94,7 @@ class CanSlowRegisters:
 
     # --------------------------------------------------------------------------- what was told
 
-    def hear(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
+    def update_from_feedback(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
         state, everybody = self._state, bool(rows.all())
         told, faulty = heard.enabled >= 0, heard.fault >= 0
@@ -121,10 +121,10 @@ class CanSlowRegisters:
                 store[says], when[says] = source[says], time
         self._barred = barred
 
-    def fold(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
+    def update_from_replies(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what register answers of `rows` (m,) say."""
         for row, address, data, written in heard.answers:
-            family, _ = self._fleet.of(row)
+            family, _ = self._fleet.family_of_row(row)
             if written or not rows[row]:
                 continue
             if family.watchdog is not None and address == family.watchdog.address:

@@ -43,17 +43,20 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     own.cyclic.energise(everybody, own.line.sent)
     yield BurstWriteRequest(
         (
-            own.special(ValuelessCommand.ENABLE, limp),
+            own.encode_valueless_command(ValuelessCommand.ENABLE, limp),
             own.order(own.aim, limp, soft=True),
             own.order(own.aim, ~limp),
         )
     )
     try:
-        yield from _told(own, True, before)
+        yield from _wait_for_torque_state(own, True, before)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # who had torque before keeps it: he may carry a load
         yield BurstWriteRequest(
-            (own.special(ValuelessCommand.DISABLE, limp), own.special(ValuelessCommand.DISABLE, limp))
+            (
+                own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
+                own.encode_valueless_command(ValuelessCommand.DISABLE, limp),
+            )
         )
         raise
     own.hold(own.aim)
@@ -67,12 +70,15 @@ def release(own: CanCommandEncoder) -> Script[None]:
     own.cyclic.energised = np.zeros(len(own.lower), np.bool_)
     own.reader.slow.doubt(everybody)
     yield BurstWriteRequest(
-        (own.special(ValuelessCommand.DISABLE, everybody), own.special(ValuelessCommand.DISABLE, everybody))
+        (
+            own.encode_valueless_command(ValuelessCommand.DISABLE, everybody),
+            own.encode_valueless_command(ValuelessCommand.DISABLE, everybody),
+        )
     )
-    yield from _told(own, False, None)
+    yield from _wait_for_torque_state(own, False, None)
 
 
-def _told(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
+def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
     """Wait until all report that their torque is `on`. `before` (m,): their earlier positions, rad."""
     state, answering, mute = own.reader.registers, own.fleet.replies, own.fleet.answers == 0
     spoke = _acknowledged(own)
@@ -111,7 +117,7 @@ def _off(own: CanCommandEncoder, rows: Bools) -> tuple[WriteRequest, ...]:
     An actuator that has lost its master reports only that, so this fault is cleared before it reports torque.
     """
     lost = rows & (own.reader.registers.fault == SILENCE)
-    off = own.special(ValuelessCommand.DISABLE, rows)
+    off = own.encode_valueless_command(ValuelessCommand.DISABLE, rows)
     return (off, *own.clear_faults(lost), off)
 
 

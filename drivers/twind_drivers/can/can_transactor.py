@@ -128,7 +128,7 @@ class CanTransactor:
 
     # --------------------------------------------------------------------------- the transaction
 
-    def commanded(self, now: float) -> Bools:
+    def commanded_rows(self, now: float) -> Bools:
         """Return the actuators (m,) that the next request commands.
 
         None where an urgent order goes first, where the goals have expired, or on a dead line; the goals are
@@ -179,7 +179,7 @@ class CanTransactor:
         self._leaves = None
         if len(self.urgent):
             self.goals = None
-            to = self.fleet.commands_to(self.urgent)
+            to = self.fleet.commanded_rows(self.urgent)
             return self.urgent, np.bincount(to[to >= 0], minlength=len(self.fleet))
         found = self.goals if goals else None
         if found is None:
@@ -221,7 +221,7 @@ class CanTransactor:
         self._wanted = self._everything if whole else int(expect[self.asked].sum())
         self._wanted += len(exchange.registers)
         if not self._sent_frames:
-            self.heard = self.fleet.hear(NOTHING)
+            self.heard = self.fleet.decode_frames(NOTHING)
         waits = self._wanted > 0 or exchange.waits
         self._done = not waits and not len(lead) and not len(exchange.frames)
         begin = max(now, self._busy)
@@ -250,7 +250,7 @@ class CanTransactor:
             self._frames.append(got)
             self._count += len(got)
         if self._count >= self._wanted and (len(got) or now >= self.deadline):
-            self._done = self._complete(self.exchange) and self._left(now)
+            self._done = self._complete(self.exchange) and self._is_request_sent(now)
         if len(got) and self._wanted:
             self._learn(now)
         return self._done
@@ -269,7 +269,7 @@ class CanTransactor:
             rest = max(NAP, (self._wanted - self._count) * LEAST * self._bit)
             self.earliest = min(now + rest, self.deadline)
 
-    def _left(self, now: float) -> bool:
+    def _is_request_sent(self, now: float) -> bool:
         """Our own frames are out: each answered, or there was time for them and for what was heard.
 
         Else the transaction ends when they are: what follows would find the adapter busy.
@@ -289,7 +289,7 @@ class CanTransactor:
                 return exchange
             self.spoke |= heard.count > 0
             self._judge(heard, self._surplus(exchange, heard), self.sent)
-            self._owed[self._short(exchange, heard)] = self.sent + LATE
+            self._owed[self._missing_replies(exchange, heard)] = self.sent + LATE
             if heard.count.any() or heard.answers:
                 self._silent_since, self._leaving = inf, NOTHING
         return exchange
@@ -311,7 +311,11 @@ class CanTransactor:
 
     def _decode(self) -> GroupFeedback:
         if self._looked != self._count:
-            self.heard, self._looked, self.exact = self.fleet.hear(joined(self._frames)), self._count, False
+            self.heard, self._looked, self.exact = (
+                self.fleet.decode_frames(joined(self._frames)),
+                self._count,
+                False,
+            )
         return self.heard
 
     def _complete(self, exchange: CanTransaction) -> bool:
@@ -320,7 +324,7 @@ class CanTransactor:
             return True
         if (self.asked & (heard.count < self.expect)).any():
             return False
-        if not exchange.registers <= _told(heard):
+        if not exchange.registers <= _read_addresses(heard):
             return False
         if exchange.acks is not None and (exchange.acks & ~self._spoke(heard)).any():
             return False
@@ -340,7 +344,7 @@ class CanTransactor:
         self.aside = None
         if not len(frames):
             return
-        heard = self.aside = self.fleet.hear(frames)
+        heard = self.aside = self.fleet.decode_frames(frames)
         self.spoke |= heard.count > 0
         surplus = np.where(self.fleet.replies, heard.count, 0)
         np.add.at(surplus, [each.row for each in heard.answers if not heard.count[each.row]], 1)
@@ -362,10 +366,10 @@ class CanTransactor:
             surplus[exchange.acks] = 0
         return surplus
 
-    def _short(self, exchange: CanTransaction, heard: GroupFeedback) -> Bools:
+    def _missing_replies(self, exchange: CanTransaction, heard: GroupFeedback) -> Bools:
         """Return the actuators (m,) that may still answer: incomplete ones, and those written to."""
         short: Bools = heard.count < self.expect
-        told = _told(heard)
+        told = _read_addresses(heard)
         short[[row for row, address in exchange.registers if (row, address) not in told]] = True
         return short if exchange.acks is None else short | exchange.acks
 
@@ -378,6 +382,6 @@ class CanTransactor:
         self.strays += BYTES * (foreign + late)
 
 
-def _told(heard: GroupFeedback) -> set[tuple[int, int]]:
+def _read_addresses(heard: GroupFeedback) -> set[tuple[int, int]]:
     """Row and address of what was read; the acknowledgement of a write, late perhaps, is no reading."""
     return {(each.row, each.address) for each in heard.answers if not each.written}

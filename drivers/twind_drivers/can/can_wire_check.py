@@ -23,7 +23,7 @@ class CanWireCheck:
     def judge(self, frames: Frames) -> None:
         """Raises WireClamp for the first frame that may not leave."""
         fleet = self._fleet
-        to, place = fleet.commands_to(frames), fleet.commanded(frames)
+        to, place = fleet.commanded_rows(frames), fleet.decode_commanded_position(frames)
         if self._ranges is not fleet.ranges:
             self._widen()
         if (to < 0).any():

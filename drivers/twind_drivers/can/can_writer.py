@@ -81,9 +81,9 @@ class CanWriter:
         self._limits, self._required = limits, required
         reader.channel.drive(self)
 
-    def bound(self, lower: Ints, upper: Ints) -> None:
+    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
         """Goals (m,) that may be sent from now on; pending ones are dropped. Raises ValueError."""
-        self._own.bound(lower, upper)
+        self._own.set_goal_limits(lower, upper)
 
     # --------------------------------------------------------------------------- every tick
 
@@ -125,7 +125,7 @@ class CanWriter:
         """
         return can_bringup.prepare(self._own, ticks, self._required, self._limits, among)
 
-    def aim(self, ticks: Ints) -> Script[None]:
+    def write_goals(self, ticks: Ints) -> Script[None]:
         """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireClamp."""
         own = self._own
         own.hold(ticks)
@@ -144,7 +144,7 @@ class CanWriter:
                 return
         raise NoReply(self._name, own.by_id(silent), waited, "goal")
 
-    def aimed(self) -> Script[Ints]:
+    def last_goals(self) -> Script[Ints]:
         """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
         yield from ()
         line = self._own.line
@@ -164,11 +164,11 @@ class CanWriter:
         that did not acknowledge it, or never acknowledge."""
         return can_bringup.damp(self._own, self._own.here())
 
-    def alone(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
+    def begin_single_device(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
         """Not on CAN: always raises ValueError."""
         raise ValueError(f"{self._name}: id {id}: a CAN actuator is not driven against a stop here")
 
-    def together(self) -> None:
+    def end_single_device(self) -> None:
         """They always are."""
 
     def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
@@ -183,7 +183,7 @@ class CanWriter:
             raise ValueError(f"{parameter.name} is not written here: {ELSEWHERE[parameter.name]}")
         data = encode(parameter, part(parameter, value))
         own.fleet.write(row, parameter, data)
-        yield from can_bringup.written(own, {id: data}, parameter)
+        yield from can_bringup.write_and_read_back(own, {id: data}, parameter)
         return (yield from self._reader.read(id, parameter.name))
 
     def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
@@ -194,7 +194,7 @@ class CanWriter:
         own = self._own
         row = own.fleet.row(id)
         try:
-            own.fleet.special(row, ValuelessCommand.REBOOT)
+            own.fleet.encode_valueless_command(row, ValuelessCommand.REBOOT)
         except ValueError as error:
             raise DeviceRefused(self._name, id, "restart", f"{error}: switch its power off and on") from None
         if self._reader.registers.torque[row] == 1 and not shut_down:

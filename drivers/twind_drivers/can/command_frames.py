@@ -43,12 +43,14 @@ class CanCommandEncoder:
         self._given: Ints | None = None  # the goals given last ...
         self._given_in = -1  # ... in which cycle, and those of the cycle before
         self._before: Ints | None = None
-        everybody = [[self.fleet.special(row, ValuelessCommand.DISABLE) for row in range(m)]] * 2
+        everybody = [
+            [self.fleet.encode_valueless_command(row, ValuelessCommand.DISABLE) for row in range(m)]
+        ] * 2
         self._off = joined([frame for each in everybody for frame in each])
         self.check.judge(self._off)
         self._knock()
 
-    def bound(self, lower: Ints, upper: Ints) -> None:
+    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
         """Counts (m,) that may be commanded from now on; what waits to be sent, or is repeated, is dropped.
 
         Raises ValueError as the beginning does: nothing changes.
@@ -165,7 +167,7 @@ class CanCommandEncoder:
             {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND
         )
 
-    def special(self, what: ValuelessCommand, rows: Bools) -> WriteRequest:
+    def encode_valueless_command(self, what: ValuelessCommand, rows: Bools) -> WriteRequest:
         """An order without a value to `rows` (m,)."""
         return WriteRequest({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
 
@@ -174,10 +176,10 @@ class CanCommandEncoder:
         able = rows.copy()
         for row in _places(rows):
             try:
-                self.fleet.special(row, ValuelessCommand.CLEAR)
+                self.fleet.encode_valueless_command(row, ValuelessCommand.CLEAR)
             except ValueError:
                 able[row] = False
-        return (self.special(ValuelessCommand.CLEAR, able),) if able.any() else ()
+        return (self.encode_valueless_command(ValuelessCommand.CLEAR, able),) if able.any() else ()
 
     def gains(self, rows: Bools) -> WriteRequest:
         """Gains to all of `rows` (m,) whose commands do not carry them."""
@@ -200,7 +202,7 @@ class CanCommandEncoder:
         if rows is None:
             self.line.urgent = self._off
         else:  # a cut of everybody that waits stays
-            own = self._off[rows[self.fleet.commands_to(self._off)]]
+            own = self._off[rows[self.fleet.commanded_rows(self._off)]]
             self.line.urgent = joined([self.line.urgent, own])
         self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
 

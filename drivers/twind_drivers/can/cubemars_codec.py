@@ -26,7 +26,7 @@ from twind_drivers.can.actuator_family import (
 )
 from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, frames
 from twind_drivers.can.id_lookup import NONE, checked_ids, row_of, to_one
-from twind_drivers.can.mit_frame import BITS, FieldScale, commands, special, unpack
+from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame, unpack
 
 SPECIAL = {ValuelessCommand.ENABLE: 0xFC, ValuelessCommand.DISABLE: 0xFD, ValuelessCommand.ZERO: 0xFE}
 SHORT = 6  # bytes of a reply without temperature and error
@@ -69,7 +69,7 @@ class CubeMarsCodec:
         self._blank = frames(self.ids)
         self._blank["size"] = BYTES
 
-    def question(self) -> Frames:
+    def make_position_request(self) -> Frames:
         """Return no frames: the drives report their position only in answer to a command."""
         return NOTHING
 
@@ -84,7 +84,7 @@ class CubeMarsCodec:
         """Return no frames: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """FC, FD or FE behind seven FF. Raises ValueError for REBOOT and CLEAR: no source has them."""
         if what not in SPECIAL:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK has no {what.name.lower()}")
@@ -116,7 +116,7 @@ class CubeMarsCodec:
         unsaid, unknown = np.full(len(rows), -1, np.int64), np.full(len(rows), np.nan)
         return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
 
-    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+    def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Return no answers: there are no registers."""
         return [], np.zeros(len(frames), np.bool_)
 
@@ -127,12 +127,12 @@ class CubeMarsCodec:
         """Return 1: the mode is unreadable; a drive in its servo mode does not answer at all."""
         return 1
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Every frame on an id of ours; a reply on the drive's own id looks like one."""
         return row_of(self._hears, frames["id"])
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
-        rows = self.commands_to(frames)
-        motion = (rows >= 0) & ~special(frames)
-        return self._scale.commanded(frames, rows, motion)
+        rows = self.commanded_rows(frames)
+        motion = (rows >= 0) & ~is_special_frame(frames)
+        return self._scale.decode_commanded_position(frames, rows, motion)

@@ -28,7 +28,7 @@ from twind_drivers.can.actuator_family import (
 )
 from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, Octets, frames
 from twind_drivers.can.id_lookup import NONE, Table, by_name, checked_ids, four, row_of, to_one
-from twind_drivers.can.mit_frame import BITS, FieldScale, commands, special, unpack
+from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame, unpack
 
 ASK = 0x7FF  # requests of registers
 READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
@@ -149,7 +149,7 @@ class DamiaoCodec:
         self._scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
         self.ranges = ranges
 
-    def question(self) -> Frames:
+    def make_position_request(self) -> Frames:
         """Return frames that request one feedback frame of each (CC)."""
         return self._question
 
@@ -164,7 +164,7 @@ class DamiaoCodec:
         """Return no frames: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """FC, FD, FE or FB behind seven FF. Raises ValueError for REBOOT: it has none."""
         if what not in SPECIAL:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a Damiao actuator has no {what.name.lower()}")
@@ -181,7 +181,7 @@ class DamiaoCodec:
     def _header(self, row: int, order: int, parameter: FamilyRegister) -> bytes:
         return bytes([self.ids[row] & 0xFF, self.ids[row] >> 8, order, parameter.address])
 
-    def _of(self, received: Frames) -> tuple[Ints, Bools, Octets]:
+    def _match_rows(self, received: Frames) -> tuple[Ints, Bools, Octets]:
         """Row that each frame may be of, whether it is of it, and the payloads (j, 8)."""
         data: Octets = received["data"]
         places, voices = self._voice
@@ -190,7 +190,7 @@ class DamiaoCodec:
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode frames on a master id that are no register traffic (id high byte, order, register)."""
-        rows, ours, data = self._of(frames)
+        rows, ours, data = self._match_rows(frames)
         told = ours & ~(_HIGH.take(data[:, 1]) & _ORDER.take(data[:, 2]) & _REGISTER.take(data[:, 3]))
         if not told.all():
             rows, data = rows[told], data[told]
@@ -200,9 +200,9 @@ class DamiaoCodec:
         unknown = np.full(len(rows), np.nan)
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told
 
-    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+    def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Decode register answers on a master id: sender in full, 33 (read) or 55 (written), register."""
-        rows, found, data = self._of(frames)
+        rows, found, data = self._match_rows(frames)
         found &= ((data[:, 2] == READ) | (data[:, 2] == WRITE)) & _REGISTER.take(data[:, 3])
         found &= (data[:, 0] == self._ids.take(rows)) & (data[:, 1] == 0)  # ids end at FF
         answers = []
@@ -228,7 +228,7 @@ class DamiaoCodec:
         """Register 10: 1 MIT, 2 position-velocity, 3 velocity, 4 position-force; 0: it was not read."""
         return int(values.get("mode", 0))
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Frames on an id or on one of its other modes, and on 7FF all but read and refresh."""
         rows = row_of(self._hears, frames["id"])
         for place in np.flatnonzero(frames["id"] == ASK):
@@ -237,8 +237,8 @@ class DamiaoCodec:
                 rows[place] = self.ids.index(low | high << 8)
         return rows
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
         rows = row_of(self._hears, frames["id"])
-        motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~special(frames)
-        return self._scale.commanded(frames, rows, motion)
+        motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~is_special_frame(frames)
+        return self._scale.decode_commanded_position(frames, rows, motion)

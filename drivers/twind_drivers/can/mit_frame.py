@@ -63,7 +63,7 @@ def commands(scale: "FieldScale", fields: Words) -> Octets:
     return octets
 
 
-def special(frames: Frames) -> Bools:
+def is_special_frame(frames: Frames) -> Bools:
     """Which of these on a motor's id are no motion command: seven FF and F0 or above, or not 8 bytes."""
     words = np.ascontiguousarray(frames["data"]).view(">u8")[:, 0]
     orders: Bools = (words >= _SPECIAL) | (frames["size"] != BYTES)
@@ -127,7 +127,7 @@ class FieldScale:
         values += self._base.take(rows, axis=1)
         return values
 
-    def commanded(self, frames: Frames, rows: Ints, motion: Bools) -> Floats:
+    def decode_commanded_position(self, frames: Frames, rows: Ints, motion: Bools) -> Floats:
         """Position (j,) in rad that frames (j,) to `rows` command; NaN where it is no `motion` command."""
         if motion.all():
             return self.position(frames["data"], rows)

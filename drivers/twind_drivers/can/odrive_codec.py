@@ -131,7 +131,7 @@ class ODriveCodec:
         self._nodes = np.array(self.ids, np.uint32) << np.uint32(5)
         self._question = frames(self._nodes | np.uint32(ESTIMATES | REMOTE))
 
-    def question(self) -> Frames:
+    def make_position_request(self) -> Frames:
         """Return frames that request the encoder estimates of each (09), by a remote frame."""
         return self._question
 
@@ -172,7 +172,7 @@ class ODriveCodec:
         inner["data"][:, :4] = (values[3] * TURN).astype("<f4").view(np.uint8).reshape(-1, 4)
         return np.concatenate((modes, outer, inner))
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """Closed loop or idle (07), clear errors (18), encoder count 0 (19), reboot (16)."""
         command, data = ORDERS[what]
         return to_one(self.ids[row] << 5 | command, data)
@@ -189,7 +189,7 @@ class ODriveCodec:
             f"{self.port}: node {self.ids[row]}: {parameter.name} cannot be written over CANSimple"
         )
 
-    def _of(self, received: Frames) -> tuple[Ints, Ints, Octets]:
+    def _match_rows(self, received: Frames) -> tuple[Ints, Ints, Octets]:
         """Row of each data frame of 8 bytes, else -1; commands; payloads (j, 8)."""
         came = received["id"]
         rows = row_of(self._rows, came >> np.uint32(5))
@@ -198,7 +198,7 @@ class ODriveCodec:
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode estimates (09: position), heartbeats (01: torque and faults) and supply (17: voltage)."""
-        rows, command, data = self._of(frames)
+        rows, command, data = self._match_rows(frames)
         told = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
         if not told.all():
             rows, command, data = rows[told], command[told], data[told]
@@ -213,9 +213,9 @@ class ODriveCodec:
             found.enabled[at], found.fault[at] = _beat(data[at].tobytes(), bool(self._later[rows[at]]))
         return found, told
 
-    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+    def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Decode frames with errors, currents and supply; both halves of those with two values."""
-        rows, command, data = self._of(frames)
+        rows, command, data = self._match_rows(frames)
         found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
         for at in np.flatnonzero(found):
@@ -232,7 +232,7 @@ class ODriveCodec:
         """Return 1: the mode is unreadable; `gains` sets it."""
         return 1
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Every frame on a node of ours, remote ones too, but those that only tell or ask.
 
         Command 04 counts only with data and on later boards, where it writes.
@@ -244,9 +244,9 @@ class ODriveCodec:
         idle = _TELLING.take(command) | ((command == ENCODER_ERROR) & ~writes)
         return np.where(idle, NONE, rows)
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position of each 0C on a node of ours, rad. NaN: another frame."""
-        rows, command, data = self._of(frames)
+        rows, command, data = self._match_rows(frames)
         motion = (rows >= 0) & (command == INPUT)
         position = np.full(len(frames), np.nan)
         position[motion] = _readings(data[motion])[:, 0] * TURN

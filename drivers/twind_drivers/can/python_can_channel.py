@@ -72,7 +72,7 @@ class PythonCanChannel:
             quiet.addHandler(logging.NullHandler())
         self._sign = CanInterfaceLock(channel) if interface == "socketcan" else None
         try:
-            self._bus: can.BusABC | None = self._opened()
+            self._bus: can.BusABC | None = self._open_bus()
         except PortError:
             self._disown()
             raise
@@ -110,11 +110,11 @@ class PythonCanChannel:
             try:
                 bus.send(message, timeout=0)
             except FAILURES as error:
-                if not _full(error):
-                    raise self._lost("send", error) from error
+                if not _is_queue_full(error):
+                    raise self._make_lost_error("send", error) from error
                 self._refuse(taken, len(messages), now)
         if messages:
-            self._standing.stall.taken()
+            self._standing.stall.record_acceptance()
             self._standing.settle()
 
     def receive(self, now: float) -> Frames:
@@ -129,10 +129,10 @@ class PythonCanChannel:
                 self._take(message, records)
                 message = None
         except FAILURES as error:
-            raise self._lost("receive", error) from error
+            raise self._make_lost_error("receive", error) from error
         if records:
             self._heard, self._doubtful = now, False
-            self._standing.stall.heard(now)
+            self._standing.stall.record_reception(now)
         self._standing.settle()
         return np.frombuffer(b"".join(records), FRAME) if records else NOTHING
 
@@ -149,7 +149,7 @@ class PythonCanChannel:
         self._shut(empties=self._now - self._restarted >= DEAD)
         self._standing.stall.emptied()
         try:
-            self._bus = self._opened()
+            self._bus = self._open_bus()
         except PortError as error:
             raise PortError(self.name, error.reason, lost=True) from error
 
@@ -161,7 +161,7 @@ class PythonCanChannel:
 
     # ------------------------------------------------------------------------------- inside
 
-    def _opened(self) -> can.BusABC:
+    def _open_bus(self) -> can.BusABC:
         try:
             return can.Bus(self.channel, interface=self.interface, bitrate=self.bitrate, ignore_config=True)
         except NotImplementedError as error:
@@ -171,7 +171,7 @@ class PythonCanChannel:
             )
             raise PortError(self.name, reason) from error
         except FAILURES as error:
-            raise PortError(self.name, _why(self.interface, self.channel, error)) from error
+            raise PortError(self.name, _explain_open_failure(self.interface, self.channel, error)) from error
 
     def _disown(self) -> None:
         if self._sign is not None:
@@ -182,7 +182,7 @@ class PythonCanChannel:
         if bus is not None:
             with suppress(FAILURES):  # an unplugged adapter raises here too
                 bus.shutdown()
-        waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.waiting)
+        waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.is_blocked)
         if waits and empties and self._owner() is not None:
             self._warn(restart(self.channel) or long_queue(self.channel))
             self._restarted, self._doubtful = self._now, False
@@ -202,8 +202,8 @@ class PythonCanChannel:
         self.condition.refused += count - taken
         stall = self._standing.stall
         if taken:
-            stall.taken()
-        waited = stall.refused(now)
+            stall.record_acceptance()
+        waited = stall.record_refusal(now)
         self._standing.settle()
         if waited < DEAD:
             raise QueueFull(self.name, taken, count)
@@ -217,7 +217,7 @@ class PythonCanChannel:
             self.condition.errors += 1
             line = _line(message.arbitration_id, bytes(message.data))
             if line is not None:
-                self._standing.told(line)
+                self._standing.record_status(line)
             return
         remote = message.is_remote_frame
         size, data = message.dlc, b"" if remote else bytes(message.data)
@@ -229,7 +229,7 @@ class PythonCanChannel:
         flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if remote else 0)
         records.append(RECORD.pack(message.arbitration_id | flags, size, data))
 
-    def _lost(self, what: str, error: Exception) -> PortError:
+    def _make_lost_error(self, what: str, error: Exception) -> PortError:
         number = _number(error)
         hint = " (interface down, or adapter unplugged?)" if number in GONE else ""
         return PortError(self.name, f"{what} failed: {error}{hint}", lost=True)
@@ -276,12 +276,12 @@ def _number(error: BaseException) -> int | None:
     return error.errno if isinstance(error, OSError) else None
 
 
-def _full(error: Exception) -> bool:
+def _is_queue_full(error: Exception) -> bool:
     number = _number(error)
     return number in FULL or (number is None and any(words in str(error).lower() for words in FULL_WORDS))
 
 
-def _why(interface: str, channel: str, error: Exception) -> str:
+def _explain_open_failure(interface: str, channel: str, error: Exception) -> str:
     """Describe the reason why a bus does not open, and the remedy."""
     number = _number(error)
     if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):

@@ -58,7 +58,7 @@ def encode(parameter: FamilyRegister, value: float) -> bytes:
 
 def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
     """A register by its name, in any spelling, or by its address. Raises UnknownRegister."""
-    family, _ = fleet.of(row)
+    family, _ = fleet.family_of_row(row)
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     found = family.parameters.get(key)
     if found is None and key[:1].isdigit():
@@ -79,7 +79,7 @@ def state(enabled: int, fault: int) -> bytes:
     return bytes((enabled & 0xFF, max(fault, 0), fault >= 0))
 
 
-def whole(parameter: FamilyRegister, value: float) -> int:
+def encode_register_value(parameter: FamilyRegister, value: float) -> int:
     """The number that stands for a register's value: a float in thousandths. ValueError for NaN, infinity."""
     if not math.isfinite(value):
         raise ValueError(f"{parameter.name} reads {value}")
@@ -112,7 +112,7 @@ def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
     asked: list[Frames] = []
     wanted: set[tuple[int, int]] = set()
     for row in np.flatnonzero(rows_of(fleet, query)).tolist():
-        family, _ = fleet.of(row)
+        family, _ = fleet.family_of_row(row)
         found = by_address(family.parameters, query.address)
         if found is None:
             continue
@@ -133,11 +133,11 @@ def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
         if isinstance(order, BurstWriteRequest)
         else ()
     )
-    made = [_written(fleet, each) for each in writes]
+    made = [_encode_write(fleet, each) for each in writes]
     if isinstance(order, RebootRequest):
-        made = [fleet.special(fleet.row(order.id), ValuelessCommand.REBOOT)]
+        made = [fleet.encode_valueless_command(fleet.row(order.id), ValuelessCommand.REBOOT)]
     frames = joined(made)
-    to = fleet.commands_to(frames)
+    to = fleet.commanded_rows(frames)
     count = np.bincount(to[to >= 0], minlength=len(fleet))
     plain = all(each.address < SPECIALS for each in writes) and not isinstance(order, RebootRequest)
     acks = (count > 0) & fleet.replies
@@ -149,7 +149,7 @@ def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
     )
 
 
-def _written(fleet: ActuatorGroup, write: WriteRequest) -> Frames:
+def _encode_write(fleet: ActuatorGroup, write: WriteRequest) -> Frames:
     rows = {fleet.row(id): data for id, data in write.data.items()}
     chosen = np.zeros(len(fleet), np.bool_)
     chosen[list(rows)] = True
@@ -159,10 +159,10 @@ def _written(fleet: ActuatorGroup, write: WriteRequest) -> Frames:
         kp, kd = _values(fleet, rows, 2)
         return fleet.gains(kp, kd, chosen) if rows else NOTHING
     if write.address in SPECIAL:
-        return joined([fleet.special(row, SPECIAL[write.address]) for row in rows])
+        return joined([fleet.encode_valueless_command(row, SPECIAL[write.address]) for row in rows])
     made = []
     for row, data in rows.items():
-        family, _ = fleet.of(row)
+        family, _ = fleet.family_of_row(row)
         found = by_address(family.parameters, write.address)
         if found is None:
             raise ValueError(f"{fleet.name}: id {fleet.ids[row]} has no register {write.address:#x}")

@@ -133,7 +133,7 @@ class RobStrideCodec:
     def _to(self, row: int, kind: int, data: bytes) -> Frames:
         return to_one(EXTENDED | kind << 24 | self.host << 8 | self.ids[row], data)
 
-    def question(self) -> Frames:
+    def make_position_request(self) -> Frames:
         """Reads the position of each, then the velocity of each."""
         return self._question
 
@@ -149,7 +149,7 @@ class RobStrideCodec:
         """Return no frames: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: ValuelessCommand) -> Frames:
+    def encode_valueless_command(self, row: int, what: ValuelessCommand) -> Frames:
         """Enable (3), stop (4; D0 = 1 clears faults) or zero (6). Raises ValueError for REBOOT."""
         if what not in ORDERS:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a RobStride has no {what.name.lower()}")
@@ -167,7 +167,7 @@ class RobStrideCodec:
         value = four(self.port, parameter, data)
         return self._to(row, SET, parameter.address.to_bytes(2, "little") + bytes(2) + value)
 
-    def _of(self, received: Frames) -> tuple[Ints, Ints, Ints, Octets]:
+    def _match_rows(self, received: Frames) -> tuple[Ints, Ints, Ints, Octets]:
         """Row of the motor that sent each frame of 8 bytes to us, else -1; id, type, payloads (j, 8)."""
         came = received["id"].astype(np.int64)
         rows = self._rows.take(came >> 8 & 0xFF)
@@ -176,10 +176,10 @@ class RobStrideCodec:
 
     def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Decode feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
-        rows, came, kind, data = self._of(frames)
+        rows, came, kind, data = self._match_rows(frames)
         whole = (rows >= 0) & (kind == TOLD)
         if whole.all():
-            return self._whole(rows, came, data), whole
+            return self._decode_feedback(rows, came, data), whole
         index = data[:, 0] + data[:, 1].astype(np.int64) * 256
         sound = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
         place, speed = sound & (index == POSITION.address), sound & (index == VELOCITY.address)
@@ -189,7 +189,7 @@ class RobStrideCodec:
         found.position[place[told]] = _readings(data[place])
         found.velocity[speed[told]] = _readings(data[speed])
         if whole.any():
-            into, at = whole[told], self._whole(rows[whole], came[whole], data[whole])
+            into, at = whole[told], self._decode_feedback(rows[whole], came[whole], data[whole])
             for name in ("position", "velocity", "effort", "enabled", "fault", "temperature"):
                 getattr(found, name)[into] = getattr(at, name)
         if faults.any():
@@ -197,7 +197,7 @@ class RobStrideCodec:
             found.fault[faults[told]] = [_reported(report) for report in reports]
         return found, told
 
-    def _whole(self, rows: Ints, came: Ints, data: Octets) -> ActuatorFeedback:
+    def _decode_feedback(self, rows: Ints, came: Ints, data: Octets) -> ActuatorFeedback:
         """Decode feedback frames (2)."""
         fields = np.ascontiguousarray(data).view(">u2").T.astype(np.float64)
         position, velocity, effort = self._scale.values(fields[:3], rows)
@@ -207,9 +207,9 @@ class RobStrideCodec:
         enabled, fault = _ENABLED.take(state), _FAULT.take(state)
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
-    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
+    def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Decode values read (17) without an error flag, and processors' numbers (0). Never a write."""
-        rows, came, kind, data = self._of(frames)
+        rows, came, kind, data = self._match_rows(frames)
         found = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
         born = kind == GET_ID
         if born.any():
@@ -236,16 +236,16 @@ class RobStrideCodec:
         mode = int(values["run_mode"])
         return 1 if mode == 0 else ELSEWISE + mode
 
-    def commands_to(self, frames: Frames) -> Ints:
+    def commanded_rows(self, frames: Frames) -> Ints:
         """Every 29-bit frame to an id of ours, but requests of ids and parameters."""
         came = frames["id"].astype(np.int64)
         rows = self._rows.take(came & 0xFF)
         idle = (came & EXTENDED == 0) | _HARMLESS.take(came >> 24 & 0x1F)
         return np.where(idle, NONE, rows)
 
-    def commanded(self, frames: Frames) -> Floats:
+    def decode_commanded_position(self, frames: Frames) -> Floats:
         """Position of each motion frame (1) to an id of ours, rad. NaN: another frame."""
-        rows = self.commands_to(frames)
+        rows = self.commanded_rows(frames)
         motion = (rows >= 0) & (frames["id"] >> 24 & 0x1F == MOTION) & (frames["size"] == BYTES)
         position = np.full(len(frames), np.nan)
         position[motion] = self._scale.position(frames["data"][motion], rows[motion])

@@ -96,12 +96,12 @@ class SlcanChannel:
             self._transport.write(lines)
             self._flushed = False
         except OutputQueueFull:
-            self._full(now, len(frames))
+            self._on_port_full(now, len(frames))
             raise
         except PortError as error:
             if error.lost:
                 raise
-            self._full(now, len(frames))
+            self._on_port_full(now, len(frames))
             raise OutputQueueFull(self.name, len(lines), len(lines)) from error
 
     def receive(self, now: float) -> Frames:
@@ -145,12 +145,12 @@ class SlcanChannel:
         if waiting > self._last:
             raise OutputQueueFull(self.name, waiting, self._last)
         if not waiting and not self._flushed:
-            self._port.taken()
+            self._port.record_acceptance()
 
-    def _full(self, now: float, count: int) -> None:
+    def _on_port_full(self, now: float, count: int) -> None:
         """The port was full. Raises PortError when it has been for a second."""
         self.condition.refused += count
-        waited = self._port.refused(now)
+        waited = self._port.record_refusal(now)
         self.purge()
         if waited >= DEAD:
             raise dead(self.name, waited)
@@ -180,12 +180,12 @@ class SlcanChannel:
             return NOTHING
         found = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if not self._transport.holds:
-            self._port.taken()  # who speaks does not hang; nothing better is known
+            self._port.record_acceptance()  # who speaks does not hang; nothing better is known
         self.condition.errors += lines.errors - errors
         if lines.acknowledged > acknowledged:
-            self._standing.stall.taken()
+            self._standing.stall.record_acceptance()
         if len(found):
-            self._standing.stall.heard(now)
+            self._standing.stall.record_reception(now)
         if lines.refused > before and now >= self._answering:
             self._refuse(lines.refused - before, now)
         if lines.flags >= 0:
@@ -200,7 +200,7 @@ class SlcanChannel:
         """
         self.condition.refused += count
         stall = self._standing.stall
-        waited = stall.refused(now)
+        waited = stall.record_refusal(now)
         if stall.blocked and waited >= DEAD:
             self.purge()
             self._standing.settle()
@@ -209,7 +209,7 @@ class SlcanChannel:
     def _flags(self, flags: int) -> None:
         self._lines.flags, self._knows = -1, True
         self.condition.errors += bool(flags & BUS_ERROR)
-        self._standing.told(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
+        self._standing.record_status(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
 
     def _converse(self, now: float) -> None:
         """Reopen an adapter that has never sent a byte; request its flags where it reports them."""

@@ -118,7 +118,7 @@ class SlcanDecoder:
         self._lost = False  # it was too long: what comes up to the next end belongs to it
 
     @property
-    def held(self) -> int:
+    def pending_size(self) -> int:
         """Bytes kept for the next call."""
         return len(self._rest)
 

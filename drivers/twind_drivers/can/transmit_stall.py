@@ -36,11 +36,11 @@ class TransmitStall:
         self.blocked = False  # refused so long, and nobody heard, that the line counts as off
 
     @property
-    def waiting(self) -> bool:
+    def is_blocked(self) -> bool:
         """Something was refused, and nothing has been taken since."""
         return self._last > -inf
 
-    def refused(self, now: float) -> float:
+    def record_refusal(self, now: float) -> float:
         """Something was not taken. How long (s) nothing has been; a refusal a second ago is another story."""
         if now - self._last > DEAD:
             self._since = now
@@ -52,14 +52,14 @@ class TransmitStall:
         """The queue was thrown away: until somebody is heard, what it takes has not left."""
         self._emptied = True
 
-    def taken(self) -> None:
+    def record_acceptance(self) -> None:
         """The queue took something, so something had left it, unless it was emptied."""
         if self._emptied:
             return
         self._since = self._last = -inf
         self.blocked = False
 
-    def heard(self, now: float) -> None:
+    def record_reception(self, now: float) -> None:
         """Somebody spoke on the wire: there is one who acknowledges."""
         self._heard = now
         self._emptied = self.blocked = False
@@ -72,7 +72,7 @@ class ChannelStatusTracker:
         self.condition, self.stall = condition, TransmitStall()
         self._told = CanErrorState.ACTIVE
 
-    def told(self, line: CanErrorState) -> None:
+    def record_status(self, line: CanErrorState) -> None:
         """By an error frame, or by the adapter's flags."""
         self._told = line
         self.settle()

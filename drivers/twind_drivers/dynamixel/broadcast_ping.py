@@ -55,7 +55,7 @@ class BroadcastPingReply:
         self._framer.clear()
         self._framer.discarded = 0
 
-    def room(self) -> memoryview:
+    def receive_buffer(self) -> memoryview:
         """Return the buffer for the next bytes: always the same, so that a noisy line does not grow it."""
         return self._buffer
 

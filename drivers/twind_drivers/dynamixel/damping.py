@@ -24,7 +24,7 @@ def damp(
     `pwm`: PWM limit by id, counts.
     """
     moving = [servo for servo in servos if not servo.mode.rests_at_zero]
-    caps = rows(moving, lambda servo: (servo.at(servo.capped_by), cap_of(servo, pwm)))
+    caps = rows(moving, lambda servo: (servo.register_span(servo.capped_by), cap_of(servo, pwm)))
     gains = rows(moving, lambda servo: (servo.layout.gains, soft(servo)))
     if moving:
         yield BurstWriteRequest((*writes(caps), *writes(gains)))

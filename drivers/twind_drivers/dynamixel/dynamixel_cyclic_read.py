@@ -141,10 +141,14 @@ class DynamixelCyclicRead:
         position, velocity = self._position.astype(np.int64), self._velocity.astype(np.int64)
         effort, error, heard = self._effort.astype(np.int64), reply.error, reply.heard.copy()
         if not self._all:
-            position, velocity, effort = self._spread(position), self._spread(velocity), self._spread(effort)
-            error, heard = self._spread(error), self._spread(heard)
+            position, velocity, effort = (
+                self._scatter_to_devices(position),
+                self._scatter_to_devices(velocity),
+                self._scatter_to_devices(effort),
+            )
+            error, heard = self._scatter_to_devices(error), self._scatter_to_devices(heard)
         if self.trouble or not reply.whole:
-            answered = reply.answered if self._all else self._spread(reply.answered)
+            answered = reply.answered if self._all else self._scatter_to_devices(reply.answered)
             heard = heard & self._prove(answered, line.strays)
             self._judge(asked, answered, now)
         foreign, line.foreign = line.foreign, 0
@@ -189,7 +193,7 @@ class DynamixelCyclicRead:
         reply, could = asked.reply, self.attendance.asked
         if reply.whole:
             if not np.count_nonzero(could & ~self.proven):
-                self.attendance.whole()
+                self.attendance.record_complete_reply()
                 self._calm -= 1
                 self.trouble = self._calm > 0
             return
@@ -204,10 +208,10 @@ class DynamixelCyclicRead:
             first = np.flatnonzero(could & ~answered)[:1]
             could = answered.copy()
             could[first] = True
-        if self.attendance.missed(answered, could, now):
+        if self.attendance.record_missing_reply(answered, could, now):
             self.rebuild()
 
-    def _spread(self, part: NDArray[T]) -> NDArray[T]:
+    def _scatter_to_devices(self, part: NDArray[T]) -> NDArray[T]:
         """Expand values of the devices in the request to (m,), with zero for the parked ones."""
         full = np.zeros(len(self.ids), part.dtype)
         full[self._places] = part

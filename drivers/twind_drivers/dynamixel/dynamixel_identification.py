@@ -57,7 +57,7 @@ def supports_fast(stem: str, firmware: int) -> bool:
     return least is not None and firmware >= least
 
 
-def known(number: int, firmware: int) -> ControlTable | None:
+def find_table(number: int, firmware: int) -> ControlTable | None:
     """Return the table of a model; None where the vendor's files have none."""
     try:
         return table(number, firmware)
@@ -97,7 +97,7 @@ def identify(
 
 def _device(id: int, number: int, firmware: int) -> tuple[IdentifiedDevice, ControlTable | None]:
     """A device without its settings, and its table, where the vendor's files have one."""
-    found = known(number, firmware)
+    found = find_table(number, firmware)
     return IdentifiedDevice(id, number, found.model if found else None, firmware), found
 
 

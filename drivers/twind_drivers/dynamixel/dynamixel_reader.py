@@ -189,14 +189,14 @@ class DynamixelReader:
 
     def _fold(self, query: ReadRequest, reply: PendingReply) -> None:
         if reply.whole and not self.cyclic.trouble:
-            self.slow.fold(query, reply.ids, reply.data, self.line.received)
+            self.slow.update_from_replies(query, reply.ids, reply.data, self.line.received)
             return
         sound = reply.heard.copy()
         if self.cyclic.trouble:
             late = {id for id, ok in zip(self.ids, self.cyclic.proven.tolist(), strict=True) if not ok}
             sound &= [id not in late for id in reply.ids]
         ids = tuple(id for id, ok in zip(reply.ids, sound.tolist(), strict=True) if ok)
-        self.slow.fold(query, ids, reply.data[sound], self.line.received)
+        self.slow.update_from_replies(query, ids, reply.data[sound], self.line.received)
 
     def upkeep(self, now: float) -> Query:
         """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`).

@@ -111,7 +111,9 @@ class DynamixelSlowRegisters:
             self._turn = (self._turn + 1) % len(self._health)
         return query
 
-    def fold(self, query: ReadRequest, ids: Sequence[int], data: NDArray[np.uint8], time: float) -> None:
+    def update_from_replies(
+        self, query: ReadRequest, ids: Sequence[int], data: NDArray[np.uint8], time: float
+    ) -> None:
         """Keep what the answers of `ids` (k) to `query`, `data` (k, size), say of these registers."""
         if query is self._open and len(ids) == len(query.ids):
             self._open = None

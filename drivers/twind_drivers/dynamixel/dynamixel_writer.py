@@ -92,14 +92,14 @@ class DynamixelWriter:
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
         self._led: tuple[ServoCommandState, ...] = self._servos  # who gets goals ...
         self._places: Ints | None = None  # ... and their places; None: all
-        self.bound(lower, upper)
+        self.set_goal_limits(lower, upper)
         self._pwm = {
             one.id: one.most_pwm for one in self._servos
         }  # their limits, once `prepare` has read them
         torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
         self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
 
-    def bound(self, lower: Ints, upper: Ints) -> None:
+    def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
         """Goals (m,) that may be sent from now on; pending ones are dropped. Speeds and currents other than 0
         only once `prepare` has read their limits. Raises ValueError as the beginning does: nothing changes.
         """
@@ -197,15 +197,17 @@ class DynamixelWriter:
         goal = [row for row in goals if row[0] in ids]
         yield from self._require_modes(servos)
         capped = _in(CURRENT_BASED, servos)
-        caps = rows(capped, lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
+        caps = rows(
+            capped, lambda servo: (servo.register_span("goal_current"), _encode_uint16(servo.cap or 0))
+        )
         off, on = (
             rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
             for data in (b"\0", self._watchdog)
         )
         yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
-        yield from self._same("bus watchdog", on)
+        yield from self._verify_readback("bus watchdog", on)
         yield from self._settle(servos, goal)
-        yield from self._same("goal current, the cap of mode 5", caps)
+        yield from self._verify_readback("goal current, the cap of mode 5", caps)
         yield from self._restore_output(servos)
 
     def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
@@ -216,45 +218,54 @@ class DynamixelWriter:
         shaped = [servo for servo in servos if servo.acceleration is not None]
         ramps = rows(
             shaped,
-            lambda servo: (servo.at("profile_acceleration"), (servo.acceleration or 0).to_bytes(4, "little")),
+            lambda servo: (
+                servo.register_span("profile_acceleration"),
+                (servo.acceleration or 0).to_bytes(4, "little"),
+            ),
         )
         if orders := writes(gains) + writes(profile) + writes(ramps):
             yield BurstWriteRequest(orders)
-        yield from self._same("position gains", gains)
+        yield from self._verify_readback("position gains", gains)
         held = {id: data for id, _, data in goal}
         motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
-        yield from self._same("profile and goal position", motion)
-        yield from self._same("profile acceleration", ramps)
+        yield from self._verify_readback("profile and goal position", motion)
+        yield from self._verify_readback("profile acceleration", ramps)
         moved = {servo.id for servo in moving}
         yield from self._goals_are([row for row in goal if row[0] not in moved])
 
     def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
-        self._pwm |= yield from self._words(free, lambda servo: servo.at("pwm_limit"))
-        pwm = rows(free, lambda servo: (servo.at("goal_pwm"), _short(self._pwm[servo.id])))
+        self._pwm |= yield from self._words(free, lambda servo: servo.register_span("pwm_limit"))
+        pwm = rows(free, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(self._pwm[servo.id])))
         if pwm:
             yield BurstWriteRequest(writes(pwm))
-        yield from self._same("goal PWM", pwm)
+        yield from self._verify_readback("goal PWM", pwm)
 
     def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """The modes are those of this writer; from now on limit registers bound speeds and currents."""
-        modes = rows(servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
-        yield from self._same("operating mode", modes, "needs")
+        modes = rows(
+            servos, lambda servo: (servo.register_span("operating_mode"), bytes((servo.mode.number,)))
+        )
+        yield from self._verify_readback("operating mode", modes, "needs")
         bounded = [servo for servo in servos if servo.mode.limit is not None]
-        self._fence((yield from self._words(bounded, lambda servo: servo.at(servo.mode.limit or ""))))
+        self._fence(
+            (yield from self._words(bounded, lambda servo: servo.register_span(servo.mode.limit or "")))
+        )
         capped = _in(CURRENT_BASED, servos)
-        most = yield from self._words(capped, lambda servo: servo.at("pwm_limit"))
-        pwm = rows(capped, lambda servo: (servo.at("goal_pwm"), _short(most[servo.id])))
-        yield from self._same("goal PWM, at its limit", pwm, "needs")  # else it caps the force too, unseen
+        most = yield from self._words(capped, lambda servo: servo.register_span("pwm_limit"))
+        pwm = rows(capped, lambda servo: (servo.register_span("goal_pwm"), _encode_uint16(most[servo.id])))
+        yield from self._verify_readback(
+            "goal PWM, at its limit", pwm, "needs"
+        )  # else it caps the force too, unseen
 
-    def aim(self, ticks: Ints) -> Script[None]:
+    def write_goals(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
         goal = self._goal_rows(ticks)
         yield BurstWriteRequest(writes(goal))
         yield from self._goals_are(goal)
 
-    def aimed(self) -> Script[Ints]:
+    def read_goals(self) -> Script[Ints]:
         """The goals (m,) that the devices hold now, each in its own unit. Raises NoReply."""
         found = yield from self._words(self._servos, lambda servo: servo.goal)
         return np.array([found[id] for id in self._ids], np.int64)
@@ -270,13 +281,13 @@ class DynamixelWriter:
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
         self._reader.registers.torque[:] = -1  # what was read before says nothing of it any more
         yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
-        yield from self._same("torque enable", wanted)
+        yield from self._verify_readback("torque enable", wanted)
 
     def damp(self) -> Script[tuple[int, ...]]:
         """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
         return damping.damp(self._reader, self._servos, self._pwm)
 
-    def alone(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
+    def begin_single_device(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
         """Drive one device alone with little current; until `together` the others receive only torque off.
 
         `cap`: raw current; `profile`: raw velocity. Raises ValueError: the device cannot be driven so.
@@ -288,7 +299,7 @@ class DynamixelWriter:
         self.clear()
         return self._alone
 
-    def together(self) -> None:
+    def end_single_device(self) -> None:
         """Drive all devices again, as before `alone`."""
         self._alone = None
         self.clear()
@@ -365,9 +376,11 @@ class DynamixelWriter:
         """Check each kind of goal by its name."""
         for name in dict.fromkeys(servo.mode.goal for servo in self._servos):
             own = {servo.id for servo in self._servos if servo.mode.goal == name}
-            yield from self._same(name.replace("_", " "), [row for row in wanted if row[0] in own], verb)
+            yield from self._verify_readback(
+                name.replace("_", " "), [row for row in wanted if row[0] in own], verb
+            )
 
-    def _same(self, what: str, wanted: Rows, verb: str = "wrote") -> Script[None]:
+    def _verify_readback(self, what: str, wanted: Rows, verb: str = "wrote") -> Script[None]:
         for where, own in groups(wanted).items():
             found = yield from self._reader.collect(tuple(own), where.address, where.size)
             for id, data in own.items():
@@ -382,5 +395,5 @@ def _in(mode: int, servos: Iterable[ServoCommandState]) -> list[ServoCommandStat
     return [servo for servo in servos if servo.mode.number == mode]
 
 
-def _short(value: int) -> bytes:
+def _encode_uint16(value: int) -> bytes:
     return value.to_bytes(2, "little", signed=True)

@@ -130,7 +130,7 @@ class HalfDuplexTransactor:
             return True
         if self.echo and not self._past_echo(reply):
             return self._done
-        count = self.transport.read_into(reply.room())
+        count = self.transport.read_into(reply.receive_buffer())
         if count:
             self.received = now
             self._done = reply.take(count)
@@ -197,7 +197,7 @@ class HalfDuplexTransactor:
             self._echoed += part[:count]
             if not sent.startswith(self._echoed):
                 self.echo = False
-                reply.room()[: len(self._echoed)] = self._echoed
+                reply.receive_buffer()[: len(self._echoed)] = self._echoed
                 self._done = reply.take(len(self._echoed))
                 return False
             return count == left

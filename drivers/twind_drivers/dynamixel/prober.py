@@ -40,7 +40,7 @@ class ProbeWindow:
     def start(self) -> None:
         """Do nothing: each window is used once."""
 
-    def room(self) -> memoryview:
+    def receive_buffer(self) -> memoryview:
         """Where the next bytes go."""
         return self._buffer
 

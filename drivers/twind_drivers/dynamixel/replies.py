@@ -44,7 +44,7 @@ class PendingReply(Protocol):
     def start(self) -> None:
         """Forget the last one."""
 
-    def room(self) -> memoryview:
+    def receive_buffer(self) -> memoryview:
         """Where the next bytes go; never empty before it is done."""
 
     def take(self, count: int) -> bool:
@@ -54,7 +54,7 @@ class PendingReply(Protocol):
         """No more bytes: settle what was heard."""
 
 
-def _fits(ids: Sequence[int], expected: int) -> None:
+def _check_ids(ids: Sequence[int], expected: int) -> None:
     if expected > CAPACITY:
         raise ValueError(
             f"a reply of {len(ids)} devices would be {expected} bytes, more than {CAPACITY}: ask fewer"
@@ -89,7 +89,7 @@ class StatusReply:
         """Raises ValueError when the reply would not fit the buffer."""
         stride = STATUS_OVERHEAD + size
         self.ids, self.size, self.expected = tuple(ids), size, len(ids) * stride
-        _fits(ids, self.expected)
+        _check_ids(ids, self.expected)
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
         self._rows = np.frombuffer(self._bytes, np.uint8, self.expected).reshape(len(ids), stride)
@@ -117,7 +117,7 @@ class StatusReply:
         if self.unasked:
             self.unasked = ()
 
-    def room(self) -> memoryview:
+    def receive_buffer(self) -> memoryview:
         """Where the next bytes go."""
         return self._view if self._framing else self._view[self._got :]
 
@@ -128,7 +128,7 @@ class StatusReply:
         self._got += count
         if self._got < self.expected:
             return False
-        return self._whole() or self._reframe()
+        return self._is_complete() or self._reframe()
 
     def end(self) -> None:
         """Settle what was heard."""
@@ -139,7 +139,7 @@ class StatusReply:
             self.strays += self._framer.discarded
             self.whole = bool(self.heard.all())
 
-    def _whole(self) -> bool:
+    def _is_complete(self) -> bool:
         """All rows are there, in order, intact; what follows them is stray."""
         if np.count_nonzero(self._heads != self._head) or self._bytes.find(STUFFED, 0, self.expected) >= 0:
             return False
@@ -208,7 +208,7 @@ class FastSyncReadReply:
         """Raises ValueError when the reply would not fit the buffer."""
         count, stride = len(ids), size + 4
         self.ids, self.size, self.expected = tuple(ids), size, 8 + count * stride
-        _fits(ids, self.expected)
+        _check_ids(ids, self.expected)
         length = (count * stride + 1).to_bytes(2, "little")
         self._head = HEADER + bytes((BROADCAST,)) + length + bytes((STATUS,))
         self._bytes = bytearray(CAPACITY)
@@ -235,7 +235,7 @@ class FastSyncReadReply:
         if self.unasked:
             self.unasked = ()
 
-    def room(self) -> memoryview:
+    def receive_buffer(self) -> memoryview:
         """Where the next bytes go."""
         return self._view[self._got :]
 

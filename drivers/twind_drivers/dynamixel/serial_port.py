@@ -72,7 +72,7 @@ class SerialTransport:
         except BlockingIOError:
             taken = 0
         except OSError as error:
-            raise self._lost("write", error) from error
+            raise self._make_lost_error("write", error) from error
         if taken != len(data):
             waiting = max(self.backlog(), taken)
             self.flush()
@@ -85,7 +85,7 @@ class SerialTransport:
         except BlockingIOError:
             return 0
         except OSError as error:
-            raise self._lost("read", error) from error
+            raise self._make_lost_error("read", error) from error
         if count == 0 and len(buffer):  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
             raise PortError(self.name, "hung up (adapter unplugged?)", lost=True)
         return count
@@ -99,9 +99,9 @@ class SerialTransport:
         try:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         except termios.error as error:  # no OSError, but a number and a text as well
-            raise self._lost("write", OSError(*error.args)) from error
+            raise self._make_lost_error("write", OSError(*error.args)) from error
         except ValueError as error:  # no descriptor any more
-            raise self._lost("write", OSError(errno.EBADF, "")) from error
+            raise self._make_lost_error("write", OSError(errno.EBADF, "")) from error
 
     def set_baud(self, baud: int) -> None:
         """Another rate on the same open port; what was under way is lost. Raises PortError."""
@@ -134,7 +134,7 @@ class SerialTransport:
             self._fd = -1
             self._port.close()
 
-    def _lost(self, what: str, error: OSError) -> PortError:
+    def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"
         hint = f" ({gone})" if error.errno in GONE else ""
         return PortError(self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", lost=True)
@@ -143,9 +143,9 @@ class SerialTransport:
         try:
             fcntl.ioctl(self._fd, question, self._waiting)
         except OSError as error:
-            raise self._lost(what, error) from error
+            raise self._make_lost_error(what, error) from error
         except ValueError as error:  # no descriptor any more
-            raise self._lost(what, OSError(errno.EBADF, "")) from error
+            raise self._make_lost_error(what, OSError(errno.EBADF, "")) from error
         return int.from_bytes(self._waiting, sys.byteorder)
 
     def _check_speed(self, baud: int) -> None:

@@ -42,14 +42,14 @@ class ServoCommandState:
     cap: int | None  # goal current in mode 5, counts
     acceleration: int | None  # profile acceleration in mode 1, counts; None: as the servo has it
 
-    def at(self, *names: str) -> RegisterBlock:
+    def register_span(self, *names: str) -> RegisterBlock:
         """From the first of these registers to the end of the last."""
         return block(self.table, *names)
 
     @property
     def goal(self) -> RegisterBlock:
         """The register that commands it."""
-        return self.at(self.mode.goal)
+        return self.register_span(self.mode.goal)
 
     @property
     def most_pwm(self) -> int:

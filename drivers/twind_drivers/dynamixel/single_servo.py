@@ -80,7 +80,7 @@ class SingleServoControl:
         self._goal: GoalPacket | None = None
         self._check = self._fenced(0, -1)
 
-    def bound(self, lower: int, upper: int) -> None:
+    def set_goal_limits(self, lower: int, upper: int) -> None:
         """Goals that may be sent from now on; none before. Raises ValueError: lower above upper."""
         goal = block(self._servo.table, "goal_position")
         bounds = np.array([lower], np.int64), np.array([upper], np.int64)
@@ -108,27 +108,27 @@ class SingleServoControl:
         state = [table[name] for name in ("torque_enable", "hardware_error_status")]
         ram = yield from values(self._reader, servo, [*settings(servo), *state])
         if ram["torque_enable"]:
-            raise self._refused("torque enable (64)", "is on: disarm first")
+            raise self._make_refusal("torque enable (64)", "is on: disarm first")
         if ram["hardware_error_status"]:
-            raise self._refused(
+            raise self._make_refusal(
                 "hardware error (70)", f"is {ram['hardware_error_status']:#04x}: find the cause"
             )
         if eeprom["drive_mode"] & FOREIGN:
-            raise self._refused("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
+            raise self._make_refusal("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
         return SavedSettings(eeprom, ram)
 
-    def left(self, kept: SavedSettings) -> str:
+    def describe_leftovers(self, kept: SavedSettings) -> str:
         """The mode, and what its change resets."""
         was = kept.eeprom["operating_mode"]
         return (
             f"Operating Mode (11) {CURRENT_BASED} (was {was}) and gains, profile and Goal Current of a search"
         )
 
-    def enter(self, kept: SavedSettings) -> Script[None]:
+    def enter_current_mode(self, kept: SavedSettings) -> Script[None]:
         """Into mode 5, read back. Raises DeviceRefused, NoReply."""
         if kept.eeprom["operating_mode"] != CURRENT_BASED:
             yield from self._write("operating_mode", CURRENT_BASED)
-        yield from self._same({"operating_mode": CURRENT_BASED})
+        yield from self._verify_register({"operating_mode": CURRENT_BASED})
 
     def prepare(self, kept: SavedSettings, tick: int) -> Script[None]:
         """Cap, gains, profile, goal := `tick`, watchdog: all that stands before torque, read back together.
@@ -152,16 +152,16 @@ class SingleServoControl:
         yield from self._write("bus_watchdog", 0)  # one that has tripped takes no goals
         for name, value in wanted.items():
             yield from self._write(name, value)
-        yield from self._same(wanted | {"operating_mode": CURRENT_BASED, "torque_enable": 0})
+        yield from self._verify_register(wanted | {"operating_mode": CURRENT_BASED, "torque_enable": 0})
 
     def energise(self) -> Script[None]:
         """Torque on, read back, in the mode that obeys the cap alone. Raises DeviceRefused, NoReply."""
         mode = {"operating_mode": CURRENT_BASED}
-        yield from self._same(mode)
+        yield from self._verify_register(mode)
         self._reader.registers.torque[self._reader.ids.index(self.id)] = -1
         yield from self._write("torque_enable", 1)
         cap = {"goal_current": self._cap, "bus_watchdog": self.watchdog}
-        yield from self._same({"torque_enable": 1} | mode | cap)
+        yield from self._verify_register({"torque_enable": 1} | mode | cap)
 
     def give_back(self, kept: SavedSettings) -> Script[RestartResult]:
         """Torque and watchdog off, mode and RAM settings as they were, all read back, EEPROM compared.
@@ -178,10 +178,10 @@ class SingleServoControl:
         for field in fields:
             if after[field.key] != kept.eeprom[field.key]:
                 reason = f"was {kept.eeprom[field.key]}, reads {after[field.key]}: write it back"
-                raise self._refused(f"{field.name} ({field.address})", reason)
+                raise self._make_refusal(f"{field.name} ({field.address})", reason)
         for register, was in restored.differing:
             reason = f"was {was}, reads {register.value}: write it back"
-            raise self._refused(f"{register.name} ({register.address})", reason)
+            raise self._make_refusal(f"{register.name} ({register.address})", reason)
         return restored
 
     # --------------------------------------------------------------------------- parts
@@ -197,14 +197,14 @@ class SingleServoControl:
         order: Order = WriteRequest({self.id: field.encode(value)}, field.address)
         error = (yield order).error.get(self.id, 0)
         if error & 0x7F:
-            raise self._refused(f"{field.name} ({field.address}) = {value}", packet.explain(error))
+            raise self._make_refusal(f"{field.name} ({field.address}) = {value}", packet.explain(error))
 
-    def _same(self, wanted: Mapping[str, int]) -> Script[None]:
+    def _verify_register(self, wanted: Mapping[str, int]) -> Script[None]:
         for name, value in wanted.items():
             found = yield from self._reader.read(self.id, name)
             if found.value != value:
                 reason = f"wrote {value}, reads {found.value}"
-                raise self._refused(f"{found.name} ({found.address})", reason)
+                raise self._make_refusal(f"{found.name} ({found.address})", reason)
 
-    def _refused(self, what: str, reason: str) -> DeviceRefused:
+    def _make_refusal(self, what: str, reason: str) -> DeviceRefused:
         return DeviceRefused(self._reader.name, self.id, what, reason)

@@ -25,21 +25,21 @@ class Backlash:
         """See `ServoPhysics.drive`."""
         self._muscles.drive(drive)
 
-    def aim(self, goal: Floats) -> None:
+    def set_goals(self, goal: Floats) -> None:
         """See `ServoPhysics.aim`."""
-        self._muscles.aim(goal)
+        self._muscles.set_goals(goal)
 
     def block(self, held: Bools) -> None:
         """See `ServoPhysics.block`."""
         self._muscles.block(held)
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `ServoPhysics.grip`: a hand holds the joint, not the encoder."""
-        self._muscles.grip(place, speed)
+        self._muscles.set_hand_positions(place, speed)
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """See `ServoPhysics.lay`."""
-        self._muscles.lay(base)
+        self._muscles.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """See `ServoPhysics.advance`."""

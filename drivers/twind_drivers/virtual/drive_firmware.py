@@ -46,9 +46,9 @@ class DriveFirmware:
         self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
         # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
         self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
-        self.changed()
+        self.reload_registers()
 
-    def changed(self) -> None:
+    def reload_registers(self) -> None:
         """Read the registers anew."""
         registers, modes = self._registers, self._registers["drive_mode"]
         self.mode = registers["operating_mode"].astype(np.int64)

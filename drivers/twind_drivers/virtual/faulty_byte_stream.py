@@ -107,11 +107,11 @@ class FaultyByteStream:
 
     # ---------------------------------------------------------------------------------- the host hears
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """When there is something to take again, s; `inf`: nothing is under way, `-inf`: at once."""
         if (self.held and not self.stalled) or self.noise_left:
             return -inf
-        first = min(self._wire.due(), self._next_noise())
+        first = min(self._wire.next_output_time(), self._next_noise())
         if not self._kept:
             return first
         return min(first, self._tick if self.adapter.latency else self._piece_at)

@@ -36,7 +36,7 @@ class SyncReadGroup:
         length = 11 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
-        self.live = servos.registers.live(rows, address, size)
+        self.live = servos.registers.has_measured_registers(rows, address, size)
         self._out = np.zeros((len(rows), length), np.uint8)
         self._out[:, :4] = np.frombuffer(HEADER, np.uint8)
         self._out[:, 4] = np.frombuffer(ids, np.uint8)
@@ -75,7 +75,7 @@ class FastSyncReadGroup:
         count, block = len(rows), 4 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
-        self.live = servos.registers.live(rows, address, size)
+        self.live = servos.registers.has_measured_registers(rows, address, size)
         lead = HEADER + bytes((BROADCAST,)) + (asked * block + 1).to_bytes(2, "little") + bytes((STATUS,))
         self.cuts = [len(lead) + block * (place + 1) for place in range(count)]
         self.ends = wire.ends(

@@ -48,7 +48,7 @@ class HalfDuplexWire:
         """Return the seconds that `size` bytes take."""
         return size * BITS / self.baud if self.timing else 0.0
 
-    def hear(self, size: int, now: float) -> float:
+    def schedule_request(self, size: int, now: float) -> float:
         """Take `size` bytes from the host at `now`; return when the last of them has arrived, s."""
         self._free = max(self._free, now) + self.span(size)
         return self._free
@@ -59,12 +59,12 @@ class HalfDuplexWire:
             return [0.0] * len(sizes)
         return list(accumulate(d + self.span(size) for d, size in zip(delays, sizes, strict=True)))
 
-    def say(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
+    def schedule_replies(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
         """Queue the devices' answer to the last request that the wire received."""
         self._bursts.append(ReplyBurst(self._free + self.lag, ends, cuts, data))
         self._free += ends[-1]
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """Return when the first answer under way is complete, s; `inf`: none is."""
         first = self._bursts[0].start + self._bursts[0].ends[-1] if self._bursts else inf
         return min(first, self._loose[0].end) if self._loose else first

@@ -70,7 +70,7 @@ class ShaftGrip:
         for name, rad in angles.items():
             self.angle(self._rows[name], rad, speed)
 
-    def leave(self, rows: Iterable[int] | None = None) -> None:
+    def release_shafts(self, rows: Iterable[int] | None = None) -> None:
         """Release these shafts; None: all."""
         for row in range(len(self._hinges)) if rows is None else rows:
             self._grip(row, math.nan, 0.0)
@@ -103,7 +103,7 @@ def order(
     """Carry out one order `hand`; `rows`: of the id that it names, else None. Raises ValueError, KeyError."""
     wishes = [name for name, given in (("to", to), ("rad", rad), ("pose", pose)) if given is not None]
     if off and not wishes:
-        hands.leave(rows)
+        hands.release_shafts(rows)
     elif wishes == ["pose"] and rows is None and not off:
         hands.pose(pose or {}, speed)
     elif rows is not None and wishes in (["to"], ["rad"]) and not off:

@@ -61,7 +61,7 @@ class InstructionSet:
             Instruction.BULK_WRITE: self._bulk_write,
         }
 
-    def obey(self, packet: Packet, now: float) -> InstructionReplies:
+    def execute_packet(self, packet: Packet, now: float) -> InstructionReplies:
         """Carry out one packet at `now` (s). `servos.changed` must follow."""
         if not packet.intact:
             return self._refuse(packet, StatusErrorCode.CRC)

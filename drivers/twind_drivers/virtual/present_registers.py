@@ -80,7 +80,7 @@ class PresentRegisters:
             self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
         self._encoder, self._at, self._told = encoder, now, False
 
-    def tell(self, direction: Floats, shift: Floats, profile: ServoProfile) -> None:
+    def refresh_slow_values(self, direction: Floats, shift: Floats, profile: ServoProfile) -> None:
         """All that is read more rarely, as of the last refresh."""
         if self._told:
             return

@@ -111,9 +111,9 @@ class RegisterColumns:
             return StatusErrorCode.ACCESS, b""
         return StatusErrorCode.NONE, self._memory.read(row, address, size)
 
-    def live(self, rows: Sequence[int], address: int, size: int) -> int:
+    def has_measured_registers(self, rows: Sequence[int], address: int, size: int) -> int:
         """Does the span touch registers that the servos write themselves? As `Memory.live`."""
-        return max(self._memory.live(row, address, size) for row in rows)
+        return max(self._memory.has_measured_registers(row, address, size) for row in rows)
 
     def answers_fast(self, row: int) -> bool:
         """Does its firmware know the fast reads? (e-manual, "Fast Sync Read")"""

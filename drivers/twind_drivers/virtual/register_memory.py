@@ -158,7 +158,7 @@ class RegisterMemory:
         """Return the bytes that a read of one servo gives; indirect data is that of its target."""
         return bytes(self.raw[row, self.where[row, address : address + size]])
 
-    def live(self, row: int, address: int, size: int) -> int:
+    def has_measured_registers(self, row: int, address: int, size: int) -> int:
         """Classify a span by registers that the servo writes. 0: none, 1: `LIVELIEST` only, 2: more."""
         return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 

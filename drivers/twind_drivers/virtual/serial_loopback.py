@@ -21,9 +21,9 @@ class Loopback:
 
     def arrival(self) -> float:
         """Time (s) of the next complete answer; an unplugged port wakes its reader at once."""
-        if self._left or not self._bus.plugged:
+        if self._left or not self._bus.is_plugged:
             return self._clock.now()
-        return self._bus.due()
+        return self._bus.next_output_time()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Hand `data` to the servos.
@@ -70,5 +70,5 @@ class Loopback:
     def _check(self) -> None:
         if not self._open:
             raise PortError(self.name, "the port is closed", lost=True)
-        if not self._bus.plugged:
+        if not self._bus.is_plugged:
             raise PortError(self.name, "the adapter was unplugged", lost=True)

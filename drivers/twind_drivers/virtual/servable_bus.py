@@ -13,7 +13,7 @@ class ServableBus(Protocol):
     faults: Any  # its orders, by name; `stalled`: it takes nothing from the host
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """True if the adapter is plugged in."""
 
     @property
@@ -30,7 +30,7 @@ class ServableBus(Protocol):
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, sent at `now`."""
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """Return the time (s) before which nothing comes; `inf`: nothing is under way."""
 
     def take(self, now: float) -> bytes:
@@ -48,5 +48,5 @@ class ServableBus(Protocol):
     def truth(self, now: float) -> list[dict[str, Any]]:
         """Return the true state of each device at `now`, independent of the bus."""
 
-    def slip(self, seconds: float) -> None:
+    def skip_time(self, seconds: float) -> None:
         """Skip time in which the devices do not run; those of their clocks that go on count it."""

@@ -14,7 +14,9 @@ class ServoFaults:
 
     def __init__(self, bus: str, servos: VirtualServos) -> None:
         self._bus, self._servos = bus, servos
-        self.hands = ShaftGrip(servos.hinges, servos.power.turn, servos.power.encoder, servos.grip)
+        self.hands = ShaftGrip(
+            servos.hinges, servos.power.turn, servos.power.encoder, servos.set_hand_position
+        )
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one servo or (None) of all: it receives and sends nothing, keeps its power.
@@ -22,7 +24,7 @@ class ServoFaults:
         `clear` plugs all in. Raises KeyError.
         """
         self._servos.silenced[slice(None) if id is None else self.rows(id)] = on
-        self._servos.changed()
+        self._servos.invalidate_cache()
 
     def damage(self, id: int, bits: int) -> None:
         """Set hardware error bits (register 70): alert; shutdown by register 63.
@@ -32,7 +34,7 @@ class ServoFaults:
         if not 0 < bits <= 63:
             raise ValueError(f"damage: bits {bits} are outside 1..63")
         for row in self.rows(id):
-            self._servos.damage(row, bits)
+            self._servos.inject_error(row, bits)
 
     def brown_out(self, id: int) -> None:
         """Interrupt the supply of one servo for a moment: an unrequested reboot. Raises KeyError."""
@@ -102,7 +104,7 @@ class ServoFaults:
 
     def lay(self, base: str) -> None:
         """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
-        self._servos.muscles.lay(base)
+        self._servos.muscles.set_base_pose(base)
 
     def freeze(self, id: int, on: bool = True) -> None:
         """Repeat the present position, wherever the shaft goes. Raises KeyError."""
@@ -127,4 +129,4 @@ class ServoFaults:
     def clear(self) -> None:
         """Plug in every connector."""
         self._servos.silenced[:] = False
-        self._servos.changed()
+        self._servos.invalidate_cache()

@@ -55,7 +55,7 @@ class ServoPhysics(Protocol):
     def drive(self, drive: DriveState) -> None:
         """Set torque, mode, gains and caps from now on. `aim` must follow where a mode changed."""
 
-    def aim(self, goal: Floats) -> None:
+    def set_goals(self, goal: Floats) -> None:
         """Set the goals: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
 
         Ignored where torque is off.
@@ -64,13 +64,13 @@ class ServoPhysics(Protocol):
     def block(self, held: Bools) -> None:
         """Set the shafts that are held fast from now on; they turn neither with torque nor without."""
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """Set the places (ticks) where hands take and hold limp shafts; NaN: no hand. Speed: ticks/s.
 
         Where torque is on a hand slips.
         """
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """Hold the base of the robot in this attitude. Raises KeyError: unknown, ValueError: no body."""
 
     def advance(self, now: float) -> None:
@@ -140,7 +140,7 @@ class FirstOrderPhysics:
         self._quickness = rate[self._turning]
         self._look()
 
-    def aim(self, goal: Floats) -> None:
+    def set_goals(self, goal: Floats) -> None:
         """See `ServoPhysics.aim`."""
         self._goal[:] = goal
 
@@ -149,16 +149,16 @@ class FirstOrderPhysics:
         self._blocked = held.copy()
         self._look()
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `ServoPhysics.grip`. A hand passes everything but a stop and a shaft that is held fast."""
         self._hand, self._reach = place.copy(), speed.copy()
         self._look()
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """See `ServoPhysics.lay`. Always raises ValueError: these joints have no body."""
         raise ValueError("lay: these are joints without load, which no body holds together")
 
-    def fence(self, lower: Floats, upper: Floats) -> None:
+    def set_endstops(self, lower: Floats, upper: Floats) -> None:
         """Set mechanical stops (ticks), hard: a shaft that pushes against one is jammed there."""
         self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
         self._look()

@@ -59,7 +59,7 @@ class ServoProfile:
     def _shaping(self) -> Bools:
         return np.where(self.spins, self._acceleration > 0.0, self._velocity > 0.0)
 
-    def aim(self, target: Floats, now: float) -> None:
+    def set_targets(self, target: Floats, now: float) -> None:
         """New goals (m,) at `now` (s), kept: a plan for those that differ, from the place and speed there."""
         if not self.shaped:
             self.reference = self.target = target

@@ -83,7 +83,7 @@ class VirtualBus:
             crc16(bytes(1 << bits))
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """True if the adapter is plugged in."""
         return self.faults.plugged
 
@@ -106,7 +106,7 @@ class VirtualBus:
         self.advance(now)
         return truth(self.servos, now)
 
-    def slip(self, seconds: float) -> None:
+    def skip_time(self, seconds: float) -> None:
         """Skip time in which the servos do not run; their clock registers count it all the same."""
         self.servos.readings.origin -= seconds
 
@@ -120,20 +120,20 @@ class VirtualBus:
         if self._stream.bent:
             data = self._stream.send(data, now)
         place = 0
-        while place < len(data) and self.plugged:
-            size = self._whole(data, place)
+        while place < len(data) and self.is_plugged:
+            size = self._complete_packet_size(data, place)
             chunk = data[place : place + size] if size else data[place:]
-            at = self._wire.hear(len(chunk), now)
-            if not (size and self._known(chunk, at)):
+            at = self._wire.schedule_request(len(chunk), now)
+            if not (size and self._serve_known_packet(chunk, at)):
                 for packet in self._framer.feed(chunk):
                     self._packet(packet, at, chunk)
             place += len(chunk)
         if self._stream.garbled and data:
             self._babel()
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """Return when the next answer is complete, s; `inf`: none is under way."""
-        return self._stream.due() if self._stream.bent else self._wire.due()
+        return self._stream.next_output_time() if self._stream.bent else self._wire.next_output_time()
 
     def take(self, now: float) -> bytes:
         """Return the bytes of the servos that have arrived by `now`."""
@@ -153,21 +153,21 @@ class VirtualBus:
             raise ValueError(f"bus {self.name}: {baud} baud is not a rate")
         if baud != self.servos.baud:
             self._wire.baud = self.servos.baud = baud
-            self.servos.changed()
+            self.servos.invalidate_cache()
 
     # --------------------------------------------------------------------------------- the short way
 
-    def _whole(self, data: bytes, place: int) -> int:
+    def _complete_packet_size(self, data: bytes, place: int) -> int:
         """Size of the packet that begins at `place` and is whole; 0: the framer must look."""
         if len(self._framer) or not data.startswith(HEADER, place) or len(data) < place + 10:
             return 0
         size = (data[place + 5] | data[place + 6] << 8) + 7
         return size if size >= 10 and place + size <= len(data) else 0
 
-    def _known(self, packet: bytes, at: float) -> bool:
+    def _serve_known_packet(self, packet: bytes, at: float) -> bool:
         """Serve a packet that needs no parsing; False: the packet is not of that kind."""
         servos = self.servos
-        servos.expire(at)
+        servos.run_timers(at)
         self._recall()
         group = self._groups.get(packet)
         if group is not None and not self.faults.active:
@@ -185,7 +185,7 @@ class VirtualBus:
         rows, here = plan
         servos.advance(at)
         servos.feed(at)
-        servos.aim(np.frombuffer(packet, GOAL, (len(packet) - 14) // 5, 12)["ticks"][here], rows)
+        servos.set_goals(np.frombuffer(packet, GOAL, (len(packet) - 14) // 5, 12)["ticks"][here], rows)
         return True
 
     def _recall(self) -> None:
@@ -225,7 +225,7 @@ class VirtualBus:
         data = group.data()
         if data is None:
             return False
-        self._wire.say(group.ends, group.cuts, data)
+        self._wire.schedule_replies(group.ends, group.cuts, data)
         return True
 
     def _remember(self, packet: Packet, answers: InstructionReplies, chunk: bytes) -> None:
@@ -251,21 +251,23 @@ class VirtualBus:
         self._recall()
         if packet.intact:
             servos.feed(at)
-        answers = self._instructions.obey(packet, at)
+        answers = self._instructions.execute_packet(packet, at)
         self._answer(answers)
         if self.sensor is not None and packet.intact:
             self._let_tell(self.sensor, packet)
         if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ) and packet.intact:
             self._remember(packet, answers, chunk)
         elif packet.instruction not in (Instruction.PING, Instruction.READ) and packet.intact:
-            servos.changed()
+            servos.invalidate_cache()
 
     def _let_tell(self, sensor: VirtualSensor, packet: Packet) -> None:
         piece = sensor.answer(packet)
         if piece and self.faults.active:
             self.faults.speak([sensor.id], [sensor.return_delay], [piece], joint=False)
         elif piece:
-            self._wire.say(self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece)
+            self._wire.schedule_replies(
+                self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece
+            )
 
     def _talk(self, answers: InstructionReplies) -> list[ServoStatus]:
         return [each for each in answers.statuses if self.servos.registers.level(each.row) >= answers.level]
@@ -286,7 +288,9 @@ class VirtualBus:
             self.faults.speak(ids, delays, pieces, joint=bool(answers.promised))
         else:
             sizes = list(map(len, pieces))
-            self._wire.say(self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces))
+            self._wire.schedule_replies(
+                self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces)
+            )
 
     def _error(self, answer: ServoStatus) -> int:
         return answer.error | int(self.servos.alert[answer.row])
@@ -333,4 +337,4 @@ class VirtualBus:
                 noise = misheard(
                     status(servos.registers.id_of(row), StatusErrorCode.INSTRUCTION), there, here
                 )
-                self._wire.say(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)
+                self._wire.schedule_replies(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)

@@ -107,7 +107,7 @@ class VirtualServos:
             self.readings.origin[row] = now - spec.powered
         self._firmware = DriveFirmware(memory, self.registers)
         self.profile = ServoProfile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
-        self.changed()
+        self.invalidate_cache()
 
     def _fit(self, row: int, spec: ServoSpec) -> None:
         registers = self.memory.tables[row]
@@ -121,11 +121,11 @@ class VirtualServos:
 
     def advance(self, now: float) -> None:
         """Let time pass until `now`, stopping at every watchdog and every end of a boot on the way."""
-        self.expire(now)
+        self.run_timers(now)
         if now > self.now:
             self._move(now)
 
-    def expire(self, now: float) -> None:
+    def run_timers(self, now: float) -> None:
         """Only what has a time of its own until `now`: watchdogs that trip, boots that end."""
         while self._event <= now:
             at = self._event
@@ -133,7 +133,7 @@ class VirtualServos:
             for row in np.flatnonzero(self.power.boots_at <= at):
                 self._boot(int(row), at)
             self._trip(at)
-            self.changed()
+            self.invalidate_cache()
 
     def feed(self, now: float) -> None:
         """An intact instruction packet was on the bus: it feeds the watchdog of every servo that heard it."""
@@ -149,7 +149,7 @@ class VirtualServos:
 
         `whole` False: only those of position, velocity and current.
         """
-        self.expire(now)
+        self.run_timers(now)
         if not 0.0 <= now - self._fresh < REFRESH:
             if now - self.now >= REFRESH:
                 self._move(now)
@@ -158,7 +158,7 @@ class VirtualServos:
             if self.history is not None:
                 self.history.note(now, self.readings.position.get())
         if whole:
-            self.readings.tell(self.direction, self.shift, self.profile)
+            self.readings.refresh_slow_values(self.direction, self.shift, self.profile)
 
     def _move(self, now: float) -> None:
         while self._check_at <= now:
@@ -172,7 +172,7 @@ class VirtualServos:
             while self.now < now and np.count_nonzero(self.profile.running):
                 step = min(self.now + STEP, now)
                 self.profile.follow(step)
-                self.muscles.aim(self.profile.reference)
+                self.muscles.set_goals(self.profile.reference)
                 self.muscles.advance(step)
                 self.now = step
         self.now = now
@@ -189,16 +189,16 @@ class VirtualServos:
         known = self["hardware_error_status"].astype(np.int64)
         found = np.where(awake & ~dark, self.protection.errors() & ~known, 0)
         for row in np.flatnonzero(found):
-            self.damage(int(row), int(found[row]))
+            self.inject_error(int(row), int(found[row]))
 
     def _next(self) -> float:
         return float(min((self.heard_at + self._timeout).min(), self.power.boots_at.min()))
 
-    def changed(self) -> None:
+    def invalidate_cache(self) -> None:
         """Something rare changed (a register that is no goal, a fault, the line): work out what follows."""
         self.epoch += 1
         self._fresh = -inf
-        self._firmware.changed()
+        self._firmware.reload_registers()
         units = self["bus_watchdog"].astype(np.float64)
         self._timeout = np.where(self._firmware.on & (units > 0) & ~self.tripped, units * WATCHDOG_UNIT, inf)
         self._shortest = float(self._timeout.min())
@@ -215,7 +215,7 @@ class VirtualServos:
         self.muscles.drive(self._firmware.drive(self.protection.strength))
         self._retarget()
 
-    def aim(self, goals: Ints, rows: Any = slice(None)) -> None:
+    def set_goals(self, goals: Ints, rows: Any = slice(None)) -> None:
         """Goal positions (k,) for `rows`; those that a rule refuses are dropped, as by a sync write."""
         fine = (goals >= self._firmware.lower[rows]) & (goals <= self._firmware.upper[rows])
         fine &= self.listening[rows] & ~self.tripped[rows]
@@ -237,7 +237,7 @@ class VirtualServos:
                 goal = self["goal_position"][row]
                 self.torque(int(row), True)
                 self.registers.put("goal_position", goal, row)
-                self.changed()
+                self.invalidate_cache()
 
     def _retarget(self) -> None:
         """Let the loops follow the goal registers; a tripped servo keeps what it stopped at."""
@@ -249,8 +249,8 @@ class VirtualServos:
         if self.profile.shaped:  # without torque there is nothing to shape
             off = ~self._firmware.on
             self.profile.hold(off, target[off])
-        self.profile.aim(target, self.now)
-        self.muscles.aim(self.profile.reference)
+        self.profile.set_targets(target, self.now)
+        self.muscles.set_goals(self.profile.reference)
 
     def torque(self, row: int, on: bool) -> None:
         """Torque enable; `changed` must follow. On after a shutdown does nothing: only a reboot restores."""
@@ -265,38 +265,38 @@ class VirtualServos:
             if not self.keep_goal:
                 self.power.goal_is_present(row)
 
-    def damage(self, row: int, bits: int) -> None:
+    def inject_error(self, row: int, bits: int) -> None:
         """A hardware error: alert on every status, and shutdown where register 63 asks for it."""
         error = int(self["hardware_error_status"][row]) | bits
         self.registers.put("hardware_error_status", error, row)
         if error & int(self["shutdown"][row]):
             self.shut[row] = True
             self.registers.put("torque_enable", 0, row)
-        self.changed()
+        self.invalidate_cache()
 
     def supply(self, volts: float) -> None:
         """What feeds the bus from now on, V; too little reboots them. Raises ValueError outside 0..60 V."""
         self.protection.supply(volts)
         self._check(self.now)
-        self.changed()
+        self.invalidate_cache()
 
     def block(self, row: int, on: bool) -> None:
         """Something holds this shaft fast, or lets it go."""
         self._blocked[row] = on
         self.muscles.block(self._blocked)
 
-    def grip(self, row: int, place: float, speed: float) -> None:
+    def set_hand_position(self, row: int, place: float, speed: float) -> None:
         """A hand takes a shaft to `place` (encoder ticks; NaN: lets go of it), ticks/s, and holds it there.
 
         Nothing in a servo can tell it; where torque is on it slips.
         """
         self._hand[row], self._reach[row] = place, speed
-        self.muscles.grip(self._hand, self._reach)
+        self.muscles.set_hand_positions(self._hand, self._reach)
 
     def reboot(self, row: int, now: float) -> None:
         """Off the bus, torque lost, turns lost; back `BOOT` s later with RAM defaults."""
         self.power.down(row, now)
-        self.changed()
+        self.invalidate_cache()
 
     def _boot(self, row: int, now: float) -> None:
         if self.protection.dark[row]:

@@ -23,7 +23,7 @@ def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict
     reader, writer = os.pipe()
     log = DaemonLog(LogWriter(writer), level, journal=journal)
     for place, (severity, event, fields) in enumerate(said):
-        log.say(severity, event, float(place), **fields)
+        log.write(severity, event, float(place), **fields)
     log.close()
     os.close(writer)
     with os.fdopen(reader) as text:
@@ -60,8 +60,8 @@ def test_a_flood_is_cut_and_counted() -> None:
     reader, writer = os.pipe()
     log = DaemonLog(LogWriter(writer), "info", journal=True)
     for _ in range(PER_SECOND + 5):
-        log.say("info", "SAME", 10.0)
-    log.say("info", "LATER", 12.0)
+        log.write("info", "SAME", 10.0)
+    log.write("info", "LATER", 12.0)
     log.close()
     os.close(writer)
     with os.fdopen(reader) as text:
@@ -175,11 +175,11 @@ def test_a_journal_that_is_gone_or_full_does_not_lose_what_standard_error_takes(
 ) -> None:
     reader, writer = os.pipe()
     log = DaemonLog(LogWriter(writer, str(tmp_path / "journal")), "info", journal=True)
-    log.say("info", "TAKEN", 1.0)
+    log.write("info", "TAKEN", 1.0)
     assert entry(journal.recv(65536))["TWIND_CODE"] == "TAKEN"
     journal.close()
     (tmp_path / "journal").unlink()
-    log.say("warning", "LEFT", 2.0, message="m")
+    log.write("warning", "LEFT", 2.0, message="m")
     log.close()
     os.close(writer)
     with os.fdopen(reader) as text:
@@ -189,11 +189,11 @@ def test_a_journal_that_is_gone_or_full_does_not_lose_what_standard_error_takes(
 def test_the_level_may_change() -> None:
     reader, writer = os.pipe()
     log = DaemonLog(LogWriter(writer), "warning", journal=True)
-    log.say("info", "A", 1.0)
+    log.write("info", "A", 1.0)
     log.level("debug")
-    log.say("debug", "B", 2.0)
+    log.write("debug", "B", 2.0)
     log.level("error")
-    log.say("warning", "C", 3.0)
+    log.write("warning", "C", 3.0)
     log.close()
     os.close(writer)
     with os.fdopen(reader) as text:

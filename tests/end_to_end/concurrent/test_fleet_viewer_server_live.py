@@ -192,9 +192,9 @@ class Said(FleetPage):
 
     status_html: dict[str | None, str]
 
-    def say(self, words: str, of: str | None = None) -> None:
+    def set_html(self, words: str, of: str | None = None) -> None:
         """What the page says now."""
-        super().say(words, of)
+        super().set_html(words, of)
         self.words = {**getattr(self, "words", {}), of: words}
 
 

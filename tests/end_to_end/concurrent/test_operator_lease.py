@@ -38,7 +38,7 @@ def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path
     assert "Arm" not in daemon.asked
     operator.call(1, arm, outcomes.put)
     assert told(outcomes).title == "armed"
-    operator.left(1)
+    operator.on_tab_closed(1)
     assert holders.get(timeout=5.0) is None
     assert daemon.ended.get(timeout=5.0) == "closed"
     assert {"AcquireLease", "RenewLease"} <= set(daemon.asked)

@@ -69,7 +69,7 @@ def test_a_daemon_that_never_makes_sense_ends_it_with_the_reason() -> None:
 def test_after_a_reload_the_bounds_are_the_new_ones() -> None:
     daemon = Daemon([STATUS, STATE])
     feed = MonitorFeed(lambda: daemon, 5.0)  # type: ignore[arg-type,return-value]
-    until(lambda: feed.watched.whole, 5.0, "a picture")
+    until(lambda: feed.watched.is_complete, 5.0, "a picture")
     assert bounds(feed).upper == 3.0
     daemon.robot = {"joints": [{"name": NAMES[0], "lower": -1.0, "upper": 1.0}]}
     daemon.told.put(RELOADED)

@@ -134,7 +134,7 @@ def arrived(endpoint: Odd) -> list[bytes]:
 
 def check_all_arrive(spool: Spool, made: SpoolSender, endpoint: Odd) -> None:
     def all_sent() -> bool:
-        made.tend(time.monotonic())
+        made.abort_if_overdue(time.monotonic())
         return spool.tally.waiting == 0
 
     until(all_sent, 20.0, f"{spool.tally}, {made.error}")

@@ -44,12 +44,12 @@ def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -
     assert time.monotonic() - began < 2.0, "who listens waited for the disk"
     until(lambda: keeping.error, 10.0, "it is told")
     assert "full" in lines[0]
-    lost = keeping.lost
+    lost = keeping.dropped_messages
     assert lost >= len(wide) // 2 - ROOM - 1
     spool._base.execute("PRAGMA max_page_count=1000000")
     keeping.finish(10.0)
     assert keeping.error == "" and len(lines) == 2 and "again" in lines[1]
-    assert (keeping.lost, spool.tally.dropped) == (0, basket.dropped)
+    assert (keeping.dropped_messages, spool.tally.dropped) == (0, basket.dropped)
     assert spool.tally.waiting + spool.tally.dropped == len(wide) // 2
     assert numbers(spool) == list(range(1, spool.tally.waiting + 1))
 
@@ -64,10 +64,10 @@ def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> 
         basket.put(some(tick)._replace(names=["x" * 20_000]), ROBOT)
     until(lambda: keeping.error, 10.0, "it is told")
     keeping.finish(0.1)
-    until(lambda: basket.left == 2, 10.0, "both are there still")
+    until(lambda: basket.untaken_count == 2, 10.0, "both are there still")
     spool._base.execute("PRAGMA max_page_count=1000000")
     keeping.finish(10.0)
-    assert (basket.left, spool.tally.waiting, spool.tally.dropped) == (0, 2, 0)
+    assert (basket.untaken_count, spool.tally.waiting, spool.tally.dropped) == (0, 2, 0)
 
 
 def test_what_is_open_at_the_end_is_written(spool: Spool) -> None:

@@ -21,7 +21,7 @@ from twind.front.streamer_reports import (
     SILENCE,
     TEXT,
     StreamerReports,
-    wrong,
+    find_invalid_number,
 )
 
 REPORT = {
@@ -70,9 +70,9 @@ def test_who_hangs_up_and_who_hangs_is_told_of_once_more_and_no_longer_there() -
     kept.take(2, REPORT, 5.0)
     kept.forget(3, 6.0)
     kept.forget(2, 6.0)
-    kept.tend(SILENCE)
+    kept.drop_silent(SILENCE)
     assert [each["error"] for each in watchers.told] == [None, None, GONE]
-    kept.tend(SILENCE + 0.1)
+    kept.drop_silent(SILENCE + 0.1)
     assert watchers.told[-1]["error"] == HANGS
     assert watchers.streams == []
 
@@ -135,7 +135,7 @@ def test_who_reports_without_pause_is_refused_and_then_hung_up_on(loop: StandIn)
 def test_a_number_that_nobody_can_have_measured_or_counted_is_named(
     rate: float, key: str, count: int
 ) -> None:
-    found = wrong({**REPORT, "rate_hz": rate, key: count})
+    found = find_invalid_number({**REPORT, "rate_hz": rate, key: count})
     if 0.0 <= rate <= MOST_HZ:
         assert (found and found[0]) == (None if 0 <= count <= MOST else key)
     else:

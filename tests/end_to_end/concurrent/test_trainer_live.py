@@ -14,8 +14,8 @@ from twind.ctl.progress import ProgressLine
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import (
     CHECKPOINT,
+    lock_folder,
     read_run,
-    taken,
 )
 from twind.learn.training.training_reporter import TrainingReporter
 
@@ -46,7 +46,7 @@ def test_a_training_that_is_killed_goes_on(tmp_path: Path) -> None:
         process.wait()
     settings, before = read_run(out)
     assert before["ended"] is None
-    with taken(out) as folder:  # the lock went with the process
+    with lock_folder(out) as folder:  # the lock went with the process
         done = before["steps"]
         course = Trainer(
             replace(settings, steps=done + 64), folder, TrainingReporter(Namespace(json=True)), before

@@ -81,7 +81,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
 )
 def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: NetworkConfig) -> None:
     with pytest.raises(SessionError, match=r"nonsense|nowhere") as told:
-        zenoh_session.opened(place, threading.Event(), lambda line: None)
+        zenoh_session.open_session(place, threading.Event(), lambda line: None)
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
 
@@ -94,7 +94,7 @@ def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> 
     with pytest.raises(SessionError, match=place.connect[0]):
         zenoh_session.open_now(place, 0.2)
     threading.Timer(2.5, stop.set).start()
-    assert zenoh_session.opened(place, stop, lines.append) is None
+    assert zenoh_session.open_session(place, stop, lines.append) is None
     assert len(lines) == 1 and place.connect[0] in lines[0]
 
 
@@ -123,6 +123,6 @@ def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
     declaring.join()
     mine = [each for each in threading.enumerate() if zenoh_session.CALLBACK in each.name and each.daemon]
     assert mine
-    zenoh_session.leave(joined)
+    zenoh_session.close_session(joined)
     assert not [each for each in mine if each.is_alive()]
     assert joined.is_closed()

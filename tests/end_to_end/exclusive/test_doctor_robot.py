@@ -290,7 +290,7 @@ def test_what_is_wrong_with_a_can_line_is_found(walker: Virtual, case: Case) -> 
     walker.order(bus="l_leg", **dict(case.order))
     seen = examined(walker, serial=False)
     try:
-        found = runner.run(seen, runner.chosen(MINE, [case.code]), ROWS).found
+        found = runner.run(seen, runner.select_checks(MINE, [case.code]), ROWS).found
     finally:
         seen.close()
         walker.order(bus="l_leg", **dict(case.heal))

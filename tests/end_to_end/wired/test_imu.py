@@ -19,7 +19,9 @@ from twind_calibration.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 ID = 200
-CHECKS = runner.chosen(check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
+CHECKS = runner.select_checks(
+    check_table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes]
+)
 
 
 @pytest.fixture(scope="module")

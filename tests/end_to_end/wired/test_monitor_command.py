@@ -224,7 +224,7 @@ def test_news_are_taken_as_they_come_while_nobody_draws(loop: StandIn) -> None:
     feed = MonitorFeed(lambda: Client(loop.directory, name="observe"), rate=100.0)
     try:
         end = time.monotonic() + 10.0
-        while not feed.watched.whole:
+        while not feed.watched.is_complete:
             assert time.monotonic() < end
             time.sleep(0.01)
         before, end = feed.watched.count, time.monotonic() + 3.0

@@ -67,7 +67,7 @@ class Served:
         self.port = VirtualPtyPort("can", None)
         self.server = VirtualBusServer({"can": self.bus}, {"can": self.port}, clock, lambda name, path: None)
         self.orders = folder / "orders"
-        self.server.orders = FaultCommandSocket(self.orders, self.server.obey)
+        self.server.orders = FaultCommandSocket(self.orders, self.server.execute_fault_command)
         self._thread = threading.Thread(target=self.server.run)
         self._thread.start()
 

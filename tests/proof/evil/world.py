@@ -97,10 +97,10 @@ class VirtualPort:
         """`count` bytes, or what came within `timeout` s."""
         data, end = b"", self.now + timeout
         while len(data) < count:
-            if self.bus.due() > end:
+            if self.bus.next_output_time() > end:
                 self.now = end
                 break
-            self.now = max(self.now, self.bus.due())
+            self.now = max(self.now, self.bus.next_output_time())
             came = self.bus.take(self.now)
             self.monitor.answered(came, self.now)
             data += came

@@ -145,7 +145,7 @@ class Twins(Rig):
         baud, now = self.robot.bus(bus).baud, self.clock.now()
         made = VirtualBus(bus, [*servos, copy], muscles, baud=baud, now=now)
         made.servos.silenced[-1] = True
-        made.servos.changed()
+        made.servos.invalidate_cache()
         return made
 
 

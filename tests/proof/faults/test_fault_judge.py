@@ -99,12 +99,12 @@ def an_answer_of_another_length_is_taken(patch: Patch) -> None:
 
 
 def registers_get_a_new_stamp_for_old_values(patch: Patch) -> None:
-    fold, first = DynamixelSlowRegisters.fold, dict[Any, Any]()
+    fold, first = DynamixelSlowRegisters.update_from_replies, dict[Any, Any]()
 
     def folded(self: Any, query: Any, ids: Any, data: Any, time: float) -> None:
         fold(self, query, ids, first.setdefault((query, ids), data.copy()), time)
 
-    patch.setattr(DynamixelSlowRegisters, "fold", folded)
+    patch.setattr(DynamixelSlowRegisters, "update_from_replies", folded)
 
 
 MUTANTS: list[tuple[Mutation, Injury, str]] = [

@@ -105,7 +105,7 @@ def _reply(rng: Random) -> None:
     done = False
     for piece in pieces(rng, stream):
         while piece and not done:
-            room = reply.room()
+            room = reply.receive_buffer()
             assert len(room) > 0, "no room, and not done"
             count = min(len(room), len(piece))
             room[:count] = piece[:count]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from twind.bridge.fleet.fleet_monitor import PERIOD, FleetMonitor
 from twind.bridge.fleet.fleet_roster import FleetRoster, RobotRecord
-from twind.bridge.fleet.fleet_table import rows, told
+from twind.bridge.fleet.fleet_table import rows, to_json
 from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
 from twind.ctl.monitor_command import is_live
 from twind.ctl.stop_signals import told_to_stop
@@ -53,11 +53,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
-    lookout.once(PATIENCE, _say)
+    lookout.once(PATIENCE, _print_error)
     robots = lookout.roll.robots()
     network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
     if lookout.trouble and (network or not robots):
-        _say(lookout.trouble)
+        _print_error(lookout.trouble)
     _show(robots, options)
     named = [each for each in robots if each.name in options.robots]
     silent = [each for each in named if each.lost or each.odd or each.told_at is None]
@@ -70,7 +70,7 @@ def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
             lookout.begin(lambda _why: None)
             _draw(lookout, options.count, stop)
             return DONE
-        lookout.begin(_say)
+        lookout.begin(_print_error)
         shown = 0
         while shown != options.count and not stop.wait(PERIOD):
             shown += 1
@@ -86,7 +86,7 @@ def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> No
     from twind.ctl.picture.styled_lines import cut, line
     from twind.ctl.picture.terminal_screen import TerminalScreen
 
-    palette, pictures = Palette.of(Console(file=sys.stdout)), 0
+    palette, pictures = Palette.for_console(Console(file=sys.stdout)), 0
     with TerminalScreen().entered() as screen:
         while not stop.is_set() and pictures != count:
             pictures += 1
@@ -106,7 +106,7 @@ def _view(lookout: FleetMonitor, options: argparse.Namespace) -> int:
     from twind.bridge.fleet.viewer_robots import found
     from twind.observe.viewing.fleet import watch
 
-    lookout.begin(_say)
+    lookout.begin(_print_error)
     return watch(lambda: found(lookout), port=options.port, open_page=options.open, as_json=options.json)
 
 
@@ -114,7 +114,7 @@ def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
     now = time.monotonic()
     if options.json:
         # ASCII: what robots say goes to a terminal without what would command it.
-        print(json.dumps({"robots": [told(each, now) for each in robots]}, allow_nan=False), flush=True)
+        print(json.dumps({"robots": [to_json(each, now) for each in robots]}, allow_nan=False), flush=True)
         return
     from rich.console import Console
 
@@ -122,12 +122,12 @@ def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
 
     if is_live():
         console = Console(file=sys.stdout)
-        palette = Palette.of(console)
+        palette = Palette.for_console(console)
         said = "\n".join(palette.text(each) for each in rows(robots, now, console.width))
     else:
         said = plain(rows(robots, now, int(os.environ.get("COLUMNS") or 0) or WIDTH))
     print((said if robots else "no robots") + ("\n" if options.watch else ""), flush=True)
 
 
-def _say(why: str) -> None:
+def _print_error(why: str) -> None:
     print(f"twindctl: {harmless(why)}", file=sys.stderr, flush=True)

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING
 from twind.bridge.fleet.fleet_roster import FleetRoster
 from twind.bridge.fleet.local_daemons import LocalDaemonPoller
 from twind.bridge.fleet.remote import SharedSession, joining
-from twind.bridge.zenoh.zenoh_session import NetworkConfig, SessionError, leave, open_now, opened
+from twind.bridge.zenoh.zenoh_session import (
+    NetworkConfig,
+    SessionError,
+    close_session,
+    open_now,
+    open_session,
+)
 from twind.ctl.verb import UsageError
 
 if TYPE_CHECKING:
@@ -54,7 +60,7 @@ class FleetMonitor:
             self._elsewhere.ask()
             self._stop.wait(FINDING)
         self._here.wait(deadline - time.monotonic())
-        while self.roll.waiting() and time.monotonic() < deadline:
+        while self.roll.has_unknown_robots() and time.monotonic() < deadline:
             time.sleep(0.01)
 
     def begin(self, tell: Callable[[str], None]) -> None:
@@ -72,12 +78,12 @@ class FleetMonitor:
             thread.join(2.0 * PERIOD)
         if self.way is not None:
             with contextlib.suppress(Exception):  # whatever is wrong with it, it is over
-                leave(self.way.session)
+                close_session(self.way.session)
         self.way = self._elsewhere = None
 
     def _join(self, tell: Callable[[str], None]) -> None:
         try:
-            session = opened(self._place, self._stop, self._told(tell))
+            session = open_session(self._place, self._stop, self._make_error_callback(tell))
         except (SessionError, UsageError) as error:
             self.trouble = str(error)
             tell(self.trouble)
@@ -85,12 +91,12 @@ class FleetMonitor:
         if session is not None:
             self._enter(session, tell)
 
-    def _told(self, tell: Callable[[str], None]) -> Callable[[str], None]:
-        def told(why: str) -> None:
+    def _make_error_callback(self, tell: Callable[[str], None]) -> Callable[[str], None]:
+        def on_error(why: str) -> None:
             self.trouble = why
             tell(why)
 
-        return told
+        return on_error
 
     def _enter(self, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         from twind.bridge.fleet.remote_robots import RemoteRobotPoller

@@ -77,7 +77,7 @@ class FleetRoster:
         """
         return self._keep(name, where, lost="")
 
-    def told(self, name: str, where: str, answer: object, now: float, way: float) -> None:
+    def update_status(self, name: str, where: str, answer: object, now: float, way: float) -> None:
         """Record an answer of GetStatus with joints; an answer of another form is recorded as `odd`."""
         try:
             said = msgspec.convert(answer, _StatusReply)
@@ -94,7 +94,7 @@ class FleetRoster:
         """Record an answer that cannot be decoded. The last status stays, and ages."""
         self._keep(name, where, odd=why)
 
-    def lost(self, name: str, where: str, why: str) -> None:
+    def mark_lost(self, name: str, where: str, why: str) -> None:
         """Record that the robot no longer answers. The last status stays."""
         self._keep(name, where, lost=why)
 
@@ -106,7 +106,7 @@ class FleetRoster:
         found += [RobotRecord(name, lost="nobody of this name is there") for name in missing]
         return sorted(found, key=lambda each: (each.name, each.where == UPLINK, each.where))
 
-    def waiting(self) -> bool:
+    def has_unknown_robots(self) -> bool:
         """Return True if a robot is there of which no status is known yet."""
         return any(each.told_at is None and not (each.lost or each.odd) for each in self.robots())
 

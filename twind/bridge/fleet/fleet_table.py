@@ -25,7 +25,7 @@ def _wrong(robot: RobotRecord) -> str:
     return robot.lost or (f"what it says cannot be understood: {robot.odd}" if robot.odd else "")
 
 
-def told(robot: RobotRecord, now: float) -> dict[str, Any]:
+def to_json(robot: RobotRecord, now: float) -> dict[str, Any]:
     """Return the same as JSON.
 
     `age_s`: s since the status was received; null: never yet. `odd`: why the robot's answer is invalid.

@@ -27,7 +27,7 @@ class LeaseRenewer:
         """s, of the robot's clock: a lease's life from now on. Early by the way of the grant, never late."""
         return self._robot_time + (now - self._came) + LEASE_S
 
-    def tend(self, now: float) -> float:
+    def renew_if_due(self, now: float) -> float:
         """Renew it when it is due; s until it is due again."""
         if now >= self._due and not self.lost:
             self._due = now + RENEWED

@@ -56,16 +56,16 @@ class LocalDaemonPoller:
                 if folder not in self._names:
                     parameters = client.call("GetParameters")["parameters"]
                     self._names[folder] = robot_name(answer["status"], parameters)
-            self._roll.told(self._names[folder], folder, answer, now, now - begun)
+            self._roll.update_status(self._names[folder], folder, answer, now, now - begun)
         except ClientError as error:
             if folder in self._names or not getattr(error, "absent", False):
-                self._lost(folder, str(error))
+                self._record_lost_daemon(folder, str(error))
         except (KeyError, TypeError, AttributeError) as error:
-            self._lost(folder, f"what it says cannot be understood: {error!r}")
+            self._record_lost_daemon(folder, f"what it says cannot be understood: {error!r}")
 
-    def _lost(self, folder: str, why: str) -> None:
+    def _record_lost_daemon(self, folder: str, why: str) -> None:
         """One that never said its name has that of its folder, which is the instance's."""
-        self._roll.lost(self._names.get(folder) or Path(folder).name, folder, why)
+        self._roll.mark_lost(self._names.get(folder) or Path(folder).name, folder, why)
 
 
 def _below(place: str) -> Iterator[str]:

@@ -6,7 +6,15 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.zenoh_session import VARIABLE, NetworkConfig, here, leave, missing, named, open_now
+from twind.bridge.zenoh.zenoh_session import (
+    VARIABLE,
+    NetworkConfig,
+    close_session,
+    here,
+    missing,
+    open_now,
+    parse_config,
+)
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -35,16 +43,16 @@ class PrivateSession:
         """The network, as it was named."""
         return str(self.place)
 
-    def enter(self, patience: float) -> zenoh.Session:
+    def open_session(self, patience: float) -> zenoh.Session:
         """Join the network. Raises NoDaemon."""
         try:
             return open_now(self.place, min(patience, joining(self.place)))
         except ClientError as error:
             raise NoDaemon(f"{error}; {NAME_IT}") from None
 
-    def leave(self, session: zenoh.Session) -> None:
+    def release_session(self, session: zenoh.Session) -> None:
         """Close the session."""
-        leave(session)
+        close_session(session)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +62,11 @@ class SharedSession:
     session: zenoh.Session
     where: str
 
-    def enter(self, patience: float) -> zenoh.Session:
+    def open_session(self, patience: float) -> zenoh.Session:
         """Return the shared session."""
         return self.session
 
-    def leave(self, session: zenoh.Session) -> None:
+    def release_session(self, session: zenoh.Session) -> None:
         """Do nothing: other lines use the session."""
 
 
@@ -79,4 +87,4 @@ def remote(text: str) -> Client:
     robot, at, place = text.partition("@")
     if at and not place:
         raise UsageError(f"--remote {text}: expected ROBOT or ROBOT@tcp/HOST:PORT")
-    return client(robot, PrivateSession(named(place or os.environ.get(VARIABLE, ""))))
+    return client(robot, PrivateSession(parse_config(place or os.environ.get(VARIABLE, ""))))

@@ -44,7 +44,7 @@ class RemoteGoal:
         # Asked again by its name and lease it is never run twice: the answer is what became of the first.
         self._named = {"goal": name, "lease": hold.id}
         whole = self._named | {"deadline": hold.deadline(now), "trajectory": path}
-        self._told = reach.hear(("goals", name), self._progress)
+        self._told = reach.subscribe_news(("goals", name), self._progress)
         self._ask(whole, JUDGED)
 
     def close(self) -> None:
@@ -53,7 +53,7 @@ class RemoteGoal:
             self._closed = True
             self._told.undeclare()
 
-    def tend(self, now: float) -> float:
+    def renew_and_poll(self, now: float) -> float:
         """Renew the lease and query a goal of which no report comes; return the s until the next call."""
         if self._heard:
             self._heard, self._alive, self._asked = False, now, max(self._asked, now)
@@ -65,7 +65,7 @@ class RemoteGoal:
         elif now - self._asked > QUIET and not self._open:
             self._asked, self._again = now, True
             self._ask(self._named, GONE)
-        return min(self._hold.tend(now), QUIET)
+        return min(self._hold.renew_if_due(now), QUIET)
 
     def _ask(self, what: Mapping[str, Any], patience: float) -> None:
         """Send one query at a time: while the gate judges, repeats would fill the robot's queue of goals."""
@@ -88,9 +88,9 @@ class RemoteGoal:
             elif not self._answered:
                 self._answered = True
                 for each in [told, *self._early]:
-                    self._tell(each)
+                    self._deliver_reply(each)
             else:
-                self._tell(told)
+                self._deliver_reply(told)
 
     def _ends(self, error: bytes) -> bool:
         """True if this error ends the goal: of an accepted goal "Refused" alone, else all but "Busy"."""
@@ -106,11 +106,11 @@ class RemoteGoal:
             if told is None:
                 return
             if self._answered:
-                self._tell(told)
+                self._deliver_reply(told)
             elif len(self._early) < EARLY:
                 self._early.append(told)
 
-    def _tell(self, told: dict[str, Any]) -> None:
+    def _deliver_reply(self, told: dict[str, Any]) -> None:
         """Put a report into the inbox once: answers to queries and published reports overlap."""
         if self.over or told == self._last or (told["phase"] == "accepted" and self._last):
             return

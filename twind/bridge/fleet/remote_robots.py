@@ -50,7 +50,7 @@ class RemoteRobotPoller:
         if name is None:
             return
         if sample.kind == zenoh.SampleKind.DELETE:
-            self._roll.lost(name, UPLINK, GONE)
+            self._roll.mark_lost(name, UPLINK, GONE)
         elif not self._roll.there(name, UPLINK):
             self._leave_out("many", f"more than {MOST} robots: the others are left out")
 
@@ -65,7 +65,7 @@ class RemoteRobotPoller:
         except ValueError as error:
             self._roll.odd(name, UPLINK, str(error))
         else:
-            self._roll.told(name, UPLINK, answer, now, now - begun)
+            self._roll.update_status(name, UPLINK, answer, now, now - begun)
 
     def _name(self, key: zenoh.KeyExpr) -> str | None:
         try:

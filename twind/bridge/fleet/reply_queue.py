@@ -33,7 +33,7 @@ class ReplyQueue:
                 self._ended = self._ended or f"{self._most} answers wait, and nobody takes them"
             self._came.notify()
 
-    def news(self, message: bytes) -> None:
+    def put_news(self, message: bytes) -> None:
         """One of many."""
         with self._came:
             self._messages.append((message, True))

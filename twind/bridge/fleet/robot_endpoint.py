@@ -40,21 +40,21 @@ class RemoteRobotEndpoint:
         """
         heard = False
 
-        def answered(reply: zenoh.Reply) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
             nonlocal heard
             message = as_message(reply)
             if message is not None and (everybody or not heard):
                 heard = True
                 told(message)
 
-        def over() -> None:
+        def on_query_end() -> None:
             if not heard:
                 silent()
 
         with self._joined():
             self.session.get(
                 robot_key(self.robot, *parts),
-                zenoh.handlers.Callback(answered, over),
+                zenoh.handlers.Callback(on_reply, on_query_end),
                 payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
                 timeout=patience,
                 target=zenoh.QueryTarget.ALL if everybody else zenoh.QueryTarget.BEST_MATCHING,
@@ -62,7 +62,9 @@ class RemoteRobotEndpoint:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
 
-    def hear(self, parts: tuple[str, ...], told: Callable[[bytes], None]) -> "zenoh.Subscriber[None]":
+    def subscribe_news(
+        self, parts: tuple[str, ...], told: Callable[[bytes], None]
+    ) -> "zenoh.Subscriber[None]":
         """News, as their bytes, until the subscriber is undeclared."""
         with self._joined():
             return self.session.declare_subscriber(
@@ -72,13 +74,13 @@ class RemoteRobotEndpoint:
     def watch(self, there: Callable[[], None], gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
         """`there`: its uplink is up. `gone`: it ended, or the way there is lost."""
 
-        def changed(sample: zenoh.Sample) -> None:
+        def on_liveliness(sample: zenoh.Sample) -> None:
             (gone if sample.kind == zenoh.SampleKind.DELETE else there)()
 
         with self._joined():
             # With history: of a token that a session was never told it is not told the end either.
             return self.session.liveliness().declare_subscriber(
-                robot_key(self.robot, ALIVE), changed, history=True
+                robot_key(self.robot, ALIVE), on_liveliness, history=True
             )
 
     @contextmanager

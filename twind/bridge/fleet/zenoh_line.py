@@ -39,10 +39,10 @@ class SessionProvider(Protocol):
     def where(self) -> str:
         """Name of the network, for display."""
 
-    def enter(self, patience: float) -> zenoh.Session:
+    def open_session(self, patience: float) -> zenoh.Session:
         """Return a session. Raises ClientError: the network cannot be joined."""
 
-    def leave(self, session: zenoh.Session) -> None:
+    def release_session(self, session: zenoh.Session) -> None:
         """Release a session that is needed no more."""
 
 
@@ -72,7 +72,7 @@ class ZenohClientLine:
         """Join the network. Raises NoDaemon. The first query shows whether the robot is there."""
         if self._reach is not None:
             return
-        reach = RemoteRobotEndpoint(self._way.enter(patience), self._robot)
+        reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
         inbox = self._inbox = ReplyQueue()
         try:
             self._there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
@@ -104,7 +104,7 @@ class ZenohClientLine:
         for each in self._subscribers:
             each.undeclare()
         self._errand, self._hold, self._subscribers = None, None, []
-        self._way.leave(reach.session)
+        self._way.release_session(reach.session)
 
     # ------------------------------------------------------------------------------------------ messages
 
@@ -130,19 +130,19 @@ class ZenohClientLine:
         """The next message. Raises TimeoutError, Disconnected, NoDaemon."""
         deadline = time.monotonic() + patience
         while (left := deadline - time.monotonic()) > 0.0:
-            message = self._inbox.take(min(left, self._tend()))
+            message = self._inbox.take(min(left, self._keep_requests_alive()))
             if message is not None:
                 return self._understood(message)
         raise TimeoutError
 
-    def waiting(self) -> list[bytes]:
+    def take_received(self) -> list[bytes]:
         """Return the messages that have come already."""
         return self._inbox.rest()
 
-    def _tend(self) -> float:
+    def _keep_requests_alive(self) -> float:
         """Tend the call under way, alive only while a caller waits here; return s until the next time."""
         errand = self._errand
-        return IDLE if errand is None or errand.over else errand.tend(time.monotonic())
+        return IDLE if errand is None or errand.over else errand.renew_and_poll(time.monotonic())
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":
@@ -183,7 +183,7 @@ class ZenohClientLine:
         inbox, reach = self._inbox, self._reach
         what = {"op": "acquire", "holder": holder()}
 
-        def answered(message: bytes) -> None:
+        def on_lease_reply(message: bytes) -> None:
             """Held by another, who tells the robot's clock: only by that is it taken, and never later."""
             now = _held_at(message) if parameters.get("take") else None
             if now is None:
@@ -208,7 +208,7 @@ class ZenohClientLine:
                 told = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
                 inbox.answer(json.dumps({"parameters": {"lease": told}}).encode())
 
-        self._ask(("lease",), what, patience, answered)
+        self._ask(("lease",), what, patience, on_lease_reply)
 
     def _release(self, _parameters: Parameters, patience: float) -> None:
         hold, self._hold = self._hold, None
@@ -233,16 +233,18 @@ class ZenohClientLine:
         assert self._reach is not None
         rate = parameters.get("rate")
         for topic, parts in keys(parameters["topics"], rate).items():
-            self._subscribers.append(self._reach.hear(parts, self._thinned(TopicRateLimiter(topic, rate))))
+            self._subscribers.append(
+                self._reach.subscribe_news(parts, self._thinned(TopicRateLimiter(topic, rate)))
+            )
 
     def _thinned(self, thinned: TopicRateLimiter) -> Callable[[bytes], None]:
         inbox = self._inbox
 
-        def heard(message: bytes) -> None:
+        def on_message(message: bytes) -> None:
             if thinned.takes(message):
-                inbox.news(message)
+                inbox.put_news(message)
 
-        return heard
+        return on_message
 
 
 def holder() -> str:

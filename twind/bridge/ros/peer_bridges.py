@@ -28,7 +28,7 @@ class PeerBridges:
         self._lock = threading.Lock()
         self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, and when heard
 
-    def heard(self, data: bytes) -> None:
+    def on_bridge_status(self, data: bytes) -> None:
         """Take a String of /bridge/status from any bridge. An invalid one is ignored."""
         try:
             said = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
@@ -44,7 +44,7 @@ class PeerBridges:
                     del self._others[next(iter(self._others))]
                 self._others[name] = robot, self._now()
 
-    def wrong(self) -> str:
+    def conflict_text(self) -> str:
         """Return which other bridges take commands here, and the remedy; "": none."""
         since = self._now() - SILENT
         with self._lock:

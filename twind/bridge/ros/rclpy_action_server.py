@@ -70,7 +70,7 @@ class TrajectoryActionServer:
             kind,
             ACTION,
             self._execute,
-            goal_callback=self._asked,
+            goal_callback=self._accept_goal,
             handle_accepted_callback=self._accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             # Of requests, one after the other, as `_open` needs; goals run beside them.
@@ -98,7 +98,7 @@ class TrajectoryActionServer:
         """Destroy the server. Call after `close`, when no callback runs any more."""
         self._server.destroy()
 
-    def _asked(self, _: Any) -> Any:
+    def _accept_goal(self, _: Any) -> Any:
         """More goals than threads would keep services waiting, an e-stop's too."""
         return GoalResponse.ACCEPT if len(self._open) < MOST else GoalResponse.REJECT
 
@@ -109,7 +109,7 @@ class TrajectoryActionServer:
     def _execute(self, handle: Any) -> Any:
         """Run one goal to its end, in a thread of the executor."""
         try:
-            return self._ended(handle, self._followed(handle))
+            return self._finish_goal(handle, self._followed(handle))
         finally:
             self._open.discard(bytes(handle.goal_id.uuid))
 
@@ -154,7 +154,7 @@ class TrajectoryActionServer:
         with suppress(RuntimeError):  # the client, or the node, has just left
             handle.publish_feedback(message)
 
-    def _ended(self, handle: Any, last: Said) -> Any:
+    def _finish_goal(self, handle: Any, last: Said) -> Any:
         """Return the result, and set the state that goes with it."""
         result = self._kind.Result()
         result.error_code, result.error_string = outcome(last, asked=handle.is_cancel_requested)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import RclpyTransport, check
 from twind.bridge.ros.ros_bridge import RosBridge
-from twind.bridge.ros.ros_command import tell
+from twind.bridge.ros.ros_command import print_line
 from twind.bridge.ros.ros_transport import TransportError
 from twind.ctl.stop_signals import told_to_stop
 
@@ -25,14 +25,14 @@ def main(words: Sequence[str]) -> int:
     options = parser.parse_args(words)
     if options.check:
         return _checked()
-    node = RclpyTransport(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
+    node = RclpyTransport(discovery(os.environ, domain=options.domain), print_line, sockets=options.socket)
     with told_to_stop() as stop:
         course = RosBridge(
             node,
             sockets=options.socket,
             rate=options.rate,
             commands=options.commands,
-            tell=tell,
+            tell=print_line,
             stop=stop,
         )
         node.goals = course.orders.goal if options.commands else None
@@ -44,6 +44,6 @@ def _checked() -> int:
     try:
         check()
     except TransportError as error:
-        tell(str(error))
+        print_line(str(error))
         return 2
     return 0

@@ -110,7 +110,7 @@ class RclpyTransport:
         except RuntimeError as error:
             raise TransportError(f"rclpy: {topic.name}: {error}") from None
         if topic is STATUS and graph.mode is not None:
-            graph.mode.told(data)
+            graph.mode.on_status(data)
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""
@@ -222,7 +222,7 @@ class ModeParameter:
         # As the parameter services, in the default group: never beside them, so `_following` needs no lock.
         self._news = node.create_guard_condition(self._follow)
 
-    def told(self, status: bytes) -> None:
+    def on_status(self, status: bytes) -> None:
         """A message of the topic `/bridge/status`; from any thread."""
         mode = str(json.loads(decode(STRING, status)["data"]).get("mode") or UNKNOWN)
         if mode != self._mode:

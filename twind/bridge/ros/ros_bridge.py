@@ -16,7 +16,7 @@ from typing import Any
 
 from twind.bridge.ros.command_journal import CommandJournal
 from twind.bridge.ros.peer_bridges import PeerBridges
-from twind.bridge.ros.ros_diagnostics import Diagnostics, latencies, words
+from twind.bridge.ros.ros_diagnostics import Diagnostics, encode_string, latencies
 from twind.bridge.ros.ros_endpoints import (
     DIAGNOSTICS,
     GET_STATUS,
@@ -119,30 +119,30 @@ class RosBridge:
         """`_tend`, whatever another daemon says that we do not understand."""
         wrong = ""
         try:
-            self._tend()
+            self._join_or_report()
         except Exception as error:  # noqa: BLE001  whoever ends here lets go of every motion
             wrong = f"{type(error).__name__}: {error}; tried again"
-        if self._odd.news(wrong, time.monotonic()) and wrong:
+        if self._odd.is_transition(wrong, time.monotonic()) and wrong:
             self._tell(wrong)
 
-    def _tend(self) -> None:
+    def _join_or_report(self) -> None:
         """Join the graph where that is to be done; say how everything is."""
         if self._news.lives != self._asked_of:
             self._asked_of = self._news.lives
             self._ask_rights()
         if not self._joined:
             self._join()
-        if self._readings.wrong:
+        if self._readings.error_text:
             self._joints = ()
-        if self._news.wrong or not self._news.there:
+        if self._news.error_text or not self._news.there:
             self._status = None
             self._publish_status()
         if not self._looks:
-            both = self._neighbours.wrong()
-            if self._alone.news(both, time.monotonic()):
+            both = self._neighbours.conflict_text()
+            if self._alone.is_transition(both, time.monotonic()):
                 self._tell(both or "the other bridge is gone: commands are taken again")
         deaf = self._news.error if self._readings.there else ""  # a daemon that is away is told once
-        if self._deaf.news(deaf, time.monotonic()) and deaf:
+        if self._deaf.is_transition(deaf, time.monotonic()) and deaf:
             self._tell(f"{deaf}; status and results are missing")
         now = clocks().wall_ns
         self._publish(DIAGNOSTICS, self._diagnostics.message(now, self._bridge(), self._status, self._joints))
@@ -150,13 +150,13 @@ class RosBridge:
     def _join(self) -> None:
         self._transport.close()
         try:
-            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._heard, self._asked)
+            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._handle_request)
         except TransportError as error:
             self._wrong = str(error)
         else:
             self._joined, self._wrong = True, ""
             self._publish_status()
-        if self._graph.news(self._wrong, time.monotonic()):
+        if self._graph.is_transition(self._wrong, time.monotonic()):
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
     def _publish(self, topic: RosTopic, data: bytes) -> None:
@@ -168,20 +168,20 @@ class RosBridge:
             if self._stop.is_set():
                 return  # it is being left, by us
             self._joined, self._wrong = False, str(error)
-            if self._graph.news(self._wrong, time.monotonic()):
+            if self._graph.is_transition(self._wrong, time.monotonic()):
                 self._tell(f"{self._wrong}; tried again")
 
-    def _heard(self, topic: RosTopic, data: bytes) -> None:
+    def _on_message(self, topic: RosTopic, data: bytes) -> None:
         """A message of the graph; in a thread of the back end."""
         if topic == NEIGHBOURS:
-            self._neighbours.heard(data)
+            self._neighbours.on_bridge_status(data)
         elif topic is TRAJECTORY:
             self.orders.put(data)
         else:
-            self._calls.heard(topic, data)
+            self._calls.on_message(topic, data)
 
-    def _asked(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        done, message = self._calls.asked(service, data)
+    def _handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
+        done, message = self._calls.handle_request(service, data)
         if service is not GET_STATUS:
             phase = "done" if done else "refused"
             self._journal.note({"topic": service.name, "phase": phase, "message": message})
@@ -190,7 +190,7 @@ class RosBridge:
     def _result(self, result: Mapping[str, Any]) -> None:
         self._journal.note(result)
         robot = (self._status or {}).get("robot")
-        self._publish(RESULTS, words({**result, "robot": robot, "bridge": self._neighbours.id}))
+        self._publish(RESULTS, encode_string({**result, "robot": robot, "bridge": self._neighbours.id}))
 
     def _closed(self, stop: bool = False) -> str:
         """Why no command is taken, or, with `stop`, not even that; "": they are. An e-stop always is."""
@@ -198,7 +198,7 @@ class RosBridge:
             return f"this bridge only looks: {self._looks}"
         if self._denied:
             return f"this bridge only looks: {self._denied}; the e-stop alone is done"
-        return "" if stop else self._neighbours.wrong()
+        return "" if stop else self._neighbours.conflict_text()
 
     # ------------------------------------------------------------------------------------------ the daemon
 
@@ -229,7 +229,7 @@ class RosBridge:
             self._publish(LATENCY, latencies(answer["latency"]))
         elif topic == "trajectories":
             self._send(self._speech.accepted(answer, clocks()))
-        self.orders.heard(answer)
+        self.orders.on_monitor_reply(answer)
 
     def _send(self, messages: Sequence[Message]) -> None:
         for topic, data in messages:
@@ -263,11 +263,11 @@ class RosBridge:
 
     def _bridge(self) -> dict[str, Any]:
         """How we are: what a reader of a latched status must know before it believes the rest."""
-        daemon = self._over or self._news.wrong
+        daemon = self._over or self._news.error_text
         return {
             "id": self._neighbours.id,
             "daemon": self._news.there and not daemon,
-            "error": daemon or self._readings.wrong or self._wrong or None,
+            "error": daemon or self._readings.error_text or self._wrong or None,
             "commands": not (self._looks or self._denied or self._over),
             "refuses": self._closed() or None,
             "dropped": self._readings.dropped + self._news.dropped,
@@ -275,12 +275,12 @@ class RosBridge:
             "driving": 0 if self._over else len(self.orders.driving),
         }
 
-    def _said(self) -> dict[str, Any]:
-        status = None if self._over or self._news.wrong else self._status
+    def _make_status(self) -> dict[str, Any]:
+        status = None if self._over or self._news.error_text else self._status
         return {**(status or {}), "bridge": self._bridge()}
 
     def _publish_status(self) -> None:
-        self._publish(STATUS, words(self._said()))
+        self._publish(STATUS, encode_string(self._make_status()))
 
     def _status_text(self, now: Mapping[str, Any] | str) -> str:
         """As `_said`, by what the daemon says `now`, or by why it does not."""

@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         graph = discovery(os.environ, domain=options.domain, distro=options.distro)
     except DiscoveryError as error:
         raise UsageError(str(error)) from None
-    options.backend = options.backend or usual(os.environ, options.distro, tell)
+    options.backend = options.backend or usual(os.environ, options.distro, print_line)
     _sensible(options, graph)
     with told_to_stop() as stop:
         try:
@@ -99,14 +99,14 @@ def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threadi
     if options.backend == RCLPY:
         from twind.bridge.ros.rclpy_launcher import launch
 
-        tell(_headline(options, graph))
-        return launch(options, tell, stop)
+        print_line(_headline(options, graph))
+        return launch(options, print_line, stop)
     from twind.bridge.ros.ros_bridge import RosBridge
 
     transport = made(options, graph)
-    tell(_headline(options, graph, transport.refuses))
+    print_line(_headline(options, graph, transport.refuses))
     course = RosBridge(
-        transport, options.socket, rate=options.rate, commands=options.commands, tell=tell, stop=stop
+        transport, options.socket, rate=options.rate, commands=options.commands, tell=print_line, stop=stop
     )
     return course.run()
 
@@ -121,9 +121,11 @@ def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
     if options.backend == ZENOH:
-        made: RosTransport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
+        made: RosTransport = kind(
+            graph, print_line, connect=options.zenoh_connect, config=options.zenoh_config
+        )
         return made
-    transport: RosTransport = kind(graph, tell)
+    transport: RosTransport = kind(graph, print_line)
     return transport
 
 
@@ -149,7 +151,7 @@ def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: st
     return f"{where}; {reach} may move the robot"
 
 
-def tell(line: str) -> None:
+def print_line(line: str) -> None:
     """Print one line on standard error."""
     with suppress(OSError):  # nobody reads it any more: what it tells of goes on
         print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)

@@ -17,7 +17,7 @@ BAD_STATES = ("fault", "estop")
 Said = Mapping[str, Any]
 
 
-def words(said: Any) -> bytes:
+def encode_string(said: Any) -> bytes:
     """Return a String whose text is JSON."""
     return encode(STRING, {"data": json.dumps(said, ensure_ascii=False)})
 

@@ -96,9 +96,14 @@ class RosServiceCalls:
         """
         self._operator, self._observer, self._stopping = operator, observer, stopping
         self._status, self._closed, self._say = status, closed, say
-        self._stop = CoalescedCall("stop", lambda _: self._tell(STOP, "", self.stop()), tell, STOP_PACE)
+        self._stop = CoalescedCall(
+            "stop", lambda _: self._log_outcome(STOP, "", self.stop()), tell, STOP_PACE
+        )
         self._mode = CoalescedCall(
-            "mode", lambda mode: self._tell(SET_MODE, mode, self._named(mode)), tell, MODE_PACE
+            "mode",
+            lambda mode: self._log_outcome(SET_MODE, mode, self._set_mode_by_name(mode)),
+            tell,
+            MODE_PACE,
         )
         # One each: who asks for a cut does so because the robot does not settle.
         self._e_stops = {level: self._e_stop_errand(level, tell) for level in LEVELS}
@@ -108,7 +113,7 @@ class RosServiceCalls:
         for errand in (*self._e_stops.values(), self._stop, self._mode):
             errand.start()
 
-    def heard(self, topic: RosTopic, data: bytes) -> None:
+    def on_message(self, topic: RosTopic, data: bytes) -> None:
         """A message of one of our topics. One that makes no sense changes no mode, but a stop is a stop."""
         try:
             text = str(decode(STRING, data)["data"]).strip()
@@ -121,7 +126,7 @@ class RosServiceCalls:
         else:
             self._mode.ask(text[:80])
 
-    def asked(self, service: RosService, data: bool | None) -> tuple[bool, str]:
+    def handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
         """A request of one of our services: success, and words. Waits for the daemon."""
         if service is GET_STATUS:
             return True, self._status(self._asked_now())
@@ -168,11 +173,13 @@ class RosServiceCalls:
             return str(error)
         return status
 
-    def _named(self, mode: str) -> tuple[bool, str]:
+    def _set_mode_by_name(self, mode: str) -> tuple[bool, str]:
         return self.set_mode(mode) if mode else (False, "malformed: a String that names a mode is expected")
 
     def _e_stop_errand(self, level: str, tell: Callable[[str], None]) -> CoalescedCall:
-        return CoalescedCall(f"e-stop {level}", lambda _: self._tell(E_STOP, level, self.e_stop(level)), tell)
+        return CoalescedCall(
+            f"e-stop {level}", lambda _: self._log_outcome(E_STOP, level, self.e_stop(level)), tell
+        )
 
     def _call(self, connect: Ask, method: str, **parameters: Any) -> tuple[bool, str]:
         """On a connection of its own, so that nothing is before it."""
@@ -186,7 +193,7 @@ class RosServiceCalls:
             return False, f"{method}: {type(error).__name__}: {error}"
         return True, str(answer.get("mode") or answer.get("state") or "")
 
-    def _tell(self, topic: RosTopic, what: str, outcome: tuple[bool, str]) -> None:
+    def _log_outcome(self, topic: RosTopic, what: str, outcome: tuple[bool, str]) -> None:
         done, message = outcome
         phase = "done" if done else "refused"
         self._say({"topic": topic.name, "asked": what, "phase": phase, "message": message})

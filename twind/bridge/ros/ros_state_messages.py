@@ -49,7 +49,7 @@ class RosStateMessages:
         rows, time = answer["joints"], answer["time"]
         mode = answer.get("mode") or self._mode
         messages: list[Message] = []
-        measured = None if mode == "sim" else self._heard(rows, time, clocks)
+        measured = None if mode == "sim" else self._answered_joints(rows, time, clocks)
         simulated = self._simulated(rows, wall(clocks, time))
         if measured is not None:
             messages.append((HW_JOINTS, measured))
@@ -66,7 +66,7 @@ class RosStateMessages:
         """Topic `trajectories`: what passed the gate."""
         return [(ACCEPTED, accepted_bytes(answer["accepted"], wall(clocks, answer["time"])))]
 
-    def _heard(self, rows: Sequence[Row], time: float, clocks: ClockPair) -> bytes | None:
+    def _answered_joints(self, rows: Sequence[Row], time: float, clocks: ClockPair) -> bytes | None:
         """The joints that answered in this reading; the stamp is when the last of them did. None: nobody."""
         heard = [row for row in rows if row["heard"] and row["position"] is not None]
         if not heard:

@@ -45,7 +45,7 @@ class RosSubscriber:
         self._thread.start()
 
     @property
-    def wrong(self) -> str:
+    def error_text(self) -> str:
         """Why what was heard last does not hold now: no daemon, or its loop stands still. "": it holds."""
         silent = time.monotonic() - self._heard
         if not self.there or silent <= max(FRESH, self._slow):
@@ -62,7 +62,7 @@ class RosSubscriber:
             except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "bridging"
                 self.error = f"what the daemon says cannot be understood: {type(error).__name__}: {error}"
             self.there = False
-            if not self._stop.is_set() and self._once.news(self.error, time.monotonic()):
+            if not self._stop.is_set() and self._once.is_transition(self.error, time.monotonic()):
                 self._tell(f"{self.error}; waiting for the daemon")
             self._stop.wait(AGAIN)
 
@@ -77,7 +77,7 @@ class RosSubscriber:
                 if not self.there:
                     self.there, self.error = True, ""
                     self.lives += 1
-                    if self._once.news("", time.monotonic()):
+                    if self._once.is_transition("", time.monotonic()):
                         self._tell("the daemon is there again")
                 if self._stop.is_set():
                     return

@@ -82,9 +82,9 @@ class TrajectoryDispatcher:
         """Somebody stops the robot: nothing that was asked for before begins after it."""
         self._void(self._now())
 
-    def heard(self, answer: Mapping[str, Any]) -> None:
+    def on_monitor_reply(self, answer: Mapping[str, Any]) -> None:
         """Take an answer of `Monitor`, topics events and status. A stop by another client counts too."""
-        self._driving.heard(answer)
+        self._driving.on_monitor_reply(answer)
         if answer["topic"] == "events":
             ended = reported_end(answer)
             stopped = ended is not None and ended.stopped and ended.id not in self._let_go
@@ -115,7 +115,7 @@ class TrajectoryDispatcher:
                 message = "; ".join(str(each.get("message", "")) for each in ended.findings)
                 if ended.phase == LOST and not message:
                     message = UNHEARD
-                self._tell(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
+                self._report_phase(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
         self._tell_running()
         self._tell_dropped()
 
@@ -123,7 +123,7 @@ class TrajectoryDispatcher:
         """Give the lease back: what is under way is let go, and the daemon holds."""
         self._driving.close()
         for name, command in self._begun.items():
-            self._tell(
+            self._report_phase(
                 command, "cancelled", id=name, message="the bridge ended: the robot decelerates and holds"
             )
         self._begun.clear()
@@ -132,33 +132,35 @@ class TrajectoryDispatcher:
 
     def _put(self, command: RosCommand) -> None:
         for gone in self._inbox.put(command):
-            self._tell(gone, "refused", message=f"more than {ROOM} commands wait: send it again")
+            self._report_phase(gone, "refused", message=f"more than {ROOM} commands wait: send it again")
 
     def _take(self, command: RosCommand) -> None:
         if command.cancelled:
-            self._tell(command, "cancelled")
+            self._report_phase(command, "cancelled")
             return
         closed = self._closed()
         if closed:
             command.data = b""
-            self._tell(command, "refused", message=closed, error="NotAllowed")
+            self._report_phase(command, "refused", message=closed, error="NotAllowed")
             return
         try:
-            answer = self._driving.submit(self._asked(command))
+            answer = self._driving.submit(self._make_request(command))
         except InvalidRosCommand as unfit:
-            self._tell(command, "refused", message=str(unfit), findings=unfit.findings)
+            self._report_phase(command, "refused", message=str(unfit), findings=unfit.findings)
         except Refused as refusal:
-            self._tell(command, "refused", message=str(refusal), findings=refusal.findings)
+            self._report_phase(command, "refused", message=str(refusal), findings=refusal.findings)
         except CallError as error:
-            self._tell(command, "refused", message=call_text(error), error=error.name)
+            self._report_phase(command, "refused", message=call_text(error), error=error.name)
         except ClientError as error:
-            self._tell(command, "refused", message=str(error), error=type(error).__name__)
+            self._report_phase(command, "refused", message=str(error), error=type(error).__name__)
         except Exception as error:  # noqa: BLE001  whatever breaks us, its sender hears of it
-            self._tell(command, "refused", message=f"{type(error).__name__}: {error}", error="internal")
+            self._report_phase(
+                command, "refused", message=f"{type(error).__name__}: {error}", error="internal"
+            )
         else:
             self._accepted(command, answer)
 
-    def _asked(self, command: RosCommand) -> dict[str, Any]:
+    def _make_request(self, command: RosCommand) -> dict[str, Any]:
         """What the daemon is asked, if it is still wanted. Raises Unfit."""
         data, command.data = command.data, b""  # it may be long, and a motion too
         waited = self._now() - command.came
@@ -178,7 +180,7 @@ class TrajectoryDispatcher:
         self._inbox.accepted(command)
         verdict = answer.get("verdict") or {}
         more = {key: verdict[key] for key in ("warnings", "changes") if verdict.get(key)}
-        self._tell(command, "accepted", id=answer["id"], **more)
+        self._report_phase(command, "accepted", id=answer["id"], **more)
 
     # ------------------------------------------------------------------------------------------ stops
 
@@ -209,7 +211,7 @@ class TrajectoryDispatcher:
 
     # ------------------------------------------------------------------------------------------ what is told
 
-    def _tell(self, command: RosCommand, phase: str, **more: Any) -> None:
+    def _report_phase(self, command: RosCommand, phase: str, **more: Any) -> None:
         result = result_of(command.head, phase, **more)
         self._say(result)
         if command.told is not None:

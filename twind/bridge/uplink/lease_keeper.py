@@ -17,7 +17,7 @@ from typing import Any
 
 from twind.bridge.motion_session import LOST, MotionEnd, MotionSession, reported_end
 from twind.bridge.uplink.planned_durations import PlannedDurations
-from twind.bridge.uplink.remote_contract import finding, invalid, no_daemon, refused
+from twind.bridge.uplink.remote_contract import finding, invalid, make_refusal, no_daemon
 from twind.bridge.uplink.remote_lease import RemoteLease, missing
 from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_time
 from twind.bridge.zenoh.zenoh_keys import chunk
@@ -110,9 +110,9 @@ class LeaseKeeper:
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
         """
         name, lease = asked["goal"], asked["lease"]
-        known = self._goals.again(name, lease)
+        known = self._goals.find_repeated(name, lease)
         if known is not None:
-            return known.told()
+            return known.latest_reply()
         if "trajectory" not in asked or "deadline" not in asked:
             raise invalid("goal", f"{name[:64]!r} is not known; a new one needs a deadline and a trajectory")
         try:
@@ -125,7 +125,7 @@ class LeaseKeeper:
         goal.refusal = self._void(goal, came)
         if goal.refusal is None:
             self._submit(goal, asked["trajectory"], came)
-        return goal.told()
+        return goal.latest_reply()
 
     def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
         """Submit the goal to be judged and begun. Without an answer it is released: no state is left open."""
@@ -152,10 +152,16 @@ class LeaseKeeper:
         if not self._tenancy.holds(goal.lease, now):
             return missing()
         if now > goal.deadline:
-            return refused("CMD_EXPIRED", "its deadline passed before it began", now - goal.deadline, 0.0)
+            return make_refusal(
+                "CMD_EXPIRED", "its deadline passed before it began", now - goal.deadline, 0.0
+            )
         with self._lock:
             stopped = came <= self._stopped
-        return refused(BUSY, "the robot was stopped after this was sent: send it again") if stopped else None
+        return (
+            make_refusal(BUSY, "the robot was stopped after this was sent: send it again")
+            if stopped
+            else None
+        )
 
     # ------------------------------------------------------------------------------------------ any thread
 
@@ -164,25 +170,25 @@ class LeaseKeeper:
         with self._lock:
             self._stopped = max(self._stopped, at)
 
-    def heard(self, answer: Mapping[str, Any]) -> None:
+    def on_monitor_reply(self, answer: Mapping[str, Any]) -> None:
         """Take an answer of `Monitor`, topics events and status: stops by others, ends."""
-        self._driving.heard(answer)
+        self._driving.on_monitor_reply(answer)
         ended = reported_end(answer)
         if ended is not None and ended.stopped and ended.id not in self._dropped:
             self.stopped(answer["time"])
 
     def watch(self) -> None:
         """Hang up where the lease lapsed while a goal is judged. Each PERIOD, in a thread of its own."""
-        if self._judging and not self._tenancy.held(self._now()):
+        if self._judging and not self._tenancy.is_held(self._now()):
             self._dropped = frozenset(self._driving.driving)
             self._driving.cut()
 
     # ------------------------------------------------------------------------------------------ keeping
 
-    def tend(self) -> None:
+    def renew_and_report(self) -> None:
         """Renew while the remote lease is renewed; report goals. Each PERIOD at least, after each query."""
         ended = {each.id: each for each in self._driving.keep()}
-        if self._holder and not self._tenancy.held(self._now()):
+        if self._holder and not self._tenancy.is_held(self._now()):
             self._let_go(f"the lease of {self._holder} lapsed")
         elif self._holder and not self._driving.held:
             self._let_go(f"the daemon took the lease of {self._holder}: somebody else has it, or it restarts")

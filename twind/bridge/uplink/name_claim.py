@@ -30,7 +30,7 @@ class NameClaim:
         self._look_at = 0.0
         self._alive = robot_key(robot, "alive")
         if self._is_there():
-            raise Rejected(f"{self._taken}; name this one with --name, or end the other")
+            raise Rejected(f"{self._rival_text}; name this one with --name, or end the other")
 
     def claim(self) -> None:
         """From now on the robot is there, for all to see."""
@@ -57,9 +57,9 @@ class NameClaim:
         return any(reply.ok is not None for reply in found)
 
     @property
-    def _taken(self) -> str:
+    def _rival_text(self) -> str:
         return f"robot {self._robot!r} is alive on this network already"
 
     def _seen(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None and str(reply.ok.key_expr).rpartition("/")[2] < self._here:
-            self.rival = f"{self._taken}, by another uplink: this one ends; name one of them with --name"
+            self.rival = f"{self._rival_text}, by another uplink: this one ends; name one of them with --name"

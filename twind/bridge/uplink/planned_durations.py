@@ -18,7 +18,7 @@ class PlannedDurations:
         self._lock = threading.Lock()
         self._planned: OrderedDict[str, tuple[float, float]] = OrderedDict()  # s: begins, lasts
 
-    def heard(self, news: Mapping[str, Any]) -> None:
+    def on_monitor_reply(self, news: Mapping[str, Any]) -> None:
         """Record one answer of `Monitor`, topic trajectories."""
         path = news["accepted"]["trajectory"]
         begins = news["time"] + (path.get("start_in") or 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import zenoh
 
-from twind.bridge.uplink.remote_contract import SMALL, UPLINK, busy, fits, no_daemon, question
+from twind.bridge.uplink.remote_contract import SMALL, UPLINK, busy, check_query, check_size, no_daemon
 from twind.bridge.zenoh.zenoh_keys import robot_key
 from twind.client import CallError, ClientError
 
@@ -28,7 +28,7 @@ class RemoteQuery:
 
     def look(self) -> None:
         """Read it, if that is soon done. Raises CallError: it is none, or too large to be copied at all."""
-        fits(self._method, self._size)
+        check_size(self._method, self._size)
         if self._size <= SMALL:
             self._read()
 
@@ -70,7 +70,7 @@ class RemoteQuery:
 
     def _read(self) -> None:
         payload = self._query.payload
-        self.asked = question(self._method, b"" if payload is None else payload.to_bytes())
+        self.asked = check_query(self._method, b"" if payload is None else payload.to_bytes())
 
 
 Take = Callable[[RemoteQuery], bool]  # in a thread of the engine; False: there is no room for it

@@ -54,9 +54,9 @@ error NoDaemon (message: string)
 _METHODS = load(CONTROL).methods | INTERFACE.methods
 
 
-def question(method: str, data: bytes) -> dict[str, Any]:
+def check_query(method: str, data: bytes) -> dict[str, Any]:
     """Parameters of `method`, one of CONTROL's or ours. Raises CallError: they are none."""
-    fits(method, len(data))
+    check_size(method, len(data))
     try:
         asked: dict[str, Any] = loads(data) if data else {}
         _METHODS[method].parameters.check(asked, "")
@@ -70,7 +70,7 @@ def question(method: str, data: bytes) -> dict[str, Any]:
     return asked
 
 
-def fits(method: str, size: int) -> None:
+def check_size(method: str, size: int) -> None:
     """Nothing, if a question of `method` may have `size` bytes. Raises CallError."""
     bound = MOST if method in CARRIERS else SMALL
     if size > bound:
@@ -87,12 +87,14 @@ def busy(what: str) -> CallError:
     return as_error(f"{CONTROL}.Busy", {"what": what})
 
 
-def refused(code: str, message: str, value: float | None = None, bound: float | None = None) -> CallError:
+def make_refusal(
+    code: str, message: str, value: float | None = None, bound: float | None = None
+) -> CallError:
     """One finding of ours, as the daemon's."""
     return as_error(f"{CONTROL}.Refused", {"findings": [finding(code, message, value, bound)]})
 
 
-def held(lease: Mapping[str, Any]) -> CallError:
+def lease_held_error(lease: Mapping[str, Any]) -> CallError:
     """Another has the lease."""
     return as_error(f"{CONTROL}.LeaseHeld", {"lease": dict(lease)})
 

@@ -10,7 +10,7 @@ import secrets
 import threading
 from typing import Any
 
-from twind.bridge.uplink.remote_contract import held, refused
+from twind.bridge.uplink.remote_contract import lease_held_error, make_refusal
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client.errors import CallError
 from twind.safety.lease import Lease
@@ -32,7 +32,7 @@ class RemoteLease:
             owner = self._lease.info(now)
         if owner is not None and not take:
             lease = {"holder": owner.holder, "uid": owner.uid, "expires_in": owner.expires_in}
-            raise held(lease)
+            raise lease_held_error(lease)
 
     def grant(self, holder: str, now: float) -> dict[str, Any]:
         """Grant the lease to `holder`, even if another holds it. Return the Grant."""
@@ -58,7 +58,7 @@ class RemoteLease:
         with self._lock:
             return bool(token) and token == self._token and self._lease.held_by(self._number, now)
 
-    def held(self, now: float) -> bool:
+    def is_held(self, now: float) -> bool:
         """Return True if the lease is held now."""
         with self._lock:
             return self._lease.holds(now)
@@ -80,4 +80,4 @@ class RemoteLease:
 def missing() -> CallError:
     """Return the refusal of a client that does not hold the lease."""
     message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
-    return refused("LEASE_MISSING", message)
+    return make_refusal("LEASE_MISSING", message)

@@ -77,7 +77,7 @@ class RobotUplink:
         """Why another uplink has the name now; "": the name is held here."""
         return self._presence.rival
 
-    def over(self, now: float) -> bool:
+    def is_over(self, now: float) -> bool:
         """True if this name is over: the daemon has another robot now, or another uplink has the name."""
         self._presence.look(now)
         return self._renamed or bool(self.rival)
@@ -104,7 +104,7 @@ class RobotUplink:
         connect = partial(observer, self._options)
         rare = [topic for topic in TOPICS if topic != ON_DEMAND]
         news = MonitorRelay(
-            connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended
+            connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._on_end
         )
         often = MonitorRelay(connect, [ON_DEMAND], None)
         for topic in TOPICS:
@@ -122,7 +122,7 @@ class RobotUplink:
         if name != self.robot:
             self._tell(f"the daemon's robot is {name} now, no longer {self.robot}")
             self._renamed = True
-        elif self._trouble.news("", time.monotonic()):
+        elif self._trouble.is_transition("", time.monotonic()):
             self._tell("the daemon is there again")
         self._say_what_we_may()
 
@@ -137,18 +137,18 @@ class RobotUplink:
                 client.connect()
         except NoDaemon as error:
             why = "" if error.absent else str(error)
-        if self._limits.news(why, time.monotonic()):
+        if self._limits.is_transition(why, time.monotonic()):
             self._tell(f"{why}; so nobody commands from afar" if why else "commands are taken again")
 
-    def _ended(self, why: str) -> None:
-        if why and self._trouble.news(why, time.monotonic()):
+    def _on_end(self, why: str) -> None:
+        if why and self._trouble.is_transition(why, time.monotonic()):
             self._tell(f"{why}; waiting for the daemon")
 
     def _hear(self, topic: str, data: bytes) -> None:
         if topic in ("events", "status"):
-            self._reins.heard(json.loads(data)["parameters"])
+            self._reins.on_monitor_reply(json.loads(data)["parameters"])
         elif topic == "trajectories":
-            self._plans.heard(json.loads(data)["parameters"])
+            self._plans.on_monitor_reply(json.loads(data)["parameters"])
 
     # ------------------------------------------------------------------------------------------ answering
 
@@ -164,7 +164,11 @@ class RobotUplink:
             WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD),
         )
         goals = WorkerQueue(
-            "goals", length=LARGE_WAITING, tend=self._reins.tend, period=PERIOD, last=self._reins.close
+            "goals",
+            length=LARGE_WAITING,
+            tend=self._reins.renew_and_report,
+            period=PERIOD,
+            last=self._reins.close,
         )
 
         def goal(one: RemoteQuery) -> bool:
@@ -239,7 +243,7 @@ def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell)
                 client.timeout = PATIENCE
                 return asked_name(client)
         except ClientError as error:
-            if trouble.news(str(error), time.monotonic()):
+            if trouble.is_transition(str(error), time.monotonic()):
                 tell(f"{error}; waiting for the daemon")
         stop.wait(AGAIN)
     return ""

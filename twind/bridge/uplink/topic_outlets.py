@@ -39,7 +39,7 @@ class TopicOutlet:
         self._matching = self._publisher.declare_matching_listener(lambda status: changed())
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Somebody listens."""
         status: Any = self._publisher.matching_status  # declared a bool; in 1.10 an object, always true
         return bool(getattr(status, "matching", status))
@@ -92,17 +92,17 @@ class MonitorRelay:
             self._thread.join(patience)
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         """There is who listens."""
-        return self._always or any(outlet.wanted for outlet in self.outlets.values())
+        return self._always or any(outlet.has_subscribers for outlet in self.outlets.values())
 
     def _run(self) -> None:
         while not self._stop.is_set():
             self._wake.wait()
             self._wake.clear()
-            while self.wanted and not self._stop.is_set():
+            while self.has_subscribers and not self._stop.is_set():
                 self._ended(self._followed())
-                if self.wanted:
+                if self.has_subscribers:
                     self._stop.wait(AGAIN)
 
     def _followed(self) -> str:
@@ -114,7 +114,7 @@ class MonitorRelay:
                 for burst in client.bursts("Monitor", topics=self._topics, rate=self._rate):
                     for data in burst:
                         self._take(data)
-                    if self._stop.is_set() or not self.wanted:
+                    if self._stop.is_set() or not self.has_subscribers:
                         return ""
         except ClientError as error:
             return str(error)

@@ -67,7 +67,7 @@ def _joined(
     options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
 ) -> dict[str, Any] | None:
     """By one name, until it is over: what was done; None: nothing. Raises Rejected: the name is another's."""
-    session = zenoh_session.opened(place, stop, _tell)
+    session = zenoh_session.open_session(place, stop, _tell)
     if session is None:
         return None
     from twind.bridge.uplink.robot_uplink import RobotUplink, awaited_name
@@ -80,7 +80,7 @@ def _joined(
         try:
             uplink.start()
             _tell(f"{robot} is up at {place}")
-            while not (stop.wait(LOOK) or uplink.over(time.monotonic())):
+            while not (stop.wait(LOOK) or uplink.is_over(time.monotonic())):
                 pass
         finally:
             uplink.close()

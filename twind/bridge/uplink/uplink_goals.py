@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from twind.bridge.uplink.remote_contract import busy, invalid, refused
+from twind.bridge.uplink.remote_contract import busy, invalid, make_refusal
 from twind.client.errors import CallError
 
 MOST = 256  # goals that are remembered
@@ -24,7 +24,7 @@ class UplinkGoal:
     refusal: CallError | None = None
     over: bool = False
 
-    def told(self) -> dict[str, Any]:
+    def latest_reply(self) -> dict[str, Any]:
         """The newest answer. Raises CallError: it was refused."""
         if self.refusal is not None:
             raise self.refusal
@@ -34,7 +34,7 @@ class UplinkGoal:
 def in_time(deadline: float, now: float) -> None:
     """Nothing, if it may still begin. Raises CallError: too late, or too far ahead."""
     if not now <= deadline:
-        raise refused("CMD_EXPIRED", "it came after its deadline", now - deadline, 0.0)
+        raise make_refusal("CMD_EXPIRED", "it came after its deadline", now - deadline, 0.0)
     if not deadline - now <= AHEAD:
         raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
 
@@ -49,7 +49,7 @@ class UplinkGoalTable:
     def __len__(self) -> int:
         return len(self._goals)
 
-    def again(self, name: str, lease: str) -> UplinkGoal | None:
+    def find_repeated(self, name: str, lease: str) -> UplinkGoal | None:
         """The goal of that name, if it came before. Raises CallError: it is another's."""
         known = self._goals.get(name)
         if known is not None and known.lease != lease:

@@ -79,10 +79,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def place(options: argparse.Namespace, environ: Mapping[str, str]) -> NetworkConfig:
     """By the options, else by the variable, else the router of this machine."""
     given = NetworkConfig(tuple(options.connect), tuple(options.listen), options.zenoh_config)
-    return named(environ.get(VARIABLE, "")) if given == NetworkConfig() else given
+    return parse_config(environ.get(VARIABLE, "")) if given == NetworkConfig() else given
 
 
-def named(text: str) -> NetworkConfig:
+def parse_config(text: str) -> NetworkConfig:
     """What VARIABLE says; empty: LOCAL."""
     if text.endswith(FILES):
         return NetworkConfig(file=Path(text))
@@ -100,7 +100,9 @@ def readable(place: NetworkConfig) -> list[str]:
     return [each for each in said if not (_sealed(each) or here(each))]
 
 
-def opened(place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]) -> zenoh.Session | None:
+def open_session(
+    place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]
+) -> zenoh.Session | None:
     """Joined as soon as somebody answers there; None: told to stop before. Raises SessionError where the
     place itself is wrong. `tell` hears once that nobody answers.
     """
@@ -124,7 +126,7 @@ def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
         raise SessionError(f"{place}: {error}") from None
 
 
-def leave(session: zenoh.Session) -> None:
+def close_session(session: zenoh.Session) -> None:
     """Close it, and wait until its callbacks are over, `PARTING` s at most.
 
     Each has a thread, a daemon where a daemon declared it. One that comes back from compiled code while the

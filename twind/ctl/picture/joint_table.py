@@ -9,7 +9,7 @@ from math import nan
 
 from twind.ctl.picture.picture_blocks import PictureBlock, PictureRow
 from twind.ctl.picture.picture_state import Answer, DisplayThresholds, PictureState, followed
-from twind.ctl.picture.styled_lines import Span, cut, left, line, right
+from twind.ctl.picture.styled_lines import Span, align_left, cut, line, right
 
 OFF, FAR = 0.1, 0.2  # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OLD, STALE = 30.0, 100.0  # ms not heard: where an armed robot is told of, and where it holds
@@ -51,7 +51,7 @@ def joints(view: PictureState, width: int) -> PictureBlock:
     looks = _JointColumns(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
     columns = _columns(width, width - name - 2 - NOTES)
     titles = [right(title, size) for title, size, _ in columns]
-    head = line((f"  {left('joint', name)}{''.join(titles)}  notes", "dim"))
+    head = line((f"  {align_left('joint', name)}{''.join(titles)}  notes", "dim"))
     rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
     return PictureBlock("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
 
@@ -70,7 +70,7 @@ def _row(
     notes = _notes(joint, known, looks)
     worst = _worst([*(style for _, _, style in cells), *(style for _, style in notes)])
     mark: Span = {"bad": ("! ", "bad"), "warn": ("? ", "warn")}.get(worst, ("  ", ""))
-    spans: list[Span] = [mark, (left(joint["name"], name), worst if worst == "bad" else "")]
+    spans: list[Span] = [mark, (align_left(joint["name"], name), worst if worst == "bad" else "")]
     spans += [(right(text, size), style) for size, text, style in cells]
     for place, (text, style) in enumerate(notes):
         spans.append((", " if place else "  ", ""))

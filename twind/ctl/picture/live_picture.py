@@ -57,16 +57,18 @@ class MonitorFeed:
             try:
                 self._follow()
             except Exception as error:  # noqa: BLE001
-                why = _said(error)
-                if not self.watched.whole:
+                why = _make_client_error(error)
+                if not self.watched.is_complete:
                     self.failure = why
                     return
-                self.watched.gone(str(why), time.monotonic())
+                self.watched.record_disconnect(str(why), time.monotonic())
                 self._ended.wait(AGAIN)
 
     def _follow(self) -> None:
         watched = self.watched
-        for news in steady(self._next, TOPICS, self._rate, lambda why: watched.gone(why, time.monotonic())):
+        for news in steady(
+            self._next, TOPICS, self._rate, lambda why: watched.record_disconnect(why, time.monotonic())
+        ):
             if self._ended.is_set():
                 return
             watched.take(news, time.monotonic())
@@ -74,7 +76,7 @@ class MonitorFeed:
                 self._greet().close()  # on a connection of its own: this one streams
 
 
-def _said(error: Exception) -> ClientError:
+def _make_client_error(error: Exception) -> ClientError:
     if isinstance(error, ClientError):
         return error
     return ClientError(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
@@ -95,7 +97,7 @@ def show(connect: Callable[[], Client], rate: float, count: int | None = None) -
 
 
 def _await_news(feed: MonitorFeed) -> None:
-    while not feed.watched.whole:
+    while not feed.watched.is_complete:
         if feed.failure is not None:
             raise feed.failure
         time.sleep(0.01)
@@ -118,7 +120,7 @@ def _print(feed: MonitorFeed, rate: float, count: int | None) -> None:
 
 def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
     """On a terminal, until a key ends it."""
-    palette = Palette.of(Console(file=sys.stdout))
+    palette = Palette.for_console(Console(file=sys.stdout))
     period, shown, pictures = 1.0 / min(rate, FASTEST), PageSelection(), 0
     frozen: PictureState | None = None
     with TerminalScreen().entered() as screen:
@@ -136,12 +138,12 @@ def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
             for key in screen.wait(due - time.monotonic()):
                 if key == "quit":
                     return
-                shown = turned(shown, key, now, len(feed.watched.view(now).joints))
+                shown = apply_key(shown, key, now, len(feed.watched.view(now).joints))
                 if key == "freeze":
                     frozen = feed.watched.view(now) if frozen is None else None
 
 
-def turned(shown: PageSelection, key: str, now: float, joints: int) -> PageSelection:
+def apply_key(shown: PageSelection, key: str, now: float, joints: int) -> PageSelection:
     """What a key makes of what is shown, of so many joints."""
     pages = list(PAGES)
     if key == "page":

@@ -45,13 +45,13 @@ class PictureBlock:
     scrolls: bool = False
 
     @property
-    def whole(self) -> int:
+    def full_height(self) -> int:
         """Number of lines that the block takes where there is room for all."""
         return len(self.heads) + len(self.rows)
 
     def shown(self, room: int, offset: int = 0) -> list[Line]:
         """As many lines as there is room for: urgent rows first, then the others from `offset` on."""
-        if self.whole <= room:
+        if self.full_height <= room:
             return [*self.heads, *(row.line for row in self.rows)]
         places = max(0, room - len(self.heads) - 1)
         urgent = [row for row in self.rows if row.urgent][:places]
@@ -149,17 +149,17 @@ def _stream(told: Answer, width: int) -> Line:
 
 def refusals(view: PictureState, width: int) -> PictureBlock:
     """The newest refusals of the gate and their reasons."""
-    return _told("refusals", "refused last", view.refusals, view.now, width)
+    return _make_notice_block("refusals", "refused last", view.refusals, view.now, width)
 
 
 def last_refusals(view: PictureState, width: int) -> PictureBlock:
     """The newest refusals."""
-    return _told("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
+    return _make_notice_block("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
 
 
 def events(view: PictureState, width: int) -> PictureBlock:
     """The newest events."""
-    return _told("events", "events", view.events, view.now, width)
+    return _make_notice_block("events", "events", view.events, view.now, width)
 
 
 def titled(text: str, width: int) -> Line:
@@ -175,7 +175,9 @@ def ago(seconds: float) -> str:
     return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole // 3600} h"
 
 
-def _told(name: str, title: str, told: Sequence[PictureNotice], now: float, width: int) -> PictureBlock:
+def _make_notice_block(
+    name: str, title: str, told: Sequence[PictureNotice], now: float, width: int
+) -> PictureBlock:
     rows = []
     for each in told:
         when = f"{ago(now - each.at):>7} ago  "

@@ -56,9 +56,9 @@ def picture(
     wrong = trouble(view, width)
     if height is None:
         whole = [make(view, width) for tier in PAGES[chosen.page] for make in tier]
-        rows = [each for block in whole for each in block.shown(block.whole)]
-        return [*top, *wrong.shown(wrong.whole), *rows]
-    top += wrong.shown(min(wrong.whole, max(wrong.least, (height - 2) // 2)))
+        rows = [each for block in whole for each in block.shown(block.full_height)]
+        return [*top, *wrong.shown(wrong.full_height), *rows]
+    top += wrong.shown(min(wrong.full_height, max(wrong.least, (height - 2) // 2)))
     room = height - len(top) - 1
     if width >= WIDE and chosen.page == "all":
         one, left_out = _packed(SIDES[0], view, LEFT, room, chosen.offset)
@@ -78,7 +78,7 @@ def _packed(
     lines: list[Line] = []
     hidden: list[str] = []
     for tier in tiers:
-        blocks = [block for make in tier if (block := make(view, width)).whole]
+        blocks = [block for make in tier if (block := make(view, width)).full_height]
         given = _shared(blocks, room - len(lines))
         for block, count in zip(blocks, given, strict=True):
             lines += block.shown(count, offset)
@@ -94,7 +94,7 @@ def _shared(blocks: Sequence[PictureBlock], room: int) -> list[int]:
         room -= given[-1]
     for place, block in enumerate(blocks):
         if given[place]:
-            more = min(room, block.whole - given[place])
+            more = min(room, block.full_height - given[place])
             given[place], room = given[place] + more, room - more
     return given
 

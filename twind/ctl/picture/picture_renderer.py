@@ -55,7 +55,7 @@ class Palette:
             self._styles["alarm"] = PLAIN_ALARM
 
     @classmethod
-    def of(cls, console: Console) -> "Palette":
+    def for_console(cls, console: Console) -> "Palette":
         """What this console can show; NO_COLOR is respected."""
         return cls(None if console.no_color else _SYSTEMS.get(console.color_system or ""))
 

@@ -105,7 +105,7 @@ class MonitorCollector:
             elif topic == "events":
                 self._event(news["event"], now)
 
-    def gone(self, why: str, now: float) -> None:
+    def record_disconnect(self, why: str, now: float) -> None:
         """Record that the daemon went away or cannot be reached; the first reason stays."""
         with self._lock:
             if not self._now.get("gone"):
@@ -115,7 +115,7 @@ class MonitorCollector:
                 self.count += 1
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """True once there is something to show: a status and joints."""
         return "status" in self._now and "joints" in self._now
 
@@ -184,14 +184,14 @@ def _bounds(joint: Answer) -> DisplayThresholds:
     kind = joint.get("type") or {}
     heat, supply = kind.get("heat") or {}, kind.get("supply") or {}
     return DisplayThresholds(
-        lower=_known(joint.get("lower")),
-        upper=_known(joint.get("upper")),
-        warm=_known(heat.get("warn")),
-        hot=_known(heat.get("settle")),
-        low=_known(supply.get("warn")),
-        flat=_known(supply.get("settle")),
+        lower=_nan_if_null(joint.get("lower")),
+        upper=_nan_if_null(joint.get("upper")),
+        warm=_nan_if_null(heat.get("warn")),
+        hot=_nan_if_null(heat.get("settle")),
+        low=_nan_if_null(supply.get("warn")),
+        flat=_nan_if_null(supply.get("settle")),
     )
 
 
-def _known(value: float | None) -> float:
+def _nan_if_null(value: float | None) -> float:
     return float("nan") if value is None else value

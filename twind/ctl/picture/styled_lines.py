@@ -59,7 +59,7 @@ def right(text: str, width: int) -> str:
     return "…" + text[len(text) - width + 1 :] if width else ""
 
 
-def left(text: str, width: int) -> str:
+def align_left(text: str, width: int) -> str:
     """Begins at the column; what is too long ends with `…`."""
     if wide(text) <= width:
         return text + " " * (width - wide(text))

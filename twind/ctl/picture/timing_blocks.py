@@ -5,7 +5,7 @@ from math import log
 
 from twind.ctl.picture.picture_blocks import PictureBlock, PictureRow, micro, milli, titled
 from twind.ctl.picture.picture_state import Answer, PictureState
-from twind.ctl.picture.styled_lines import Line, Span, cut, left, line, right
+from twind.ctl.picture.styled_lines import Line, Span, align_left, cut, line, right
 
 FULL = 0.9  # share of the tick from which a bus is worth a look
 LATE = 2.0  # ms: a tick that begins later is told of (R02)
@@ -24,7 +24,7 @@ def buses(view: PictureState, width: int) -> PictureBlock:
     sizes = (names, max(10, min(24, width - names - 55)), 13)
     rate = status["loop"]["rate_hz"] if status["mode"] != "sim" else 0.0
     rows = [_bus(bus, view.rates.get(bus["name"]), rate, sizes, width) for bus in status["buses"]]
-    start = "  ".join(left(title, size) for title, size in zip(_HEADS[:3], sizes, strict=True))
+    start = "  ".join(align_left(title, size) for title, size in zip(_HEADS[:3], sizes, strict=True))
     head = start + "".join(
         right(title, size) for title, size in zip(_HEADS[3:], (9, 6, 6, 6, 9), strict=True)
     )
@@ -39,9 +39,9 @@ def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], w
         ("connected", "") if on else ("NOT CONNECTED", "bad") if wanted else ("not opened", "dim")
     )
     spans: list[Span] = [
-        (left(bus["name"], sizes[0]) + "  ", ""),
-        (left(bus["port"] or "no port", sizes[1]) + "  ", ""),
-        (left(connected[0], sizes[2]), connected[1]),
+        (align_left(bus["name"], sizes[0]) + "  ", ""),
+        (align_left(bus["port"] or "no port", sizes[1]) + "  ", ""),
+        (align_left(connected[0], sizes[2]), connected[1]),
         (right(f"{'! ' if slow else ''}{micro(rate)}", 9), "warn" if slow else ""),
         (right(milli(bus["latency_ms"]), 6), ""),
         (right(milli(bus["latency_p99_ms"]), 6), ""),
@@ -57,7 +57,7 @@ def hops(view: PictureState, width: int) -> PictureBlock:
     """Each step of a reading and of a command, ms; last, how many of the last 100 took too long."""
     if not view.hops:
         return PictureBlock("hops", (), (), 0)
-    head = line((f"  {left('ms', 10)}{''.join(right(each, 7) for each in _HOPS)}  too long", "dim"))
+    head = line((f"  {align_left('ms', 10)}{''.join(right(each, 7) for each in _HOPS)}  too long", "dim"))
     title = titled("latency, hop by hop", width)
     return PictureBlock(
         "hops", (title, cut(head, width)), [_hop(hop, width) for hop in view.hops], min(5, 2 + len(view.hops))
@@ -70,7 +70,7 @@ def _hop(hop: Answer, width: int) -> PictureRow:
     count = hop["violations"]
     said: Span = (right(str(count), 10), "warn" if count else "dim")
     mark: Span = ("! ", "warn") if count else ("  ", "")
-    return PictureRow(cut(line(mark, left(hop["hop"], 10), numbers, said), width), urgent=bool(count))
+    return PictureRow(cut(line(mark, align_left(hop["hop"], 10), numbers, said), width), urgent=bool(count))
 
 
 def lateness(view: PictureState, width: int) -> PictureBlock:
@@ -94,7 +94,7 @@ def _bar(upper: float | None, count: int, share: float, long: float, size: int) 
     sign = " !" if late else ""
     return line(
         (right(bound, 16) + " ", "dim"),
-        (left(bar, size), "warn" if late else "good"),
+        (align_left(bar, size), "warn" if late else "good"),
         f" {share:8.3%}",
         (f" {count}{sign}", "warn" if late else "dim"),
     )

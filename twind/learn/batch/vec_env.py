@@ -58,7 +58,7 @@ class BatchVecEnv(VecEnv):
             raise ValueError("options: one command for all robots of a batch")
         self.core.seed(self._seeds)
         observation = self.core.reset(command=command)
-        self._told(range(self.num_envs))
+        self._fill_reset_info(range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -77,7 +77,7 @@ class BatchVecEnv(VecEnv):
                 "terminal_observation": last,
                 "TimeLimit.truncated": bool(step.truncated[each] and not step.fallen[each]),
             }
-        self._told(step.ended.tolist())
+        self._fill_reset_info(step.ended.tolist())
         return step.observation, step.reward.astype(np.float32), step.fallen | step.truncated, infos
 
     def close(self) -> None:
@@ -105,6 +105,6 @@ class BatchVecEnv(VecEnv):
         """None is."""
         return [False for _ in self._get_indices(indices)]
 
-    def _told(self, begun: Sequence[int]) -> None:
+    def _fill_reset_info(self, begun: Sequence[int]) -> None:
         for each in begun:
             self.reset_infos[each] = {"command": tuple(self.core.command[each].tolist())}

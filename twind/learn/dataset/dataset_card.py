@@ -34,7 +34,7 @@ def absent(of: DatasetContents) -> list[str]:
     missing = [name for name in (VELOCITY, EFFORT) if name not in of.features]
     found = [f"{name} (not known of every joint in every frame)" for name in missing]
     found += [] if IMU in of.features else [f"{IMU} (none, or not heard all the time)"]
-    if not of.told:
+    if not of.has_success_marks:
         found.append("next.success (of some episodes nobody said whether they were one)")
     return [*found, "images (recordings have none)"]
 
@@ -49,7 +49,7 @@ def _lines(of: DatasetContents) -> list[str]:
     found += ["", "| column | what |", "|---|---|"]
     found += [f"| {name} | {_SAID[name]} |" for name in of.features]
     found.append("| next.done | the last frame of its episode |")
-    if of.told:
+    if of.has_success_marks:
         found.append("| next.success | the last frame of an episode that was marked a success |")
     found += ["| timestamp | s since the episode's first frame |", ""]
     found.append("`meta/episodes` has besides: success (null: nobody said), recording, recording_time (s).")

@@ -54,15 +54,15 @@ def run(options: argparse.Namespace) -> int:
     with ProgressLine(options, "dataset") as progress:
         try:
             spare(options.out)
-            gathered = gather(options.files, asked, lambda path: progress.tell(path.name))
-            progress.tell(f"writing {gathered.frames} frames")
+            gathered = gather(options.files, asked, lambda path: progress.update(path.name))
+            progress.update(f"writing {gathered.frames} frames")
             write(gathered, options.out)
         except OSError as error:
             raise Rejected(f"{error.filename or options.out}: {error.strerror or error}") from None
-    return _say(options, gathered)
+    return _print_summary(options, gathered)
 
 
-def _say(options: argparse.Namespace, gathered: "DatasetContents") -> int:
+def _print_summary(options: argparse.Namespace, gathered: "DatasetContents") -> int:
     from twind.learn.dataset.dataset_card import absent
     from twind.learn.dataset.episode_collection import line
 

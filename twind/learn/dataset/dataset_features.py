@@ -19,7 +19,7 @@ Column = NDArray[Any]
 def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
     """Describe each column by its name: dtype, shape, names of its numbers."""
     joints = {name: _feature("float32", of.names(name)) for name in of.features}
-    ends = (DONE, SUCCESS) if of.told else (DONE,)
+    ends = (DONE, SUCCESS) if of.has_success_marks else (DONE,)
     return (
         joints
         | {name: _feature("bool") for name in ends}

@@ -63,7 +63,7 @@ class DatasetContents:
         return FELT if feature == IMU else self.joints
 
     @property
-    def told(self) -> bool:
+    def has_success_marks(self) -> bool:
         """True where every episode is marked as a success or a failure."""
         return all(each.success is not None for each in self.episodes)
 
@@ -95,7 +95,7 @@ def gather(
     if not episodes:
         raise Rejected("\n".join(["no episode can be learnt from:", *map(line, left)]))
     wanted = (STATE, VELOCITY, EFFORT, IMU, ACTION)
-    known = tuple(name for name in wanted if _known(episodes, name))
+    known = tuple(name for name in wanted if _has_feature(episodes, name))
     kept = tuple(replace(each, columns={name: each.columns[name] for name in known}) for each in episodes)
     return DatasetContents(asked.fps, robot or "unknown", joints, known, kept, tuple(left), tuple(damage))
 
@@ -119,7 +119,7 @@ def line(left: OmittedSpan) -> str:
     return f"{left.recording}{task} at {left.time:.2f} s: {left.why}"
 
 
-def _known(episodes: Sequence[EpisodeFrames], feature: str) -> bool:
+def _has_feature(episodes: Sequence[EpisodeFrames], feature: str) -> bool:
     return not any(np.isnan(each.columns[feature]).any() for each in episodes)
 
 
@@ -171,41 +171,53 @@ def _episodes(
                 "of a data set has one; name it with --task"
             )
         if asked.only_success and not part.success:
-            left.append(_left(recording, part, part.begin, "not marked as a success"))
+            left.append(_make_omitted_span(recording, part, part.begin, "not marked as a success"))
             continue
         runs = wholeness.runs(part)
-        left += _lost(recording, wholeness, part, runs)
+        left += _omitted_spans(recording, wholeness, part, runs)
         if len(runs) > 1 and recording.episodes:
             continue
         for run in runs:
             why = _unfit(recording, run, asked.fps)
             if why:
-                left.append(_left(recording, part, float(recording.time[run.first]), why))
+                left.append(_make_omitted_span(recording, part, float(recording.time[run.first]), why))
             else:
                 found.append(frames(recording, part, run, asked.fps, asked.gap))
     return found, left
 
 
-def _lost(
+def _omitted_spans(
     recording: RobotRecording, wholeness: ReadingCoverage, part: EpisodeSpan, runs: Sequence[ReadingRun]
 ) -> list[OmittedSpan]:
     """What of a part is in no stretch; a marked episode with a hole is lost whole."""
     time, found = recording.time, []
     if not runs:
-        return [_left(recording, part, *wholeness.hole(part))]
+        return [_make_omitted_span(recording, part, *wholeness.hole(part))]
     if len(runs) > 1 and recording.episodes:
         at, why = wholeness.hole(part, runs[0].last)
-        return [_left(recording, part, at, f"left out, it has {len(runs) - 1} holes; of the first: {why}")]
+        return [
+            _make_omitted_span(
+                recording, part, at, f"left out, it has {len(runs) - 1} holes; of the first: {why}"
+            )
+        ]
     if time[runs[0].first] - part.begin > SHORTEST:
         gone = f"its first {time[runs[0].first] - part.begin:.1f} s"
-        found.append(_left(recording, part, part.begin, f"{gone} are not in it: {wholeness.hole(part)[1]}"))
+        found.append(
+            _make_omitted_span(
+                recording, part, part.begin, f"{gone} are not in it: {wholeness.hole(part)[1]}"
+            )
+        )
     for run, after in zip(runs, [*runs[1:], None], strict=True):
         until = part.end if after is None else float(time[after.first])
         at, why = wholeness.hole(part, run.last)
         if after is not None:
-            found.append(_left(recording, part, at, f"a hole of {until - time[run.last]:.2f} s: {why}"))
+            found.append(
+                _make_omitted_span(recording, part, at, f"a hole of {until - time[run.last]:.2f} s: {why}")
+            )
         elif until - time[run.last] > SHORTEST:
-            found.append(_left(recording, part, at, f"its last {until - time[run.last]:.1f} s: {why}"))
+            found.append(
+                _make_omitted_span(recording, part, at, f"its last {until - time[run.last]:.1f} s: {why}")
+            )
     return found
 
 
@@ -221,5 +233,5 @@ def _unfit(recording: RobotRecording, run: ReadingRun, fps: int) -> str:
     return ""
 
 
-def _left(recording: RobotRecording, part: EpisodeSpan, time: float, why: str) -> OmittedSpan:
+def _make_omitted_span(recording: RobotRecording, part: EpisodeSpan, time: float, why: str) -> OmittedSpan:
     return OmittedSpan(recording.path.name, part.task, time, why)

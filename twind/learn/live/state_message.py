@@ -66,7 +66,7 @@ def _silence(past: float, bound: float) -> str:
     return "has not been heard yet" if past == inf else f"is silent for {past:.0f} s: its cable and power"
 
 
-def heard(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> StateMessage:
+def decode_state_message(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> StateMessage:
     """Convert one answer of `Monitor` to a state. Raises ValueError where its joints are not `joints`."""
     rows = answer["joints"]
     if [row["name"] for row in rows] != list(joints):

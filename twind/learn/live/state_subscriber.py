@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.learn.live.state_message import StateMessage, heard
+from twind.learn.live.state_message import StateMessage, decode_state_message
 
 SILENCE = 2.0  # s without a message after which the daemon counts as gone
 TOPICS = ("state", "status")
@@ -69,7 +69,7 @@ class StateSubscriber:
             for answer in stream:
                 arrived = time.monotonic()
                 if answer["topic"] == "state":
-                    self.newest = heard(answer, arrived, self._joints)
+                    self.newest = decode_state_message(answer, arrived, self._joints)
                     with self._news:
                         self._news.notify_all()
                 elif answer["topic"] == "status":

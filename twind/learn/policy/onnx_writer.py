@@ -25,7 +25,7 @@ class NetworkLayer:
     activation: str = "none"  # of `ACTIVATIONS`
 
 
-def written(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> Any:
+def build_graph(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> Any:
     """The graph: clip((observation - mean) / std, ±clip), the layers, clip(±1). Raises PolicyError."""
     from onnx import TensorProto, helper
 

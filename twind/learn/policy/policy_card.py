@@ -56,7 +56,7 @@ class PolicyCard:
     twind: str = __version__  # that wrote the file
 
     @classmethod
-    def of(
+    def for_training(
         cls,
         task: str,
         robot: str,
@@ -178,7 +178,7 @@ class PolicyRobot:
     rate_hz: float  # of the loop that drives it
 
     @classmethod
-    def told(cls, robot: Mapping[str, Any], rate_hz: float) -> "PolicyRobot":
+    def from_get_robot(cls, robot: Mapping[str, Any], rate_hz: float) -> "PolicyRobot":
         """Build it from the robot in an answer of `GetRobot`, for control at `rate_hz`."""
         joints = robot["joints"]
         names = tuple(joint["name"] for joint in joints)

@@ -66,16 +66,16 @@ def _lines(card: dict[str, object]) -> list[str]:
     lines = []
     for key, value in card.items():
         if isinstance(value, dict):
-            said = ", ".join(f"{name} {_said(each, '..')}" for name, each in value.items()) or "-"
+            said = ", ".join(f"{name} {_format_value(each, '..')}" for name, each in value.items()) or "-"
         else:
-            said = _said(value)
+            said = _format_value(value)
         lines.append(f"{key:<14} {said}")
     return lines
 
 
-def _said(value: object, between: str = " ") -> str:
+def _format_value(value: object, between: str = " ") -> str:
     if isinstance(value, list):
         if len(value) > 2 and all(each == value[0] for each in value):
-            return f"{_said(value[0])} each"
-        return between.join(_said(each) for each in value)
+            return f"{_format_value(value[0])} each"
+        return between.join(_format_value(each) for each in value)
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -127,13 +127,13 @@ class PolicyController:
                 return still
         return self._drive(heard, reading, deadline)
 
-    def taken(self) -> None:
+    def record_acceptance(self) -> None:
         """The gate took the last setpoint: the drive goes on."""
         if self.holding is not None:
             self.figures.held += self._clock() - self._looked
         self.figures.steps, self.holding = self.figures.steps + 1, None
 
-    def missed(self, periods: int, *, lapsed: bool) -> None:
+    def record_missed_periods(self, periods: int, *, lapsed: bool) -> None:
         """So many periods had no setpoint: the loop went on by the last one, or holds if that has lapsed."""
         if self.holding is None and lapsed:
             self.hold(f"{periods} periods were missed: the last setpoint has lapsed")

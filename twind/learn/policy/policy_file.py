@@ -70,7 +70,7 @@ def save(
         raise PolicyError(
             f"the network has {counts[0]} observations and {counts[1]} actions, its card {expected}"
         )
-    made = onnx_writer.written(layers, mean, std, clip)
+    made = onnx_writer.build_graph(layers, mean, std, clip)
     model = helper.make_model(
         made,
         producer_name="twind",

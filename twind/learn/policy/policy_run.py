@@ -103,7 +103,7 @@ class PolicyRun:
             states = self._senses.next_states()
             self._reins.take()  # where that took long, a lease has lapsed; nothing moves yet
             if not states:
-                return False, self._over() or "no states are heard"
+                return False, self._end_reason() or "no states are heard"
             beat = self.beat = in_step(states, self._clock.now(), self._period, self._loop)
             return self._beats(beat, seconds, stop, tell)
         except ClientError as error:
@@ -117,7 +117,7 @@ class PolicyRun:
         try:
             self._reins.settle()
         except Refused as refusal:
-            self.log.refusals.update(_named(refusal))
+            self.log.refusals.update(_finding_joints(refusal))
         except ClientError:
             pass  # why the drive ended is known already
 
@@ -131,7 +131,7 @@ class PolicyRun:
             now = log.ended = self._clock.now()
             if stop() or now - log.began >= seconds - ROUNDING:
                 return True, "stopped" if stop() else f"{seconds:g} s are over"
-            why = self._over()
+            why = self._end_reason()
             if why:
                 return False, why
             log.late.append(now - beat.deadline)
@@ -144,7 +144,7 @@ class PolicyRun:
             missed = beat.advance(self._clock.now())
             if missed:
                 before = self._pilot.figures.holds
-                self._pilot.missed(missed, lapsed=self._reins.lapses(missed))
+                self._pilot.record_missed_periods(missed, lapsed=self._reins.lapses(missed))
                 self._note(before)
 
     def _step(self, deadline: float) -> str | None:
@@ -161,9 +161,9 @@ class PolicyRun:
         """A hold that has begun since there were `before`."""
         if self._pilot.figures.holds > before:
             self.log.holds.append(str(self._pilot.holding))
-            self._tell(str(self._pilot.holding))
+            self._report_hold(str(self._pilot.holding))
 
-    def _tell(self, reason: str) -> None:
+    def _report_hold(self, reason: str) -> None:
         """Holds that follow each other closely are counted, not told."""
         now = self._clock.now()
         if now - self._told >= SAID:
@@ -174,7 +174,7 @@ class PolicyRun:
         try:
             self._reins.keep()
         except Refused as refusal:
-            return self._refused(refusal)
+            return self._handle_refusal(refusal)
         return hold
 
     def _send(self, setpoint: PolicySetpoint) -> PolicyHold | PolicyEnd | None:
@@ -185,19 +185,19 @@ class PolicyRun:
             # After a hold the gate must have taken one before the drive goes on.
             self._reins.send(setpoint.position, setpoint.velocity, wait=self._pilot.holding is not None)
         except Refused as refusal:
-            return self._refused(refusal)
+            return self._handle_refusal(refusal)
         log.way.append(before - seen.source)
-        self._pilot.taken()
+        self._pilot.record_acceptance()
         return None
 
-    def _refused(self, refusal: Refused) -> PolicyHold | PolicyEnd:
-        found = _named(refusal)
+    def _handle_refusal(self, refusal: Refused) -> PolicyHold | PolicyEnd:
+        found = _finding_joints(refusal)
         self.log.refusals.update(found)
         if any(code in FINAL for code, _ in found):
             return PolicyEnd(f"refused: {refusal}")
         return self._pilot.hold(f"refused: {found[0][0]} {found[0][1]}".rstrip() if found else "refused")
 
-    def _over(self) -> str:
+    def _end_reason(self) -> str:
         """Why nobody drives this robot any more; "": somebody does."""
         if self._senses.ended:
             return self._senses.ended
@@ -209,7 +209,7 @@ class PolicyRun:
         return ""
 
 
-def _named(refusal: Refused) -> list[tuple[str, str]]:
+def _finding_joints(refusal: Refused) -> list[tuple[str, str]]:
     """Code and joint of each finding."""
     return [(str(each.get("code")), str(each.get("joint") or "")) for each in refusal.findings]
 

@@ -79,7 +79,7 @@ def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any
     try:
         require_mode(status["mode"])
         require_armed(status)
-        require_fit(card, PolicyRobot.told(told["robot"], rate_hz))
+        require_fit(card, PolicyRobot.from_get_robot(told["robot"], rate_hz))
         plant = plant_told(told, card.shaping.period)
     except (RobotMismatch, PolicyError, BindingError) as error:
         raise Rejected(str(error)) from None
@@ -108,14 +108,14 @@ def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCar
         try:
             with told_to_stop() as stop, ProgressLine(options, "policy") as progress:
 
-                def say(reason: str) -> None:
+                def print_reason(reason: str) -> None:
                     progress.clear()
                     print(f"twindctl: holds: {harmless(reason)}", file=sys.stderr, flush=True)
 
                 drive = PolicyRun(
-                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), say
+                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), print_reason
                 )
-                good, why = _whole(options, drive, reins, pilot, stop, progress)
+                good, why = _move_and_run(options, drive, reins, pilot, stop, progress)
         finally:
             reins.drop()
     finally:
@@ -123,7 +123,7 @@ def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCar
     return _report(options, drive, pilot, good, why, senses.status)
 
 
-def _whole(
+def _move_and_run(
     options: argparse.Namespace,
     drive: PolicyRun,
     reins: SetpointSession,
@@ -132,7 +132,7 @@ def _whole(
     progress: ProgressLine,
 ) -> tuple[bool, str]:
     """Move to the default pose, then drive."""
-    progress.tell("to the default pose")
+    progress.update("to the default pose")
 
     def check(_report: Mapping[str, Any]) -> None:
         if stop.is_set():
@@ -147,14 +147,14 @@ def _whole(
     gc.collect()
     gc.freeze()  # what is here stays: no collection looks at it while it drives
 
-    def tell(drive: PolicyRun) -> None:
+    def print_state(drive: PolicyRun) -> None:
         if options.json:
             told = {"phase": "running"} | drive.log.plain(pilot, drive.beat, RECENT)
             print(json.dumps(told), flush=True)
         elif progress.live:
-            progress.tell(_line(drive.log.plain(pilot, drive.beat, RECENT), pilot.holding))
+            progress.update(_line(drive.log.plain(pilot, drive.beat, RECENT), pilot.holding))
 
-    return drive.run(options.seconds or inf, stop.is_set, tell)
+    return drive.run(options.seconds or inf, stop.is_set, print_state)
 
 
 def _line(told: Mapping[str, Any], holding: str | None) -> str:

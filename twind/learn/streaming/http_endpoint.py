@@ -84,7 +84,7 @@ class HttpEndpoint:
             self.close()
             if kept and not self._aborted and isinstance(error, ConnectionError):
                 raise
-            raise HttpError(TOO_LATE if self._aborted else _why(error)) from None
+            raise HttpError(TOO_LATE if self._aborted else _explain_error(error)) from None
         if self._aborted:  # an answer that is cut off in its head looks like a whole one
             self.close()
             raise HttpError(TOO_LATE)
@@ -118,7 +118,7 @@ class HttpEndpoint:
         self._connection.close()
 
 
-def _why(error: Exception) -> str:
+def _explain_error(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return TOO_LATE
     if isinstance(error, http.client.RemoteDisconnected):

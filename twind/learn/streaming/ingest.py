@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
         if not where.local:
             print(f"twindctl: whoever reaches {where.host} may write here", file=sys.stderr, flush=True)
         while not stop.wait(LOOK):
-            progress.tell(store.said())
+            progress.update(store.summary())
         server.stop()
-    show(options, store.counts(), store.said())
+    show(options, store.counts(), store.summary())
     return DONE

@@ -132,7 +132,7 @@ class IngestStore:
             "failed": self.failed,
         }
 
-    def said(self) -> str:
+    def summary(self) -> str:
         """Return the same counts as a text for people."""
         lost = f", {self.failed} failed on purpose" if self.failed else ""
         return f"{self.messages} messages, {self.samples} samples, {self.duplicates} came again{lost}"
@@ -197,12 +197,12 @@ class _IngestHandler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdigit() and int(length) <= LONGEST):
             self.close_connection = True
-            self._say(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a Content-Length of at most {LONGEST}")
+            self._send_reply(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a Content-Length of at most {LONGEST}")
             return
         body = self.rfile.read(int(length))
         key = self.headers.get("Idempotency-Key", "")
         if len(body) < int(length) or not KEY.fullmatch(key):
-            self._say(HTTPStatus.BAD_REQUEST, "an Idempotency-Key of 1 to 100 of A-Z a-z 0-9 . _ -")
+            self._send_reply(HTTPStatus.BAD_REQUEST, "an Idempotency-Key of 1 to 100 of A-Z a-z 0-9 . _ -")
             return
         attempt = self.attempts[key] = self.attempts.get(key, 0) + 1
         wrong = self.faults.draw(key, attempt)
@@ -223,11 +223,11 @@ class _IngestHandler(BaseHTTPRequestHandler):
         try:
             new = self.store.keep(key, headers, self._unpacked(body))
         except (ValueError, OSError, EOFError, zlib.error) as error:
-            self._say(HTTPStatus.UNPROCESSABLE_ENTITY, f"not what its headers say: {error}")
+            self._send_reply(HTTPStatus.UNPROCESSABLE_ENTITY, f"not what its headers say: {error}")
             return
         self.attempts.pop(key, None)
         if answered:
-            self._say(HTTPStatus.CREATED if new else HTTPStatus.OK, "kept" if new else "here already")
+            self._send_reply(HTTPStatus.CREATED if new else HTTPStatus.OK, "kept" if new else "here already")
 
     def _unpacked(self, body: bytes) -> bytes:
         if self.headers.get("Content-Encoding") != "gzip":
@@ -240,11 +240,11 @@ class _IngestHandler(BaseHTTPRequestHandler):
 
     def _misbehave(self, how: str) -> None:
         if how == "refuse":
-            self._say(HTTPStatus.UNPROCESSABLE_ENTITY, "refused on purpose")
+            self._send_reply(HTTPStatus.UNPROCESSABLE_ENTITY, "refused on purpose")
         elif how == "busy":
-            self._say(HTTPStatus.TOO_MANY_REQUESTS, "too many on purpose", {"Retry-After": "1"})
+            self._send_reply(HTTPStatus.TOO_MANY_REQUESTS, "too many on purpose", {"Retry-After": "1"})
         elif how == "unavailable":
-            self._say(HTTPStatus.SERVICE_UNAVAILABLE, "not now on purpose")
+            self._send_reply(HTTPStatus.SERVICE_UNAVAILABLE, "not now on purpose")
         elif how == "rubbish":
             self.wfile.write(b"\x00\xff no HTTP at all\r\n\r\n")
             self.close_connection = True
@@ -252,7 +252,7 @@ class _IngestHandler(BaseHTTPRequestHandler):
             time.sleep(1.0 if how == "silent" else 0.0)
             self.close_connection = True
 
-    def _say(self, status: HTTPStatus, text: str, headers: Mapping[str, str] | None = None) -> None:
+    def _send_reply(self, status: HTTPStatus, text: str, headers: Mapping[str, str] | None = None) -> None:
         body = text.encode() + b"\n"
         self.send_response(status)
         for name, value in {

@@ -75,7 +75,7 @@ class SampleBatcher:
             self._fit()
 
     @property
-    def left(self) -> int:
+    def untaken_count(self) -> int:
         """Batches and pictures that nobody has taken."""
         with self._changed:
             return len(self._closed)
@@ -107,9 +107,9 @@ class SampleBatcher:
             gone = self._closed.popleft()
             self.dropped += 1
             if isinstance(gone, SampleBatch):
-                self._tell({**gone.lost, "here": gone.lost["here"] + len(gone.samples)})
+                self._report_loss({**gone.lost, "here": gone.lost["here"] + len(gone.samples)})
 
-    def _tell(self, lost: Mapping[str, int]) -> None:
+    def _report_loss(self, lost: Mapping[str, int]) -> None:
         for place, each in enumerate(self._closed):
             if isinstance(each, SampleBatch):
                 self._closed[place] = replace(each, lost=_sum(each.lost, lost))

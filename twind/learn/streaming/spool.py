@@ -100,10 +100,10 @@ class Spool:
             if self._base.execute("SELECT 1 FROM tally").fetchone() is None:
                 self._base.execute("INSERT INTO tally VALUES (?, 0, 0, 0)", (uuid.uuid4().hex[:16],))
             self._base.execute("UPDATE tally SET run = run + 1")
-        self._run = int(self._one("SELECT run FROM tally"))
+        self._run = int(self._fetch_one("SELECT run FROM tally"))
         dead, bodies = self._rows("SELECT count(reason), coalesce(sum(length(body)), 0) FROM message")[0]
         stream, sent, dropped = self._rows("SELECT stream, sent, dropped FROM tally")[0]
-        waiting = int(self._one("SELECT count(*) FROM message WHERE reason IS NULL"))
+        waiting = int(self._fetch_one("SELECT count(*) FROM message WHERE reason IS NULL"))
         self.tally = SpoolCounts(stream, sent, dropped, waiting, dead, bodies)
 
     def __enter__(self) -> "Spool":
@@ -143,7 +143,7 @@ class Spool:
                 f"SELECT {KEPT} FROM message WHERE sequence > ? AND reason IS NULL ORDER BY sequence LIMIT 1",
                 (after,),
             ).fetchone()
-        return None if found is None else _kept(found)
+        return None if found is None else _decode_row(found)
 
     def acknowledge(self, sequence: int) -> None:
         """It arrived. One that was dropped meanwhile stays counted as dropped."""
@@ -223,7 +223,7 @@ class Spool:
     def _rows(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
         return self._base.execute(query, values).fetchall()
 
-    def _one(self, query: str) -> Any:
+    def _fetch_one(self, query: str) -> Any:
         return self._base.execute(query).fetchone()[0]
 
 
@@ -232,12 +232,12 @@ def dead_letters(folder: Path) -> list[SpooledMessage]:
     base = sqlite3.connect(f"{(folder / FILE).absolute().as_uri()}?mode=ro", uri=True)
     try:
         rows = base.execute(f"SELECT {KEPT} FROM message WHERE reason IS NOT NULL ORDER BY sequence")
-        return [_kept(row) for row in rows]
+        return [_decode_row(row) for row in rows]
     finally:
         base.close()
 
 
-def _kept(row: tuple[int, str, int, str | None, float, bytes]) -> SpooledMessage:
+def _decode_row(row: tuple[int, str, int, str | None, float, bytes]) -> SpooledMessage:
     sequence, headers, samples, reason, wall, body = row
     return SpooledMessage(sequence, PostMessage(body, json.loads(headers), samples), reason, wall)
 

@@ -47,7 +47,7 @@ class SpoolSender:
         """There is something new."""
         self._woken.set()
 
-    def tend(self, now: float) -> None:
+    def abort_if_overdue(self, now: float) -> None:
         """A send that takes too long ends now. Called a few times a second."""
         if now > self._deadline:
             self._endpoint.abort()
@@ -96,7 +96,7 @@ class SpoolSender:
             answer = self._endpoint.post(kept.message.body, headers)
         except HttpError as failure:
             if not self._stopping.is_set():
-                self._again(str(failure), 0.0)
+                self._schedule_retry(str(failure), 0.0)
         else:
             self._answered(kept, answer)
         finally:
@@ -105,7 +105,7 @@ class SpoolSender:
     def _answered(self, kept: SpooledMessage, answer: HttpReply) -> None:
         decided = fate(answer.status)
         if decided is DeliveryOutcome.AGAIN:
-            self._again(answer.said, retry_after(answer.retry_after, time.time()))
+            self._schedule_retry(answer.said, retry_after(answer.retry_after, time.time()))
             return
         self._after = kept.sequence
         self._owed.append((kept.sequence, answer.said if decided is DeliveryOutcome.DEAD else None))
@@ -117,7 +117,7 @@ class SpoolSender:
             self._wrong("")
 
     def _tell_dead(self, sequence: int, why: str) -> None:
-        if self._dead.news(why, time.monotonic()):
+        if self._dead.is_transition(why, time.monotonic()):
             self._tell(
                 f"message {sequence} is a dead letter ({why}); `twindctl stream --dead` lists them all"
             )
@@ -132,13 +132,13 @@ class SpoolSender:
                 self._spool.bury(sequence, reason)
             self._owed.popleft()
 
-    def _again(self, why: str, asked: float) -> None:
+    def _schedule_retry(self, why: str, asked: float) -> None:
         self.failures += 1
         self._backoff.failed(time.monotonic(), asked)
         self._wrong(why)
 
     def _wrong(self, why: str) -> None:
         self.error = why
-        if self._once.news(why, time.monotonic()):
+        if self._once.is_transition(why, time.monotonic()):
             waiting = f"{self._spool.tally.waiting} messages wait"
             self._tell(f"{why}; {waiting}, tried again" if why else f"it takes messages again; {waiting}")

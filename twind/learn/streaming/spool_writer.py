@@ -48,7 +48,7 @@ class SpoolWriter:
         self._thread.join(patience)
 
     @property
-    def lost(self) -> int:
+    def dropped_messages(self) -> int:
         """Messages that found no room before the disk took them, beyond those in the spool's tally."""
         return self._basket.dropped - self._counted
 
@@ -61,7 +61,7 @@ class SpoolWriter:
                     if isinstance(taken, SampleBatch)
                     else taken
                 )
-                lost = self.lost
+                lost = self.dropped_messages
                 if self._tried(lambda: self._spool.append(written, time.monotonic(), time.time(), lost)):  # noqa: B023
                     self._counted += lost
                     self._kept()
@@ -81,6 +81,6 @@ class SpoolWriter:
             self.error = ""
         except sqlite3.Error as error:
             self.error = f"the spool takes nothing: {error}"
-        if self._once.news(self.error, time.monotonic()):
+        if self._once.is_transition(self.error, time.monotonic()):
             self._tell(self.error or f"the spool takes messages again; {self._basket.dropped} were dropped")
         return not self.error

@@ -77,8 +77,10 @@ class StreamRunner:
                 source.stop()
             self._keeping.finish(GRACE)
             self._sender.finish(GRACE)
-            if self.basket.left:
-                self.tell(f"{self.basket.left} messages are lost with this process: {self._keeping.error}")
+            if self.basket.untaken_count:
+                self.tell(
+                    f"{self.basket.untaken_count} messages are lost with this process: {self._keeping.error}"
+                )
             self._report()
             if self._reporter is not None:
                 self._reporter.close()
@@ -92,7 +94,7 @@ class StreamRunner:
         count = self.basket.samples
         while not self._stop.wait(LOOK):
             now = time.monotonic()
-            self._sender.tend(now)
+            self._sender.abort_if_overdue(now)
             if not self._lines.empty():
                 progress.clear()
                 self._print()
@@ -100,7 +102,7 @@ class StreamRunner:
                 self._rate = (self.basket.samples - count) / (now - last)
                 last, count = now, self.basket.samples
                 self._report()
-                progress.tell(stream_text(self.streaming()))
+                progress.update(stream_text(self.streaming()))
             if self._options.seconds is not None and now - begun >= self._options.seconds:
                 break
 
@@ -113,7 +115,7 @@ class StreamRunner:
             "rate_hz": round(self._rate, 3),
             "sent": tally.sent,
             "waiting": tally.waiting,
-            "dropped": tally.dropped + self._keeping.lost,
+            "dropped": tally.dropped + self._keeping.dropped_messages,
             "dead": tally.dead,
             "failures": self._sender.failures,
             "error": self._sender.error or self._keeping.error or self._listening.error or None,
@@ -126,7 +128,7 @@ class StreamRunner:
                 self._reporter = observer(self._options)
                 self._reporter.timeout = PATIENCE
             self._reporter.call("ReportStream", stream=self.streaming())
-            self._listening.told(self._reporter.call("GetStatus")["status"])
+            self._listening.on_status(self._reporter.call("GetStatus")["status"])
         except ClientError:
             if self._reporter is not None:
                 self._reporter.close()

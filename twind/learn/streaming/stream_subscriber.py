@@ -43,7 +43,7 @@ class StreamSubscriber:
         self._stop.set()
         self._thread.join(1.0)
 
-    def told(self, status: dict[str, Any]) -> None:
+    def on_status(self, status: dict[str, Any]) -> None:
         """`Status` of the daemon, from whoever asked: another mode is said with the samples from now on."""
         robot = self._robot
         if robot is not None and robot.mode != status["mode"]:
@@ -60,30 +60,30 @@ class StreamSubscriber:
                 self.error = str(error)
             except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "streaming"
                 self.error = f"what the daemon says cannot be understood: {type(error).__name__}: {error}"
-            self._say(self.error)
+            self._report_error(self.error)
             self._stop.wait(AGAIN)
 
     def _follow(self) -> None:
         """One daemon, to its end. Raises ClientError."""
         with observer(self._options) as client:
             client.timeout = SILENCE
-            self._robot = _described(client)
+            self._robot = _fetch_robot(client)
             rate = self._options.rate
             for burst in client.bursts("Monitor", topics=["state"], rate=rate):
                 for data in burst:
                     self._basket.put(sample(data), self._robot)
                 if self.error:
                     self.error = ""
-                    self._say("")
+                    self._report_error("")
                 if self._stop.wait(min(NAP, TOGETHER / rate)):
                     break
 
-    def _say(self, wrong: str) -> None:
-        if self._once.news(wrong, self._now()):
+    def _report_error(self, wrong: str) -> None:
+        if self._once.is_transition(wrong, self._now()):
             self._tell(f"{wrong}; waiting for the daemon" if wrong else "the daemon is there again")
 
 
-def _described(client: Client) -> StreamedRobot:
+def _fetch_robot(client: Client) -> StreamedRobot:
     status = client.call("GetStatus")["status"]
     individual = client.call("GetParameters")["parameters"].get("individual")
     return StreamedRobot(status["robot"], str(individual or ""), status["version"], status["mode"])

@@ -34,7 +34,7 @@ class EvaluationScore:
     jitter: float  # mean change of an action from step to step: how restless it is
     episodes: int
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the fields by name."""
         return asdict(self)
 

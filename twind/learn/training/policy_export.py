@@ -39,7 +39,7 @@ def export(
     std = np.sqrt(normal.obs_rms.var + normal.epsilon).astype(np.float32)
     plant = core.plant
     names = ("forward", "left", "turn")
-    card = PolicyCard.of(
+    card = PolicyCard.for_training(
         settings.task,
         plant.binding.robot.name,
         plant.layout,

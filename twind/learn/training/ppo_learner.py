@@ -28,7 +28,7 @@ def environments(settings: TrainingSettings) -> Any:
 
     if settings.kind == "subproc":
         return SubprocVecEnv([lambda: _in_a_process(settings)] * settings.envs)
-    return DummyVecEnv([lambda: _one(settings)] * settings.envs)
+    return DummyVecEnv([lambda: _make_env(settings)] * settings.envs)
 
 
 def _in_a_process(settings: TrainingSettings) -> Any:
@@ -39,10 +39,10 @@ def _in_a_process(settings: TrainingSettings) -> Any:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return _one(settings)
+    return _make_env(settings)
 
 
-def _one(settings: TrainingSettings) -> Any:
+def _make_env(settings: TrainingSettings) -> Any:
     """One environment that ends by itself when its time is up."""
     from gymnasium.wrappers import TimeLimit
 

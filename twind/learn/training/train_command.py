@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     if missing:
         raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
     from twind.config.yaml_tree import ConfigError
-    from twind.learn.training.training_folder import require_fresh, taken
+    from twind.learn.training.training_folder import lock_folder, require_fresh
     from twind.twin.binding import BindingError
 
     given = _given(options)
@@ -106,12 +106,12 @@ def run(options: argparse.Namespace) -> int:
         if options.resume is not None:
             if not options.resume.is_dir():
                 raise Rejected(f"{options.resume}: there is no such folder")
-            with taken(options.resume) as folder:
+            with lock_folder(options.resume) as folder:
                 return _resumed(options, given, folder)
         settings = _settings(given)
         out = options.out or Path(f"{settings.task.lower()}-{datetime.now():%Y%m%d-%H%M%S}")
         require_fresh(out)
-        with taken(out) as folder:
+        with lock_folder(out) as folder:
             require_fresh(out)
             return _trained(options, settings, folder, None)
     except (ConfigError, BindingError) as error:
@@ -134,10 +134,10 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 def _settings(given: dict[str, Any]) -> Any:
     from twind.learn.training.training_origin import originated
-    from twind.learn.training.training_settings import chosen
+    from twind.learn.training.training_settings import make_settings
 
     try:
-        settings = chosen(given["task"], given)
+        settings = make_settings(given["task"], given)
     except ValueError as error:
         raise UsageError(str(error)) from None
     return originated(settings)
@@ -148,11 +148,11 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
     from dataclasses import replace
 
     from twind.learn.training.training_folder import read_run
-    from twind.learn.training.training_origin import changed
+    from twind.learn.training.training_origin import describe_changes
     from twind.learn.training.training_settings import differences
 
     settings, before = read_run(folder.path)
-    wrong = differences(settings, given) + changed(settings)
+    wrong = differences(settings, given) + describe_changes(settings)
     if wrong:
         raise Rejected(
             f"{folder.path}: it was begun otherwise: {'; '.join(wrong)}; leave that out, or train anew"
@@ -167,7 +167,7 @@ def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: An
     from twind.learn.training.training_reporter import TrainingReporter
 
     with told_to_stop() as stop, ProgressLine(options, "train") as progress:
-        progress.tell("making simulations, judging the zero policy")
+        progress.update("making simulations, judging the zero policy")
         course = Trainer(settings, folder, TrainingReporter(options), before)
         try:
             course.run(stop, progress)

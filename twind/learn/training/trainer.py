@@ -40,7 +40,7 @@ class TrainingFigures:
         """Steps and score of the best evaluation, the first of equals."""
         return max(self.points, key=lambda point: point[1].returns, default=None)
 
-    def told(self, steps: int, ended: str | None) -> dict[str, Any]:
+    def to_json(self, steps: int, ended: str | None) -> dict[str, Any]:
         """As they stand in the run's file. `ended`: done, stopped, or None while it runs."""
         best = self.best
         return {
@@ -48,9 +48,9 @@ class TrainingFigures:
             "steps": steps,
             "seconds": round(self.seconds, 1),
             "steps_per_s": round(steps / self.seconds, 1) if self.seconds else None,
-            "best": {"steps": best[0], **best[1].told()} if best else None,
-            "zero": self.zero.told(),
-            "evaluations": [{"steps": at, **score.told()} for at, score in self.points],
+            "best": {"steps": best[0], **best[1].to_json()} if best else None,
+            "zero": self.zero.to_json(),
+            "evaluations": [{"steps": at, **score.to_json()} for at, score in self.points],
             "torch_threads": THREADS,
             "versions": {"python": python_version(), **{name: version(name) for name in PACKAGES}},
         }
@@ -92,7 +92,7 @@ class Trainer:
             begun = monotonic()
             learner.update()
             figures.seconds += monotonic() - begun
-            self._tell(progress, began)
+            self._report_progress(progress, began)
             if learner.steps >= due and learner.steps < settings.steps:
                 self._evaluate(progress)
                 self._keep(None)
@@ -120,17 +120,19 @@ class Trainer:
             raise Rejected(f"{self._folder.path}: its evaluations cannot be read: {error}") from None
         self._figures.points = [point for point in points if point[0] <= steps]
 
-    def _tell(self, progress: ProgressLine, began: int) -> None:
+    def _report_progress(self, progress: ProgressLine, began: int) -> None:
         steps, recent = self._learner.steps, self._learner.recent()
         past = self._figures.seconds - self._since
         self._rate = (steps - self._at) / past if past > 0.0 else 0.0
-        progress.tell(bar(steps, self._rate, recent), (steps - began) / max(1, self._settings.steps - began))
+        progress.update(
+            bar(steps, self._rate, recent), (steps - began) / max(1, self._settings.steps - began)
+        )
         self._told.progress(steps, self._rate, recent)
 
     def _evaluate(self, progress: ProgressLine) -> None:
         """Judge the policy as a robot would run it: from the file."""
         learner, figures, path = self._learner, self._figures, self._folder.path
-        progress.tell(f"evaluating on {self._settings.episodes} episodes")
+        progress.update(f"evaluating on {self._settings.episodes} episodes")
         core = self._trials.core
         export(path / CANDIDATE, learner.model, self._settings, core, {})
         score = self._trials.judge(load(path / CANDIDATE).act)
@@ -154,7 +156,7 @@ class Trainer:
         """
         folder, figures = self._folder, self._figures
         folder.write(CHECKPOINT, self._learner.state())
-        folder.write_run(self._settings, figures.told(self._learner.steps, ended))
+        folder.write_run(self._settings, figures.to_json(self._learner.steps, ended))
         if self._judged:
             self._export(figures.points[-1], figures.zero)
         if figures.points:

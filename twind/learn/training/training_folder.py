@@ -52,12 +52,12 @@ class TrainingFolder:
 
     def write_run(self, settings: TrainingSettings, more: Mapping[str, Any]) -> None:
         """What the run is and what came of it so far. Raises OSError."""
-        data = {"format": FORMAT, "settings": settings.told(), **more}
+        data = {"format": FORMAT, "settings": settings.to_json(), **more}
         self.write(RUN, (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 @contextmanager
-def taken(path: Path) -> Iterator[TrainingFolder]:
+def lock_folder(path: Path) -> Iterator[TrainingFolder]:
     """The folder, made where there was none, for us alone; gone again where nothing came into it.
 
     Raises Rejected: somebody else trains there.

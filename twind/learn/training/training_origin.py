@@ -22,7 +22,7 @@ def originated(settings: TrainingSettings) -> TrainingSettings:
     return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
 
 
-def changed(settings: TrainingSettings) -> list[str]:
+def describe_changes(settings: TrainingSettings) -> list[str]:
     """Return a sentence for each file that has changed since the training began. Raises ConfigError."""
     now, found = originated(settings), []
     if now.robot_sha256 != settings.robot_sha256:

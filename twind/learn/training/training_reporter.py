@@ -37,10 +37,10 @@ class TrainingReporter:
         ]
         data = {
             "event": "began",
-            "settings": settings.told(),
+            "settings": settings.to_json(),
             "out": str(path),
             "steps": done,
-            "zero": zero.told(),
+            "zero": zero.to_json(),
         }
         show(self.options, data, "\n".join(lines))
 
@@ -53,7 +53,7 @@ class TrainingReporter:
             "steps": steps,
             "steps_per_s": rate,
             "best": best,
-            "score": score.told(),
+            "score": score.to_json(),
         }
         show(self.options, data, _row(_count(steps), f"{rate:.0f}", score, zero, " *" if best else ""))
 
@@ -69,7 +69,7 @@ class TrainingReporter:
     ) -> None:
         """Print the result, and how to go on."""
         data: dict[str, Any] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
-        data |= {"zero": zero.told(), "best": best.told() if best else None}
+        data |= {"zero": zero.to_json(), "best": best.to_json() if best else None}
         lines = ["", f"{'done' if whole else 'stopped'} after {_count(steps)} steps: {path}"]
         if best is not None:
             lines += _verdict(best, zero, path)

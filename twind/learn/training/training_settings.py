@@ -51,7 +51,7 @@ class TrainingSettings:
         if not 0.0 < self.gamma < 1.0:
             raise ValueError(f"gamma {self.gamma:g}: above 0 and below 1 is needed")
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """As it stands in the run's file."""
         return asdict(self) | {"hidden": list(self.hidden)}
 
@@ -63,7 +63,7 @@ DEFAULTS: Mapping[str, TrainingSettings] = {
 }
 
 
-def chosen(task: str, given: Mapping[str, Any]) -> TrainingSettings:
+def make_settings(task: str, given: Mapping[str, Any]) -> TrainingSettings:
     """The defaults of `task` with what was `given`. Raises ValueError."""
     return replace(DEFAULTS.get(task, TrainingSettings(task)), **given)
 
@@ -83,9 +83,9 @@ def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]
     for name, value in given.items():
         was = getattr(before, name)
         if value != was and not (name == "steps" and value > was):
-            found.append(f"{name.replace('_', ' ')} is {_said(was)}, not {_said(value)}")
+            found.append(f"{name.replace('_', ' ')} is {_format_value(was)}, not {_format_value(value)}")
     return found
 
 
-def _said(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)[:80]

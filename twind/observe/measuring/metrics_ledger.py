@@ -106,7 +106,7 @@ class MetricsLedger:
         )
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """True once each periodic message has arrived at least once, including all histograms."""
         told = [each.get("histogram") for each in self._latencies.values()]
         known = self._status is not None and self._joints is not None and self._lateness is not None

@@ -48,14 +48,14 @@ async def _serve(options: argparse.Namespace, listener: socket.socket) -> None:
 def _teller(loop: asyncio.AbstractEventLoop, ledger: MetricsLedger) -> Tell:
     """Hands what the following thread hears to the loop's, which alone knows the ledger."""
 
-    def tell(message: Fields | None) -> None:
+    def log_message(message: Fields | None) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended
             if message is None:
                 loop.call_soon_threadsafe(ledger.forget)
             else:
                 loop.call_soon_threadsafe(ledger.take, message, time.monotonic(), time.time())
 
-    return tell
+    return log_message
 
 
 def follow(place: str | None, tell: Tell) -> None:
@@ -87,7 +87,7 @@ def once(options: argparse.Namespace) -> int:
             client.timeout = STALE
             for message in client.stream("Monitor", topics=list(TOPICS[:3])):
                 ledger.take(message, time.monotonic(), time.time())
-                if ledger.whole or time.monotonic() > until:
+                if ledger.is_complete or time.monotonic() > until:
                     break
     except ClientError as error:
         complain(options, error)

@@ -56,7 +56,7 @@ def figure(recording: RobotRecording, joints: Sequence[str] | None, window: Wind
 
     Raises ValueError: no such joint, too many of them, or nothing is known in that stretch.
     """
-    chosen = worst(recording, window) if joints is None else _known(recording, joints)
+    chosen = worst(recording, window) if joints is None else _joints_with_data(recording, joints)
     begin, end = max(window[0], 0.0), min(window[1], _last(recording))
     sheet = PlotContext(recording, dict(zip(chosen, COLOURS, strict=False)), (begin, end))
     panels = [(draw, height) for draw, height, known in PANELS if known(sheet)]
@@ -89,7 +89,7 @@ def save(made: Figure, out: Path) -> None:
         new.unlink(missing_ok=True)
 
 
-def _known(recording: RobotRecording, joints: Sequence[str]) -> tuple[str, ...]:
+def _joints_with_data(recording: RobotRecording, joints: Sequence[str]) -> tuple[str, ...]:
     for name in joints:
         if name not in recording.joints:
             raise ValueError(f"no joint {name!r}; known: {', '.join(recording.joints)}")

@@ -85,7 +85,7 @@ class _MonitorMessages:
         elif isinstance(each, VerdictReport):
             verdict = b'"verdict":' + self._world.verdict(each)
             yield _answer("verdicts", each.time, each.sequence, verdict) | {"id": each.id}
-            followed = self._judged.said(each)
+            followed = self._judged.resolve(each)
             if followed is not None:
                 accepted = b'"accepted":' + encode(followed.plain(self._world.names))
                 yield _answer("trajectories", each.time, each.sequence, accepted)
@@ -106,7 +106,7 @@ class _MonitorMessages:
 
     def _tick(self, tick: Tick) -> Iterator[dict[str, Any]]:
         world = self._world
-        if not world.known:
+        if not world.is_known:
             return
         yield _answer("state", tick.time, tick.sequence, b'"joints":' + world.state())
         if tick.time >= self._status_due:

@@ -58,14 +58,14 @@ def _recording(
         data = b"".join(getattr(tick, name) for tick in ticks)
         return np.frombuffer(data, "<f8").reshape(len(ticks), count)
 
-    def said(topic: str, field: str) -> tuple[RecordedMessage, ...]:
+    def messages_of_topic(topic: str, field: str) -> tuple[RecordedMessage, ...]:
         return tuple(RecordedMessage(each.time, each.what[field]) for each in topics.get(topic, ()))
 
     simulated = np.array([tick.mode == "sim" for tick in ticks], np.bool_)
     measured, velocity, effort = (column(name).copy() for name in ("position", "velocity", "effort"))
     for each in (measured, velocity, effort):
         each[simulated] = np.nan  # there is no robot: a tick shows the simulation in its place
-    events = said("events", "event")
+    events = messages_of_topic("events", "event")
     return RobotRecording(
         path=path,
         start_ns=wall_offset(flight) + round(begin * SECOND),
@@ -84,7 +84,7 @@ def _recording(
         trajectories=tuple(
             RecordedMessage(each.time, _path(each.what)) for each in topics.get("trajectories", ())
         ),
-        statuses=said("status", "status"),
+        statuses=messages_of_topic("status", "status"),
         slow=slow(_now_and_then(topics.get("state", [])), joints),
         latency=hops([(each.time, each.what["latency"] or ()) for each in topics.get("latency", ())]),
         episodes=marked(events),

@@ -37,7 +37,7 @@ class JointRows:
         """The next message. Raises CdrError."""
         if self._layout is None or not self._layout.fits(data):
             self._settle()
-            self._layout = JointStateLayout.of(data)
+            self._layout = JointStateLayout.from_message(data)
         self._times.append(time_ns)
         self._data.append(data)
         if len(self._data) == BATCH:

@@ -152,13 +152,13 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
             rows[role].lay(table, times, joints, place)
         return table
 
-    def said(topic: str) -> tuple[RecordedMessage, ...]:
+    def messages_of_topic(topic: str) -> tuple[RecordedMessage, ...]:
         return tuple(
             RecordedMessage((kept.time - start) / SECOND, _json(kept.data))
             for kept in taken.said.get(topic, ())
         )
 
-    events, notes = said(EVENTS), said(NOTES)
+    events, notes = messages_of_topic(EVENTS), messages_of_topic(NOTES)
     mjcf = taken.files.get(MJCF)
     return RobotRecording(
         path=path,
@@ -172,12 +172,12 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
         simulated=column("simulated", 0),
         imu=_inertial(taken.felt, times),
         events=events,
-        verdicts=said(VERDICTS),
+        verdicts=messages_of_topic(VERDICTS),
         trajectories=_trajectories(taken.said.get(TRAJECTORY, ()), start),
-        statuses=said(STATUS),
+        statuses=messages_of_topic(STATUS),
         notes=notes,
-        slow=slow(said(JOINTS), joints),
-        latency=hops([(each.time, each.what.get("hops") or ()) for each in said(LATENCY)]),
+        slow=slow(messages_of_topic(JOINTS), joints),
+        latency=hops([(each.time, each.what.get("hops") or ()) for each in messages_of_topic(LATENCY)]),
         episodes=marked(sorted((*events, *notes), key=lambda each: each.time)),
         meta=taken.meta,
         robot=_attached(taken.files, ROBOT),

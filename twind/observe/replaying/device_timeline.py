@@ -160,7 +160,7 @@ class DeviceTimeline:
             at = each.address - address
             self._known[each.key] = time, data[at : at + each.size]
 
-    def heard(self, time: float, error: int, address: int, data: bytes) -> Iterator[DeviceEvent]:
+    def on_reply(self, time: float, error: int, address: int, data: bytes) -> Iterator[DeviceEvent]:
         """Process an answer of the device at `time` (s); yield the events that follow from it."""
         self._missed_at = None
         if self._silent:
@@ -215,7 +215,7 @@ def _turns(story: BusTimeline) -> Iterator[DeviceEvent]:
                 witness.look_away(exchange.time - JUST)
         for each in exchange.told:
             if each.id in seen:
-                yield from seen[each.id].heard(exchange.time, each.error, each.address, each.data)
+                yield from seen[each.id].on_reply(exchange.time, each.error, each.address, each.data)
         for id in exchange.missed:
             if id in seen:
                 yield from seen[id].missed(exchange.time)

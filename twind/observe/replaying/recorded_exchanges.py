@@ -65,7 +65,7 @@ class RecordedRequest:
     def __init__(self, packet: Packet) -> None:
         """Raises ValueError: the packet requests nothing that one bus could answer."""
         self.fast, self.ping = packet.instruction in FAST, packet.instruction == Instruction.PING
-        self.spans = tuple(_asked(packet))
+        self.spans = tuple(_register_accesses(packet))
         sizes = {len(span.data) for span in self.spans}
         ids = tuple(span.id for span in self.spans)
         if len(sizes) != 1 or len(set(ids)) != len(ids):
@@ -73,7 +73,7 @@ class RecordedRequest:
         size = sizes.pop()
         self.reply: PendingReply = FastSyncReadReply(ids, size) if self.fast else StatusReply(ids, size)
 
-    def hear(self, chunks: Sequence[bytes]) -> tuple[tuple[DeviceReply, ...], tuple[int, ...], int]:
+    def parse_replies(self, chunks: Sequence[bytes]) -> tuple[tuple[DeviceReply, ...], tuple[int, ...], int]:
         """Parse the answer bytes; return the replies, the ids without a reply, and the number of chunks used.
 
         That number is the count of chunks until the answer was complete; all of them also if it never was.
@@ -86,13 +86,16 @@ class RecordedRequest:
                 break
         reply.end()
         told = tuple(
-            each for row in range(len(self.spans)) if reply.answered[row] for each in self._told(row)
+            each
+            for row in range(len(self.spans))
+            if reply.answered[row]
+            for each in self._replies_of_row(row)
         )
         heard = {each.id for each in told}
         missed = tuple(span.id for span in self.spans if span.id not in heard)
         return told, missed[:1] if self.fast else missed, done
 
-    def _told(self, row: int) -> Iterator[DeviceReply]:
+    def _replies_of_row(self, row: int) -> Iterator[DeviceReply]:
         span, error, data = self.spans[row], int(self.reply.error[row]), self.reply.data[row].tobytes()
         if not self.reply.heard[row]:
             yield DeviceReply(span.id, error, -1, b"")
@@ -104,7 +107,7 @@ class RecordedRequest:
 
     def _take(self, chunk: bytes) -> bool:
         while chunk:
-            room = self.reply.room()
+            room = self.reply.receive_buffer()
             part, chunk = chunk[: len(room)], chunk[len(room) :]
             room[: len(part)] = part
             if self.reply.take(len(part)):
@@ -168,7 +171,7 @@ def _exchange(
     question = questions[asking]
     if question is None:
         return bare
-    told, missed, done = question.hear([data for _, data in chunks])
+    told, missed, done = question.parse_replies([data for _, data in chunks])
     if until is None and missed:  # nobody knows what would have come
         return replace(bare, asks=b"")
     answers = tuple(_earlier(chunks, done, until))
@@ -198,7 +201,7 @@ def _earlier(
         before = at
 
 
-def _asked(packet: Packet) -> Iterator[RegisterAccess]:
+def _register_accesses(packet: Packet) -> Iterator[RegisterAccess]:
     params = packet.params
     match packet.instruction:
         case Instruction.PING if packet.id != BROADCAST:

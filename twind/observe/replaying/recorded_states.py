@@ -49,11 +49,11 @@ def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, li
             time,
             [
                 {"name": name, "age_ms": 0.0, "heard": told["position"][joint] == told["position"][joint]}
-                | {key: _known(values[joint]) for key, values in told.items()}
+                | {key: _null_if_nan(values[joint]) for key, values in told.items()}
                 for joint, name in enumerate(recording.joints)
             ],
         )
 
 
-def _known(value: float) -> float | None:
+def _null_if_nan(value: float) -> float | None:
     return value if value == value else None

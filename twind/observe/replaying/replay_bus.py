@@ -81,7 +81,7 @@ class ReplayBus:
     # --------------------------------------------------------------------------------- as a port sees it
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """Is the adapter there?"""
         self._look(self._now())
         return self._plugged
@@ -111,7 +111,7 @@ class ReplayBus:
         """Return the registers, in the form that the virtual servos report."""
         return self._bus.truth(now)
 
-    def slip(self, seconds: float) -> None:
+    def skip_time(self, seconds: float) -> None:
         """The clocks here are those of the recording."""
 
     def advance(self, now: float) -> None:
@@ -124,16 +124,16 @@ class ReplayBus:
         self._look(now)
         if not self._plugged:
             return
-        for packet in self._whole(data):
+        for packet in self._take_complete_packets(data):
             if asks(packet):
                 self._answer(packet, now)
             else:
                 self._bus.receive(packet, now)
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """Return the time of the next byte or plug event, s."""
         first = self._under_way[0][0] if self._under_way else inf
-        return min(first, self._bus.due(), self._next_plug())
+        return min(first, self._bus.next_output_time(), self._next_plug())
 
     def take(self, now: float) -> bytes:
         """Bytes that have arrived by `now`."""
@@ -145,7 +145,7 @@ class ReplayBus:
 
     # --------------------------------------------------------------------------------- answers
 
-    def _whole(self, data: bytes) -> list[bytes]:
+    def _take_complete_packets(self, data: bytes) -> list[bytes]:
         """Packets that are whole by now; what can be none goes to the servos as it is."""
         data, self._rest = self._rest + data, b""
         found, end = [], 0
@@ -165,7 +165,7 @@ class ReplayBus:
     def _answer(self, question: bytes, now: float) -> None:
         self._begin(question, now)
         exchange = self._find(question, self._passage.moment(now)) if self._passage.running else None
-        self.servos.expire(now)
+        self.servos.run_timers(now)
         if exchange is None or not all(
             self.servos.holds(each.id, each.address, each.data) for each in exchange.told
         ):

@@ -102,7 +102,7 @@ class ReplayConnection:
         with suppress(OSError):  # it hung up: the call stays unanswered, and that is compared
             self._socket.sendall(json.dumps(message).encode() + b"\0")
 
-    def hear(self) -> None:
+    def deliver_replies(self) -> None:
         """Hand on the replies that have come."""
         try:
             data = self._socket.recv(1 << 18)
@@ -128,4 +128,4 @@ def wait(lines: Sequence[ReplayConnection], seconds: float) -> None:
     alive = [line for line in lines if line.open]
     ready, _, _ = select.select(alive, [], [], max(0.0, seconds))
     for line in ready:
-        line.hear()
+        line.deliver_replies()

@@ -148,8 +148,8 @@ class ReplayClient:
     def play(self) -> ReplayOutcome:
         """All commands at their times."""
         places = {id(each): place for place, each in enumerate(self._score.commands)}
-        for asked in sorted(self._score.asked, key=lambda each: each.said):
-            self._wait_for(asked.said - EARLY)
+        for asked in sorted(self._score.asked, key=lambda each: each.call_time):
+            self._wait_for(asked.call_time - EARLY)
             if isinstance(asked.command, link.ConnectionClosed):
                 self._hang_up(asked.command.client)
             else:

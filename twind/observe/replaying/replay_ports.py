@@ -23,7 +23,7 @@ class ReplayClock(ServoClock):
         self._real = clock
 
     @property
-    def lost(self) -> float:
+    def skipped_time(self) -> float:
         """None is."""
         return 0.0
 

@@ -50,7 +50,7 @@ class RecordedCommand:
     data: bytes  # arrays of a trajectory
 
     @property
-    def said(self) -> float:
+    def call_time(self) -> float:
         """Time when the call arrived, s; for a trajectory, before it was looked ahead at."""
         received = getattr(self.command, "received", None) or self.time
         return received if self.time - LOOKING <= received <= self.time else self.time
@@ -105,9 +105,9 @@ def score(flight: FlightFile, last: float = inf) -> ReplayScript:
     end = flight.contents.entries[-1].time
     tick, overview = _beginning(heard, max(end - last, next(wire, -inf)))
     begin = tick.time
-    asked, left_out, whole = _asked(flight, begin)
+    asked, left_out, whole = _recorded_commands(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
-    known = _heard(flight, commands)
+    known = _received_by_client(flight, commands)
     # answered when their clients had hung up: nobody heard that
     late = {
         each.ticket
@@ -198,7 +198,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     raise NotReplayable(f"there is no moment to begin at: {why}; {VIEW}")
 
 
-def _asked(flight: FlightFile, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
+def _recorded_commands(flight: FlightFile, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
     found: list[RecordedCommand] = []
     left_out: list[str] = []
     for entry in flight.contents.entries:
@@ -224,7 +224,7 @@ def _calls(commands: Sequence[link.Command]) -> list[link.Command]:
     return [each for each in commands if each.ticket]
 
 
-def _heard(flight: FlightFile, commands: Sequence[link.Command]) -> dict[int, Heard]:
+def _received_by_client(flight: FlightFile, commands: Sequence[link.Command]) -> dict[int, Heard]:
     """Return the answers that each closed client had received by then: link messages are recorded in their
     order."""
     clients = {each.ticket: each.client for each in _calls(commands)}

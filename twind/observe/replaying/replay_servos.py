@@ -94,18 +94,18 @@ class ReplayServos(VirtualServos):
         for row in range(len(specs)):
             self.memory.remap(row)
             self.power.reframe(row, one_turn=False)
-        self.changed()
+        self.invalidate_cache()
 
     def advance(self, now: float) -> None:
         """What happened until then happens."""
-        self.expire(now)
+        self.run_timers(now)
         self.now = max(self.now, now)
 
-    def expire(self, now: float) -> None:
+    def run_timers(self, now: float) -> None:
         """The same; a boot that was ordered now ends by itself, but no watchdog trips but those that did."""
         self.heard_at.fill(now)
         self._event = self._next()
-        super().expire(now)
+        super().run_timers(now)
         moment = self._passage.moment(now) + AHEAD
         while self._at < len(self._turns) and self._turns[self._at].time <= moment:
             self._happen(self._turns[self._at])
@@ -113,7 +113,7 @@ class ReplayServos(VirtualServos):
 
     def settle(self, now: float, *, whole: bool = True) -> None:
         """The clocks as of `now`; all else is brought up to it by `expire`."""
-        self.expire(now)
+        self.run_timers(now)
         up = (self._passage.clock(now) - self._ticks) * 1e3
         for row, at in enumerate(self._clock_at):
             if at >= 0 and isfinite(up[row]):
@@ -160,15 +160,15 @@ class ReplayServos(VirtualServos):
         match turn.what:
             case told.SILENT | told.HEARD:
                 self.silenced[row] = turn.what == told.SILENT
-                self.changed()
+                self.invalidate_cache()
             case told.READ:
                 self._read(row, turn)
             case told.CHANGED:
                 self._put(row, turn.address, turn.data)
                 self.tripped[row] = self["bus_watchdog"][row] == TRIPPED
-                self.changed()
+                self.invalidate_cache()
             case told.DAMAGED:
-                self.damage(row, turn.data[0])
+                self.inject_error(row, turn.data[0])
 
     def _put(self, row: int, address: int, data: bytes) -> None:
         self.memory.raw[row, address : address + len(data)] = np.frombuffer(data, np.uint8)
@@ -180,7 +180,7 @@ class ReplayServos(VirtualServos):
         self.memory.raw[row, span][own] = np.frombuffer(turn.data, np.uint8)[own]
         self._keep_clock(row, turn)
         if self["hardware_error_status"][row] != fault:
-            self.changed()
+            self.invalidate_cache()
 
     def _keep_clock(self, row: int, turn: DeviceEvent) -> None:
         at = self._clock_at[row] - turn.address

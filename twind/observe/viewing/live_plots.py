@@ -101,7 +101,7 @@ class LivePlots:
         self._joint = _plot(gui, "rad", ("goal", "measured", "simulated"))
         self._latency = _plot(gui, "latency, ms", HOPS)
 
-    def of(self, names: tuple[str, ...]) -> None:
+    def set_joints(self, names: tuple[str, ...]) -> None:
         """The joints of another robot."""
         if names != self._names:
             self._names, self._shown = names, 0

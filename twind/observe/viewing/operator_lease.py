@@ -79,7 +79,7 @@ class OperatorThread(threading.Thread):
 
         self._with_lease(tab, and_held, tell)
 
-    def left(self, tab: int) -> None:
+    def on_tab_closed(self, tab: int) -> None:
         """A tab was closed, or its page no longer answers. It may take the lease anew."""
         self._gone.add(tab)
 
@@ -167,13 +167,13 @@ def look_after(operator: OperatorThread, tab: int, ask: Callable[[], object]) ->
         try:
             ask()
         except TimeoutError:
-            operator.left(tab)
+            operator.on_tab_closed(tab)
             return
         except RuntimeError:  # it answered that it may not, or was closed, which is told by itself
             pass
         except Exception:  # noqa: BLE001  whether anybody is there cannot be asked
             traceback.print_exc()
-            operator.left(tab)
+            operator.on_tab_closed(tab)
             return
         time.sleep(ASKED)
 

@@ -37,7 +37,7 @@ class RobotPage:
         """Which translucent figures are wanted."""
         return str(self._ghost.value)
 
-    def say(self, words: str) -> None:
+    def set_html(self, words: str) -> None:
         """HTML, sent where it differs."""
         if words != self._said:
             self._said = self._words.content = words
@@ -64,9 +64,9 @@ class OperatorControls:
         self._disarm.on_click(self._press_for(lambda: operator_lease.disarm))
         self._play.on_click(self._press_for(self._chosen))
         self._rest.on_click(self._press_for(lambda: operator_lease.to_rest(self._robot)))
-        server.on_client_disconnect(self._left)
+        server.on_client_disconnect(self._on_client_left)
 
-    def of(self, robot: Message) -> None:
+    def set_robot(self, robot: Message) -> None:
         """The motions of another robot."""
         self._robot = robot
         names = operator_lease.motions(robot) or ("none",)
@@ -114,15 +114,15 @@ class OperatorControls:
 
         return self._press(do)
 
-    async def _left(self, client: Any) -> None:
-        self._operator.left(client.client_id)
+    async def _on_client_left(self, client: Any) -> None:
+        self._operator.on_tab_closed(client.client_id)
 
     def _changed(self, tab: int | None) -> None:
         """In the operator's thread."""
         held = tab is not None
         client = self._server.get_clients().get(tab)
         if tab is not None and client is None:
-            self._operator.left(tab)
+            self._operator.on_tab_closed(tab)
         elif tab is not None:
             threading.Thread(target=self._look_after, args=(tab, client), daemon=True).start()
         self._take.disabled = held

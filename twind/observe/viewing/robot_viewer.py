@@ -45,7 +45,7 @@ class RobotViewer:
             if self._turn % PLOTS == 0 and not self._broken:
                 self._page.plots.draw()
             if self._turn % WORDS == 1:
-                self._page.say(self._words(now))
+                self._page.set_html(self._words(now))
         self._server.flush()
 
     def failed(self, error: Exception) -> None:
@@ -58,7 +58,7 @@ class RobotViewer:
             if scene is not None:
                 scene.remove()
         with contextlib.suppress(Exception):
-            self._page.say(status_html.row("picture", self._broken, status_html.RED))
+            self._page.set_html(status_html.row("picture", self._broken, status_html.RED))
 
     def _describe(self, told: Message) -> None:
         """Build the scene of the robot described by `told`; the scene stays if the description draws the
@@ -75,9 +75,9 @@ class RobotViewer:
             self._problem = str(error)
             return
         self._scene = RobotScene(self._server.scene, likeness, "/robots/0")
-        self._page.plots.of(likeness.joints)
+        self._page.plots.set_joints(likeness.joints)
         if self._controls is not None:
-            self._controls.of(told["robot"])
+            self._controls.set_robot(told["robot"])
         self._look(likeness)
 
     def _look(self, likeness: RobotModel) -> None:

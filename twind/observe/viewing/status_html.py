@@ -24,7 +24,7 @@ BASES = {
 
 def page(now: ViewerSnapshot, likeness: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
     """Build all rows, the most urgent first."""
-    rows = [*connection(now), *heard(now), *_state(now)]
+    rows = [*connection(now), *format_age(now), *_state(now)]
     if likeness is not None:
         rows += [*joints(now, likeness.joints), *_distance(near, contacts), *_base(likeness)]
     return block([*rows, *_refusals(now), *events(now)])
@@ -48,7 +48,7 @@ def connection(now: ViewerSnapshot) -> list[str]:
     return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
 
 
-def heard(now: ViewerSnapshot) -> list[str]:
+def format_age(now: ViewerSnapshot) -> list[str]:
     """Build the row with the age of the picture: an old one looks like that of a robot that stands still."""
     if now.age is None:
         return []

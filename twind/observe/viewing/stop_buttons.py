@@ -38,7 +38,7 @@ def _pressed(errand: StopAction, of: str) -> Press:
 def teller(client: Any, of: str = "") -> Callable[[StopOutcome], None]:
     """Tells one tab what came of what it asked."""
 
-    def tell(outcome: StopOutcome) -> None:
+    def show_outcome(outcome: StopOutcome) -> None:
         if client is not None:
             client.add_notification(
                 f"{of}: {outcome.title}" if of else outcome.title,
@@ -47,4 +47,4 @@ def teller(client: Any, of: str = "") -> Callable[[StopOutcome], None]:
                 auto_close_seconds=LASTS if outcome.done else STAYS,
             )
 
-    return tell
+    return show_outcome

@@ -91,7 +91,7 @@ def served(
         _site(port, title) as site,
     ):
         draw = begun(site)
-        _say(site, as_json=as_json)
+        _print_address(site, as_json=as_json)
         if open_page:
             in_browser(site.url, folder)
         draw(ended)
@@ -107,7 +107,7 @@ def _site(port: int | None, title: str) -> Iterator[ViewerSite]:
         raise Rejected(str(error)) from None
 
 
-def _say(site: ViewerSite, *, as_json: bool) -> None:
+def _print_address(site: ViewerSite, *, as_json: bool) -> None:
     print(json.dumps({"url": site.url}) if as_json else f"view      {site.url}", flush=True)
     if not as_json and sys.stdout.isatty():
         print("          for you alone: whoever has this address can stop the robot; Ctrl-C ends the viewer")

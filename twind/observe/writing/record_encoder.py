@@ -101,13 +101,13 @@ class RecordEncoder:
         """
         joints = answer["joints"]
         position = [joint["position"] for joint in joints]
-        if self.mode != "sim" and _known(position):
+        if self.mode != "sim" and _has_values(position):
             velocity = _numbers([joint["velocity"] for joint in joints])
             effort = _numbers([joint["effort"] for joint in joints])
             yield RecordLine(MEASURED, time, self._measured.fill(time, _numbers(position), velocity, effort))
         for topic, field in ((COMMANDS, "goal"), (SIMULATED, "simulated")):
             row = [joint[field] for joint in joints]
-            if _known(row):
+            if _has_values(row):
                 yield RecordLine(topic, time, self._only.fill(time, _numbers(row)))
         imu = answer.get("imu")
         if imu is not None and (heard := answer["time"] * 1e3 - imu["age_ms"]) >= self._felt + NEWER:
@@ -118,7 +118,7 @@ class RecordEncoder:
             yield RecordLine(JOINTS, time, _json.encode({"joints": joints}))
 
 
-def _known(row: Sequence[float | None]) -> bool:
+def _has_values(row: Sequence[float | None]) -> bool:
     return any(each is not None for each in row)
 
 

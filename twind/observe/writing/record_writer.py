@@ -131,11 +131,11 @@ class RecordWriter:
 
     def begin(self, session: RecordSession) -> None:
         """Begin a new file: the following messages are of another connection."""
-        self._tell(session)
+        self._report_item(session)
 
     def end(self) -> None:
         """The connection is gone: the file is finished."""
-        self._tell(None)
+        self._report_item(None)
 
     def close(self, patience: float = 30.0) -> bool:
         """Write all that waits and finish the file; False: the disk did not take it within `patience` s."""
@@ -169,7 +169,7 @@ class RecordWriter:
         self.tally = replace(self.tally, messages=self.tally.messages - lost)
         self._file = None
 
-    def _tell(self, item: RecordSession | None) -> None:
+    def _report_item(self, item: RecordSession | None) -> None:
         with self._lock:
             self._queue.append(item)
         self._wake.set()

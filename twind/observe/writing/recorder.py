@@ -49,14 +49,14 @@ class Recorder:
                     self._mark(listening, "end")
                 listening.close()
                 self.writer.end()
-                if self._over():
+                if self._is_over():
                     break
-                self._say(progress, f"the daemon is gone; waiting for it ({gone})")
+                self._print_line(progress, f"the daemon is gone; waiting for it ({gone})")
                 self._explain(listening.failure)
                 listening = self._reach()
         return self._finish()
 
-    def _over(self) -> bool:
+    def _is_over(self) -> bool:
         limit = self.options.seconds
         past = limit is not None and time.monotonic() - self.begun >= limit
         return self.stop.is_set() or bool(self.writer.stopped) or past
@@ -65,21 +65,23 @@ class Recorder:
         """Until it is over, or the daemon is gone."""
         last, count = time.monotonic(), listening.answers
         if self.options.per_episode:  # no file before somebody begins one
-            self._say(progress, f"recording episodes of {listening.session.robot} into {self.writer.folder}")
-        while not (self._over() or listening.ended):
+            self._print_line(
+                progress, f"recording episodes of {listening.session.robot} into {self.writer.folder}"
+            )
+        while not (self._is_over() or listening.ended):
             self.stop.wait(0.1)
             self._name_files(progress, listening.session.robot)
             now = time.monotonic()
             if now - last >= TOLD:
                 rate, last, count = (listening.answers - count) / (now - last), now, listening.answers
-                progress.tell(line(self.writer.tally, rate))
+                progress.update(line(self.writer.tally, rate))
                 self._look_at_clock(listening)
 
     def _name_files(self, progress: ProgressLine, robot: str) -> None:
         """Each file by its name, once, as soon as it is there."""
         files = self.writer.tally.files
         for path in files[self.named :]:
-            self._say(progress, f"recording {robot} into {path}")
+            self._print_line(progress, f"recording {robot} into {path}")
         self.named = len(files)
 
     def _look_at_clock(self, listening: RecordSubscriber) -> None:
@@ -96,7 +98,7 @@ class Recorder:
 
     def _reach(self) -> RecordSubscriber | None:
         """The next daemon; None: it is over before there is one."""
-        while not (self.stop.wait(AGAIN) or self._over()):
+        while not (self.stop.wait(AGAIN) or self._is_over()):
             with contextlib.suppress(ClientError):
                 return RecordSubscriber(self.options, self.writer)
         return None
@@ -125,7 +127,7 @@ class Recorder:
 
     # ------------------------------------------------------------------------------------------ told
 
-    def _say(self, progress: ProgressLine, text: str) -> None:
+    def _print_line(self, progress: ProgressLine, text: str) -> None:
         progress.clear()
         if not self.options.json:
             print(text, file=sys.stderr, flush=True)

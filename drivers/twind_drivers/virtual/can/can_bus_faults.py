@@ -36,14 +36,14 @@ class CanFaults(FrameFaults, NodeFaults):
         What the host sends waits, and goes out when the cable is whole.
         """
         self._controller.cut = on
-        self._controller.changed()
+        self._controller.update_membership()
 
     def bus_off(self, on: bool = True) -> None:
         """The controller has left the bus; off: it is started again, and sends what waits.
 
         With slcan nothing tells of it; closing and opening the channel starts it again too.
         """
-        self._controller.leave(on)
+        self._controller.go_offline(on)
 
     def passive(self, on: bool = True) -> None:
         """The controller has counted many errors and says so; frames pass as before."""
@@ -62,7 +62,7 @@ class CanFaults(FrameFaults, NodeFaults):
     def stall(self, on: bool = True) -> None:
         """The adapter takes nothing from the host; what it has taken goes out. Off: it goes on."""
         self.stalled = self._controller.stalled = on
-        self._controller.changed()
+        self._controller.update_membership()
 
     def unplug(self) -> None:
         """The adapter is pulled out: what it holds is lost; the nodes keep power and time."""

@@ -49,10 +49,10 @@ class VirtualCanController:
     def heal(self) -> None:
         """Remove all faults of line and adapter."""
         self.cut = self.stalled = self.echo = False
-        self.leave(False)
+        self.go_offline(False)
         self.doubt(False)
 
-    def changed(self) -> None:
+    def update_membership(self) -> None:
         """Mark that the set of permitted senders has changed; the bus supplies the time of the change."""
         self.news = True
 
@@ -67,7 +67,7 @@ class VirtualCanController:
         self.off = False
         if not on:
             self.inbox.clear()
-        self.changed()
+        self.update_membership()
 
     def plug(self, on: bool) -> None:
         """Give the adapter power, or remove it with all frames that it holds."""
@@ -78,7 +78,7 @@ class VirtualCanController:
     def purge(self) -> None:
         """Drop the frames that have not left."""
         self.wire.drop(HOST)
-        self.changed()
+        self.update_membership()
 
     def backlog(self) -> int:
         """Return the number of frames that wait."""
@@ -97,7 +97,7 @@ class VirtualCanController:
         there = self.plugged and self.up and not self.off and not self.cut
         return there and self.rate == self.wire.bitrate
 
-    def hear(self, message: CanMessage, now: float) -> None:
+    def receive_frame(self, message: CanMessage, now: float) -> None:
         """Receive a frame that has passed the wire."""
         if self.sound():
             self.since = self.since if self.inbox else now
@@ -105,26 +105,26 @@ class VirtualCanController:
 
     # ------------------------------------------------------------------------------------- errors
 
-    def leave(self, off: bool) -> None:
+    def go_offline(self, off: bool) -> None:
         """Enter bus-off, or start again."""
         if off != self.off:
             self.off = off
-            self._tell(OFF if off else RESTARTED)
-        self.changed()
+            self._queue_error_frame(OFF if off else RESTARTED)
+        self.update_membership()
 
     def doubt(self, passive: bool) -> None:
         """Become error passive, or active again."""
         if passive != self.passive:
             self.passive = passive
-            self._tell(CONTROLLER, PASSIVE if passive else AGAIN_ACTIVE)
+            self._queue_error_frame(CONTROLLER, PASSIVE if passive else AGAIN_ACTIVE)
 
     def errors(self, count: int) -> None:
         """Report frames that were destroyed on the wire; each takes its time and gives an error frame."""
         for _ in range(count):
-            self._tell(PROTOCOL | BUS_ERROR)
+            self._queue_error_frame(PROTOCOL | BUS_ERROR)
         self.broken = count
 
-    def _tell(self, kind: int, detail: int = 0) -> None:
+    def _queue_error_frame(self, kind: int, detail: int = 0) -> None:
         if self.up and self.plugged:
             self.since = -inf
             self.inbox.append(CanMessage(ERROR | kind, bytes([0, detail, 0, 0, 0, 0, 0, 0])))

@@ -36,7 +36,11 @@ class CanLoopback:
 
         Of the line itself: it is text alone that an adapter hands over in batches.
         """
-        return VirtualCanSegment.due(self._line) if self._open and self._line.plugged else self._clock.now()
+        return (
+            VirtualCanSegment.next_output_time(self._line)
+            if self._open and self._line.is_plugged
+            else self._clock.now()
+        )
 
     def send(self, frames: Frames, now: float) -> None:
         """See `Channel.send`."""
@@ -45,12 +49,12 @@ class CanLoopback:
         if self._line.controller.backlog():
             self._refuse(len(frames), now)
         self._stuck_since = None
-        self.condition.refused += self._line.hear(frames, now)
+        self.condition.refused += self._line.take_host_frames(frames, now)
 
     def receive(self, now: float) -> Frames:
         """See `Channel.receive`; error frames are counted and set `condition.line`."""
         self._check()
-        heard = self._line.say(now)
+        heard = self._line.give_host_frames(now)
         if not heard.size:
             return NOTHING
         wrong = (heard["id"] & ERROR) != 0
@@ -102,5 +106,5 @@ class CanLoopback:
     def _check(self) -> None:
         if not self._open:
             raise PortError(self.name, "the channel is closed", lost=True)
-        if not self._line.plugged:
+        if not self._line.is_plugged:
             raise PortError(self.name, "the adapter was unplugged", lost=True)

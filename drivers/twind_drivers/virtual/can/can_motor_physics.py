@@ -44,13 +44,13 @@ class CanMotorPhysics(Protocol):
     def block(self, held: Bools) -> None:
         """From now on: shafts that something holds fast; they turn neither with torque nor without."""
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """From now on: where hands take limp shafts (rad) and hold them, NaN: nobody; rad/s.
 
         Where torque is on a hand slips.
         """
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
 
     def advance(self, now: float) -> None:
@@ -94,15 +94,15 @@ class FirstOrderCanPhysics:
         """See `CanMotorPhysics.block`."""
         self._blocked = held.copy()
 
-    def grip(self, place: Floats, speed: Floats) -> None:
+    def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `CanMotorPhysics.grip`."""
         self._hand, self._reach = place.copy(), speed.copy()
 
-    def lay(self, base: str) -> None:
+    def set_base_pose(self, base: str) -> None:
         """See `CanMotorPhysics.lay`."""
         raise ValueError("lay: these are shafts without load, which no body holds together")
 
-    def fence(self, lower: Floats, upper: Floats) -> None:
+    def set_endstops(self, lower: Floats, upper: Floats) -> None:
         """Mechanical stops (rad), hard."""
         self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
 

@@ -38,7 +38,7 @@ class CanMotors:
             self._told[:, row] = told
             self._changed = True
 
-    def free(self, row: int) -> None:
+    def release_torque(self, row: int) -> None:
         """Torque is off."""
         self.on[row] = False
         self._last[row] = ()
@@ -55,10 +55,10 @@ class CanMotors:
         self._held[row] = held
         self.muscles.block(self._held)
 
-    def grip(self, row: int, place: float, speed: float) -> None:
+    def set_hand_position(self, row: int, place: float, speed: float) -> None:
         """A hand takes a shaft to `place` (rad; NaN: lets go of it), rad/s. It slips where torque is on."""
         self._hand[row], self._reach[row] = place, speed
-        self.muscles.grip(self._hand, self._reach)
+        self.muscles.set_hand_positions(self._hand, self._reach)
         self._changed = True
 
     def freeze(self, row: int, on: bool) -> None:

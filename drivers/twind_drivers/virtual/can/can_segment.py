@@ -48,7 +48,7 @@ class VirtualCanSegment:
         self.controller = VirtualCanController(
             self.wire, adapter or CanAdapter(), bitrate, lambda: self._may_send(HOST)
         )
-        self.nodes = VirtualCanNodes(nodes, muscles, now, self._said)
+        self.nodes = VirtualCanNodes(nodes, muscles, now, self._queue_node_frame)
         self.text = SlcanText(self.controller, seed)
         self.faults = CanFaults(name, self.nodes, self.controller, self.text)
         self.faults.now = now
@@ -57,7 +57,7 @@ class VirtualCanSegment:
         self._alone = False  # nobody acknowledges what the controller sends
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """True if the adapter is plugged in."""
         return self.faults.plugged
 
@@ -79,13 +79,13 @@ class VirtualCanSegment:
         self.nodes.motors.advance(now)
         return [node.truth(now) for node in self.nodes.each]
 
-    def hear(self, frames: Frames, now: float) -> int:
+    def take_host_frames(self, frames: Frames, now: float) -> int:
         """Give frames of the host to its controller at `now`; return how many it did not take."""
         self._run(now)
         taken = [self.controller.take(message, now) for message in messages(frames)]
         return len(taken) - sum(taken)
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """Return the s before which no frame comes; `inf`: none is under way, `-inf`: some are there."""
         if self.controller.inbox:
             return -inf
@@ -102,7 +102,7 @@ class VirtualCanSegment:
             ends += self.wire.soonest_answer()
         return min(own, ends)
 
-    def say(self, now: float) -> Frames:
+    def give_host_frames(self, now: float) -> Frames:
         """Return the frames that have arrived at the controller by `now`, error frames among them."""
         return as_frames(self._arrived(now))
 
@@ -156,41 +156,41 @@ class VirtualCanSegment:
         """Update after faults or the channel have changed what may be sent."""
         controller = self.controller
         if controller.news or controller.broken:
-            self._changed()
+            self._update_membership()
             self.wire.noise(self._now, controller.broken * BROKEN / self.wire.bitrate)
             controller.news, controller.broken = False, 0
 
-    def _changed(self) -> None:
+    def _update_membership(self) -> None:
         """Update after a change of the nodes on the bus or of the permitted senders."""
         controller = self.controller
         self._hears = controller.sound() and not controller.listens_only
         self._host_may = self._hears and not controller.stalled and self.nodes.there > 0
-        self.wire.changed(self._now)
+        self.wire.update_membership(self._now)
 
     def _act(self) -> None:
         there = self.nodes.there
         for message in self.faults.commands(self._now):
             self.wire.put(STRANGER, message, self._now)
         if self.nodes.event <= self._now:
-            self.nodes.act(self._now)
+            self.nodes.run_timers(self._now)
         if there != self.nodes.there:
-            self._changed()
+            self._update_membership()
 
     def _deliver(self) -> None:
         sent = self.wire.take()
         if sent is None:
             return
         there = self.nodes.there
-        self.nodes.hear(sent.message, sent.end, sent.sender)
+        self.nodes.receive_frame(sent.message, sent.end, sent.sender)
         if there != self.nodes.there:
-            self._changed()
+            self._update_membership()
         if sent.sender == HOST and self._alone:
             self._alone = False
             self.controller.doubt(False)
         if sent.sender != HOST or self.controller.echo:
-            self.controller.hear(sent.message, self._now)
+            self.controller.receive_frame(sent.message, self._now)
 
-    def _said(self, row: int, message: CanMessage, now: float) -> None:
+    def _queue_node_frame(self, row: int, message: CanMessage, now: float) -> None:
         """Queue a frame that a node sends."""
         if not self.faults.active:
             self.wire.put(row, message, now)
@@ -211,5 +211,5 @@ class VirtualCanSegment:
         history, at = self.history, self.nodes.motors.at
         if history is not None and at > self._noted:
             self._noted = at
-            places = [node.shaft.told()[0] / COUNT for node in self.nodes.each]
+            places = [node.shaft.read_state()[0] / COUNT for node in self.nodes.each]
             history.note(at, np.rint(places).astype(np.int64))

@@ -66,14 +66,14 @@ class CanWire:
         self._queues.pop(sender, None)
         self._known = False
 
-    def changed(self, now: float) -> None:
+    def update_membership(self, now: float) -> None:
         """Update after a sender came or went: frames that could not be sent may go from `now` on."""
         self._free = max(self._free, now)
         self._known = False
 
     def noise(self, now: float, spent: float) -> None:
         """Occupy the wire with garbage for this long, s."""
-        self.changed(now)
+        self.update_membership(now)
         self._free += spent if self.timing else 0.0
 
     def next(self) -> FrameInFlight | None:

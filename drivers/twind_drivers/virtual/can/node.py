@@ -34,15 +34,15 @@ class VirtualCanNode:
 
     # ------------------------------------------------------------------------------- what a family says
 
-    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
+    def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Return the answers to a frame, after its effect. Frames for other nodes give nothing."""
         raise NotImplementedError
 
-    def listens(self, key: int) -> bool:
+    def accepts_id(self, key: int) -> bool:
         """True if frames with this id (11 bits), or with these 8 lowest bits of 29, may be for this node."""
         return key == self.id
 
-    def ail(self, what: str) -> int:
+    def encode_fault(self, what: str) -> int:
         """Return the family's own code for heat, low or high voltage."""
         raise NotImplementedError
 
@@ -57,7 +57,7 @@ class VirtualCanNode:
         """Return the frames that it sends without a request, when `next_beat` has come."""
         return ()
 
-    def expire(self, now: float) -> Sequence[CanMessage]:
+    def on_watchdog_timeout(self, now: float) -> Sequence[CanMessage]:
         """Handle an expired watchdog: torque off. A family adds the frames that report it."""
         self.watch.trip(now)
         self.shaft.disable()
@@ -80,7 +80,7 @@ class VirtualCanNode:
             self.shaft.enable()
             self.watch.tripped = False
 
-    def damage(self, bits: int) -> Sequence[CanMessage]:
+    def inject_fault(self, bits: int) -> Sequence[CanMessage]:
         """Set a fault in the vendor's code: torque off until cleared. Return the frames that report it."""
         self.fault |= bits
         self.shaft.disable()
@@ -97,7 +97,7 @@ class VirtualCanNode:
         found = {HEAT: self.celsius >= hottest, LOW: self.volts < lowest, HIGH: self.volts > highest}
         for what, ails in found.items():
             if ails:
-                self.damage(self.ail(what))
+                self.inject_fault(self.encode_fault(what))
 
     def down(self, until: float) -> None:
         """Remove power, or restart: back at `until` (s; inf: only by a later order)."""
@@ -110,7 +110,7 @@ class VirtualCanNode:
         self.fault, self.watch.tripped, self.watch.heard_at = 0, False, now
         if self.spec.forgets_zero:
             self.shaft.kept_zero = 0.0
-        self.shaft.fold()
+        self.shaft.wrap_position()
         self.start()
         self.suffer()
 
@@ -123,7 +123,7 @@ class VirtualCanNode:
         return {
             "id": self.id,
             "family": self.spec.spoken(),
-            "position": shaft.told()[0] / COUNT,
+            "position": shaft.read_state()[0] / COUNT,
             "encoder": float(motors.muscles.position[row]) / COUNT,
             "velocity": motors.velocity[row] / COUNT,
             "effort": motors.torque[row] / EFFORT,

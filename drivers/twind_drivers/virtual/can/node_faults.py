@@ -25,7 +25,7 @@ class NodeFaults:
         self.now = 0.0  # s, kept by the bus
         self.history: ReadingHistory | None = None
         hinges = [node.spec.hinge for node in nodes.each]
-        self.hands = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.grip)
+        self.hands = ShaftGrip(hinges, [tau] * len(hinges), self._place, nodes.motors.set_hand_position)
         self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
@@ -35,7 +35,7 @@ class NodeFaults:
         """
         for node in self._some(id):
             node.silenced = on
-        self._changed()
+        self._update_membership()
 
     def power(self, on: bool, id: int | None = None) -> None:
         """Switch the supply of one or all. On: they boot; values not stored are lost, zeros of some too."""
@@ -43,7 +43,7 @@ class NodeFaults:
         self._nodes.power(list(rows), on, self.now)
         for row in rows if not on else ():
             self._wire.wire.drop(row)
-        self._changed()
+        self._update_membership()
 
     def brown_out(self, id: int) -> None:
         """One node loses its supply for a moment and boots. Raises KeyError."""
@@ -57,7 +57,7 @@ class NodeFaults:
         for node in self._nodes.each:
             node.volts = volts
             node.suffer()
-        self._changed()
+        self._update_membership()
 
     def heat(self, id: int, celsius: float) -> None:
         """Set the temperature of one node from now on. Raises KeyError, ValueError outside -40..200 °C."""
@@ -66,7 +66,7 @@ class NodeFaults:
         for node in self._some(id):
             node.celsius = celsius
             node.suffer()
-        self._changed()
+        self._update_membership()
 
     def damage(self, id: int, bits: int) -> None:
         """A fault in the vendor's own code. Raises KeyError, ValueError.
@@ -80,8 +80,8 @@ class NodeFaults:
             )
             if not lowest <= bits <= highest:
                 raise ValueError(f"damage: {bits} is outside {lowest}..{highest} of a {node.spec.spoken()}")
-            self._nodes.damage(row, bits, self.now)
-        self._changed()
+            self._nodes.inject_fault(row, bits, self.now)
+        self._update_membership()
 
     def ranges(self, id: int, position: float, velocity: float, torque: float) -> None:
         """Set the true spans of a node's fields. Only a Damiao reports them (registers 21-23).
@@ -154,7 +154,7 @@ class NodeFaults:
 
     def lay(self, base: str) -> None:
         """Hold the base of the robot in another attitude from now on. Raises KeyError, ValueError."""
-        self._nodes.motors.muscles.lay(base)
+        self._nodes.motors.muscles.set_base_pose(base)
 
     def freeze(self, id: int, on: bool = True) -> None:
         """Repeat the reported position, wherever the shaft goes. Raises KeyError."""
@@ -179,7 +179,7 @@ class NodeFaults:
             node.silenced = False
         self._nodes.twins.clear()
         self.masters.clear()
-        self._changed()
+        self._update_membership()
 
     def next_command(self) -> float:
         """Return the time of the other master's next frame, s."""
@@ -201,9 +201,9 @@ class NodeFaults:
         each = self._nodes.each
         return list(each) if id is None else [each[row] for row in self.rows(id)]
 
-    def _changed(self) -> None:
-        self._nodes.changed()
-        self._wire.changed()
+    def _update_membership(self) -> None:
+        self._nodes.update_membership()
+        self._wire.update_membership()
 
 
 def _limp(node: VirtualCanNode) -> CanMessage:

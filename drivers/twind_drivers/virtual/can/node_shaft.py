@@ -28,14 +28,14 @@ class NodeShaft:
     def disable(self) -> None:
         """Torque off."""
         self.on = False
-        self.motors.free(self.row)
+        self.motors.release_torque(self.row)
 
     def wrap(self) -> None:
         """The turns that are due come now: it has restarted in between."""
         self.zero -= self.turns_due * TURN
         self.turns_due = 0
 
-    def fold(self) -> None:
+    def wrap_position(self) -> None:
         """It does not know how often it has turned: its place is within -pi..pi."""
         place = self.motors.position[self.row] - self.kept_zero
         self.zero = self.kept_zero + TURN * math.floor(place / TURN + 0.5)
@@ -44,7 +44,7 @@ class NodeShaft:
         """Where it is now is 0 from now on."""
         self.zero = self.kept_zero = self.motors.position[self.row]
 
-    def told(self) -> tuple[float, float, float]:
+    def read_state(self) -> tuple[float, float, float]:
         """Place rad, speed rad/s, torque N·m, before a field cuts them."""
         row, motors = self.row, self.motors
         return motors.position[row] - self.zero, motors.velocity[row], motors.torque[row]

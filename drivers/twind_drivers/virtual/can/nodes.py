@@ -41,31 +41,31 @@ class VirtualCanNodes:
         self.twins: set[int] = set()  # rows beside which a second node with the same id answers
         self.present = [True] * len(specs)  # has power and a plugged connector
         self._times = [inf] * len(specs)  # s, when each does something by itself
-        self.changed()
+        self.update_membership()
 
-    def changed(self) -> None:
+    def update_membership(self) -> None:
         """Power or a connector changed, or a frame was heard: work out what follows."""
         self._rows: dict[int, list[int]] = {}  # id, or what of it names somebody -> who listens to it
         for row in range(len(self.each)):
             self._look(row)
         self._sum()
 
-    def hear(self, message: CanMessage, now: float, but: int) -> None:
+    def receive_frame(self, message: CanMessage, now: float, but: int) -> None:
         """A frame has passed the wire: all that are there hear it, `but` the row that sent it."""
         self.motors.settle(now)
         id = message.id
         key = id & 0xFF | EXTENDED if id & EXTENDED else id & STANDARD_MASK
         if key not in self._rows:
-            self._rows[key] = [row for row, node in enumerate(self.each) if node.listens(key)]
+            self._rows[key] = [row for row, node in enumerate(self.each) if node.accepts_id(key)]
         for row in self._rows[key]:
             if row != but and self.present[row]:
                 node = self.each[row]
-                for answer in node.obey(message, now):
+                for answer in node.handle_frame(message, now):
                     self._answer(row, answer, now)
                 self._look(row)
         self._sum()
 
-    def act(self, now: float) -> None:
+    def run_timers(self, now: float) -> None:
         """Whoever's time has come by `now` (s): watchdogs, boots, heartbeats."""
         self.motors.settle(now)
         for row, node in enumerate(self.each):
@@ -73,9 +73,9 @@ class VirtualCanNodes:
                 node.boot(now)
                 self._look(row)
             if node.watch.expiry(node.shaft.on) <= now:
-                self._tell(row, node.expire(now), now)
+                self._send_unsolicited(row, node.on_watchdog_timeout(now), now)
             if node.powered and node.next_beat() <= now:
-                self._tell(row, node.beat(now), now)
+                self._send_unsolicited(row, node.beat(now), now)
             self._look(row)
         self._sum()
 
@@ -85,12 +85,12 @@ class VirtualCanNodes:
             node = self.each[row]
             if on != (node.powered or node.boots_at < inf):
                 node.down(now + node.spec.settings.get("boot", BOOT) if on else inf)
-        self.changed()
+        self.update_membership()
 
-    def damage(self, row: int, bits: int, now: float) -> None:
+    def inject_fault(self, row: int, bits: int, now: float) -> None:
         """A fault in the vendor's code."""
-        self._tell(row, self.each[row].damage(bits), now)
-        self.changed()
+        self._send_unsolicited(row, self.each[row].inject_fault(bits), now)
+        self.update_membership()
 
     def _look(self, row: int) -> None:
         node = self.each[row]
@@ -102,7 +102,7 @@ class VirtualCanNodes:
         self.there = sum(self.present)  # how many
         self.event = min(self._times, default=inf)  # s, when the next one does something by itself
 
-    def _tell(self, row: int, said: Sequence[CanMessage], now: float) -> None:
+    def _send_unsolicited(self, row: int, said: Sequence[CanMessage], now: float) -> None:
         """What one says by itself; nobody hears it with its connector pulled."""
         for message in said if self.present[row] else ():
             self._say(row, message, now)

@@ -26,11 +26,11 @@ class PythonCanBridge:
             if not given.is_error_frame:
                 sent.append(_taken(given))
         if sent:
-            self._line.hear(as_frames(sent), now)
+            self._line.take_host_frames(as_frames(sent), now)
         self._line.advance(now)
-        for each in messages(self._line.say(now)):
+        for each in messages(self._line.give_host_frames(now)):
             self._bus.send(_given(each))
-        return self._line.due()
+        return self._line.next_output_time()
 
 
 def _taken(given: can.Message) -> CanMessage:

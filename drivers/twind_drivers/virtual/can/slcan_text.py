@@ -45,7 +45,7 @@ class SlcanText:
         self._line.clear()
         self._deaf = False
 
-    def hear(self, data: bytes, now: float) -> bytes:
+    def receive_text(self, data: bytes, now: float) -> bytes:
         """Bytes of the host at `now`, s; the adapter's answers."""
         said = b""
         *lines, rest = data.split(b"\r")
@@ -89,9 +89,9 @@ class SlcanText:
         if order == b"S" and not controller.up and len(line) == 2 and line[1:] in b"012345678":
             controller.rate = RATES[int(line[1:])]
             return YES
-        return self._tell(line)
+        return self._send_line(line)
 
-    def _tell(self, line: bytes) -> bytes:
+    def _send_line(self, line: bytes) -> bytes:
         if line == b"F" and self._controller.up:
             return b"F%02X\r" % self._flags()
         return {b"V": b"V1013\r", b"N": b"NTWVC\r"}.get(line, NO)

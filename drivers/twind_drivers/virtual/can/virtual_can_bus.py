@@ -27,7 +27,7 @@ class VirtualCanBus(VirtualCanSegment):
 
     def receive(self, data: bytes, now: float) -> None:
         """Text of the host, sent at `now`."""
-        if not self.plugged:
+        if not self.is_plugged:
             self.flush()
             return
         self._run(now)
@@ -36,31 +36,31 @@ class VirtualCanBus(VirtualCanSegment):
             self._held = data
         else:
             self._said_at = self._said_at if self._said_back else now
-            self._said_back += self.text.hear(data, now)
+            self._said_back += self.text.receive_text(data, now)
 
-    def due(self) -> float:
+    def next_output_time(self) -> float:
         """As `VirtualCanSegment.due`, for text: the adapter hands over what has come at the next batch."""
         if self._held and not self.faults.stalled:
             return -inf
         controller = self.controller
         batch = controller.adapter.batch
         if not batch:
-            return -inf if self._said_back else super().due()
-        first = controller.since if controller.inbox else super().due()
+            return -inf if self._said_back else super().next_output_time()
+        first = controller.since if controller.inbox else super().next_output_time()
         if self._said_back:
             first = min(first, self._said_at)
         return ceil(first / batch - 1e-6) * batch if isfinite(first) else first
 
     def take(self, now: float) -> bytes:
         """Text that has arrived at the host by `now`."""
-        if not self.plugged:
+        if not self.is_plugged:
             self._said_back = b""
             return b""
         if self._held:
             self.receive(b"", now)
         if self.controller.adapter.batch:
             self._run(now)
-            if self.due() > now:
+            if self.next_output_time() > now:
                 return b""
         heard = self._arrived(now)
         said, self._said_back = self._said_back, b""
@@ -69,5 +69,5 @@ class VirtualCanBus(VirtualCanSegment):
     def line(self, baud: int) -> None:
         """The host's port is set to `baud`: a USB adapter does not care."""
 
-    def slip(self, seconds: float) -> None:
+    def skip_time(self, seconds: float) -> None:
         """Nodes have no clock register that goes on while time stands still."""

@@ -25,15 +25,15 @@ class VirtualCubeMars(VirtualCanNode):
         self.watch.timeout = spec.settings.get("timeout", 0.0) or inf
         self.boot(now)
 
-    def ail(self, what: str) -> int:
+    def encode_fault(self, what: str) -> int:
         """Error byte."""
         return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else OVER_VOLTAGE
 
-    def damage(self, bits: int) -> Sequence[CanMessage]:
+    def inject_fault(self, bits: int) -> Sequence[CanMessage]:
         """One error code: the first one stays."""
-        return super().damage(0 if self.fault else bits)
+        return super().inject_fault(0 if self.fault else bits)
 
-    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
+    def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Commands and the three special frames; entering motor mode forgets an error (assumed)."""
         if message.id != self.id or len(message.data) != 8:
             return ()
@@ -42,7 +42,7 @@ class VirtualCubeMars(VirtualCanNode):
             self._special(message.data[7])
         else:
             self.shaft.follow(*mit_command(message.data, self.spans))
-        state = mit_state(*self.shaft.told(), self.spans)
+        state = mit_state(*self.shaft.read_state(), self.spans)
         warm = round(self.celsius) & 0xFF
         return [CanMessage(self.id, bytes([self.id & 0xFF]) + state + bytes([warm, self.fault & 0xFF]))]
 

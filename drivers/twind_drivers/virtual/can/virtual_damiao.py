@@ -76,7 +76,7 @@ class VirtualDamiao(VirtualCanNode):
         self.id = int(self.registers[ESC])  # one that was written counts from now on (assumed)
         self._look()
 
-    def listens(self, key: int) -> bool:
+    def accepts_id(self, key: int) -> bool:
         """Its own id, and that of all registers."""
         return key in (self.id, REGISTERS_ID)
 
@@ -88,18 +88,18 @@ class VirtualDamiao(VirtualCanNode):
         """Register 9, 50 us ticks."""
         return int(self.registers[TIMEOUT])
 
-    def ail(self, what: str) -> int:
+    def encode_fault(self, what: str) -> int:
         """Status nibble."""
         return ROTOR_HOT if what == HEAT else UNDER_VOLTAGE if what == LOW else OVER_VOLTAGE
 
-    def damage(self, bits: int) -> Sequence[CanMessage]:
+    def inject_fault(self, bits: int) -> Sequence[CanMessage]:
         """One status nibble, 8 to F: the first fault stays until it is cleared."""
-        return super().damage(0 if self.fault else bits)
+        return super().inject_fault(0 if self.fault else bits)
 
-    def expire(self, now: float) -> Sequence[CanMessage]:
+    def on_watchdog_timeout(self, now: float) -> Sequence[CanMessage]:
         """Communication lost: torque off (assumed), until the fault is cleared."""
-        super().expire(now)
-        return self.damage(LOST)
+        super().on_watchdog_timeout(now)
+        return self.inject_fault(LOST)
 
     def rescale(self, position: float, velocity: float, torque: float) -> None:
         """Registers 21 to 23 from now on, and over a power cut."""
@@ -107,7 +107,7 @@ class VirtualDamiao(VirtualCanNode):
             self.flash[register] = self.registers[register] = value
         self._look()
 
-    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
+    def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """MIT frames, special frames, registers."""
         id, data = message
         if id == REGISTERS_ID:
@@ -127,10 +127,12 @@ class VirtualDamiao(VirtualCanNode):
     def feedback(self) -> CanMessage:
         """Status and id in the first byte, place, speed, torque, two temperatures."""
         status = self.fault or int(self.shaft.on)
-        place, speed, torque = self.shaft.told()
+        place, speed, torque = self.shaft.read_state()
         warm = min(max(round(self.celsius), 0), 255)
         head = (self.id & 0xF) | status << 4
-        return self._say(bytes([head]) + mit_state(place, speed, torque, self.spans) + bytes([warm, warm]))
+        return self._make_feedback(
+            bytes([head]) + mit_state(place, speed, torque, self.spans) + bytes([warm, warm])
+        )
 
     def _special(self, data: bytes) -> None:
         if data == ENABLE:
@@ -142,7 +144,7 @@ class VirtualDamiao(VirtualCanNode):
         else:
             self.clear()
 
-    def _say(self, data: bytes) -> CanMessage:
+    def _make_feedback(self, data: bytes) -> CanMessage:
         return CanMessage(int(self.registers[MASTER]), data)
 
     def _register(self, data: bytes) -> Sequence[CanMessage]:
@@ -151,12 +153,12 @@ class VirtualDamiao(VirtualCanNode):
             return [self.feedback()]
         if order == STORE and not self.shaft.on:
             self.flash = dict(self.registers)
-            return [self._say(data[:2] + bytes([STORE, 1]) + bytes(4))]
+            return [self._make_feedback(data[:2] + bytes([STORE, 1]) + bytes(4))]
         if order not in (READ, WRITE) or register not in self.registers or len(data) != 8:
             return ()
         if order == WRITE and register not in FIXED:
             self._write(register, data[4:8])
-        return [self._say(data[:2] + bytes([order, register]) + self._bytes(register))]
+        return [self._make_feedback(data[:2] + bytes([order, register]) + self._bytes(register))]
 
     def _bytes(self, register: int) -> bytes:
         value = self.registers[register]

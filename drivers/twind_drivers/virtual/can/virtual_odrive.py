@@ -83,11 +83,11 @@ class VirtualODrive(VirtualCanNode):
         self._heart_at, self._tell_at = self.watch.heard_at + 0.01, self.watch.heard_at + 0.01
         self._look_at = inf
 
-    def listens(self, key: int) -> bool:
+    def accepts_id(self, key: int) -> bool:
         """Node id in the upper six bits."""
         return not key & EXTENDED and key >> 5 == self.id
 
-    def ail(self, what: str) -> int:
+    def encode_fault(self, what: str) -> int:
         """Axis error."""
         codes = self.codes
         return codes.heat if what == HEAT else codes.low if what == LOW else codes.high
@@ -96,10 +96,10 @@ class VirtualODrive(VirtualCanNode):
         """ms; nobody can read it over this bus."""
         return round(self.held["watchdog_timeout"] * 1e3)
 
-    def expire(self, now: float) -> Sequence[CanMessage]:
+    def on_watchdog_timeout(self, now: float) -> Sequence[CanMessage]:
         """An axis error, and idle."""
-        super().expire(now)
-        return self.damage(self.codes.watchdog)
+        super().on_watchdog_timeout(now)
+        return self.inject_fault(self.codes.watchdog)
 
     def next_beat(self) -> float:
         """Heartbeat, estimates, or a look at the speed limit."""
@@ -118,7 +118,7 @@ class VirtualODrive(VirtualCanNode):
             said.append(self._answer(ESTIMATES))
         return [each for each in said if each is not None]
 
-    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
+    def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Orders with data; a remote frame or an empty one asks."""
         id, data = message
         if id & EXTENDED or (id & 0x7FF) >> 5 != self.id:
@@ -134,18 +134,18 @@ class VirtualODrive(VirtualCanNode):
 
     # ------------------------------------------------------------------------------------- what it says
 
-    def _say(self, command: int, data: bytes) -> CanMessage:
+    def _make_message(self, command: int, data: bytes) -> CanMessage:
         return CanMessage(self.id << 5 | command, data)
 
     def _heartbeat(self) -> CanMessage:
         state = CLOSED_LOOP if self.shaft.on else IDLE
         if self.later:  # byte 5: result of the last procedure, 6: is the trajectory done
-            return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, 0, 1, 0))
+            return self._make_message(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, 0, 1, 0))
         failed = 1 if self.fault & MOTOR_FAILED else 0
-        return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, failed, 0, 0x80))
+        return self._make_message(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, failed, 0, 0x80))
 
     def _answer(self, command: int) -> CanMessage | None:
-        place, speed, torque = self.shaft.told()
+        place, speed, torque = self.shaft.read_state()
         amps = torque / self.held["torque_constant"]
         turns = place / TURN
         if command == HEARTBEAT:
@@ -165,14 +165,14 @@ class VirtualODrive(VirtualCanNode):
         if self.later:  # active errors, and why it was disarmed; endpoints instead of the other errors
             own = {MOTOR_ERROR: struct.pack("<II", self.fault, self.fault)}
         answers |= own
-        return self._say(command, answers[command]) if command in answers else None
+        return self._make_message(command, answers[command]) if command in answers else None
 
     # ------------------------------------------------------------------------------------- what it does
 
     def _order(self, command: int, data: bytes, now: float) -> None:
         numbers = data.ljust(8, b"\0")
         if command == ESTOP:
-            self.damage(self.codes.stop)
+            self.inject_fault(self.codes.stop)
         elif command == STATE:
             self._state(int.from_bytes(numbers[:4], "little"), now)
         elif command == MODES:
@@ -195,7 +195,7 @@ class VirtualODrive(VirtualCanNode):
         elif state == CLOSED_LOOP:
             self.enable()
             if self.mode == BY_POSITION:  # 3.x: the input is set to where it is
-                self.input = (self.shaft.told()[0] / TURN, 0.0, 0.0)
+                self.input = (self.shaft.read_state()[0] / TURN, 0.0, 0.0)
             self._pull(now)
         elif state == IDLE:
             self.shaft.disable()
@@ -242,7 +242,7 @@ class VirtualODrive(VirtualCanNode):
         most = self.held["velocity_limit"]
         wish = speed
         if self.mode == BY_POSITION:
-            wish += outer * (place - self.shaft.told()[0] / TURN)
+            wish += outer * (place - self.shaft.read_state()[0] / TURN)
         if self.mode == BY_POSITION and abs(wish) <= most:
             self.shaft.follow(place * TURN, speed * TURN, outer * inner, inner, torque)
             return

@@ -76,7 +76,7 @@ class VirtualRobStride(VirtualCanNode):
         self._report_at = inf
         self._look()
 
-    def listens(self, key: int) -> bool:
+    def accepts_id(self, key: int) -> bool:
         """29-bit ids that end in its own."""
         return key == self.id | EXTENDED
 
@@ -84,15 +84,15 @@ class VirtualRobStride(VirtualCanNode):
         """Parameter 7028, 50 us ticks."""
         return int(self.parameters[TIMEOUT])
 
-    def ail(self, what: str) -> int:
+    def encode_fault(self, what: str) -> int:
         """Fault bits; the six have none for too high a supply, so that of the driver."""
         return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else DRIVER
 
-    def damage(self, bits: int) -> Sequence[CanMessage]:
+    def inject_fault(self, bits: int) -> Sequence[CanMessage]:
         """Bits of the feedback's id; a new one is told by a frame of its own."""
         news = bits & ~self.fault
-        super().damage(bits)
-        return [self._say(FAULTS, struct.pack("<II", self.fault, 0))] if news else ()
+        super().inject_fault(bits)
+        return [self._make_message(FAULTS, struct.pack("<II", self.fault, 0))] if news else ()
 
     def next_beat(self) -> float:
         """An active report."""
@@ -103,7 +103,7 @@ class VirtualRobStride(VirtualCanNode):
         self._report_at = now + EVERY
         return [self.feedback()]
 
-    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
+    def handle_frame(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Everything of the private protocol but set id, baud rate and protocol switch."""
         id, data = message
         if not id & EXTENDED or id & REMOTE or id & 0xFF != self.id:
@@ -121,13 +121,13 @@ class VirtualRobStride(VirtualCanNode):
 
     def feedback(self) -> CanMessage:
         """Mode and faults in the id; place, speed, torque, temperature."""
-        place, speed, torque = self.shaft.told()
+        place, speed, torque = self.shaft.read_state()
         values = [
             pack(value, span, 16) for value, span in zip((place, speed, torque), self.spans, strict=True)
         ]
         warm = min(max(round(self.celsius * 10.0), 0), 65535)
         mode = 2 if self.shaft.on else 0
-        return self._say(FEEDBACK, struct.pack(">4H", *values, warm), self.fault & 0x3F | mode << 6)
+        return self._make_message(FEEDBACK, struct.pack(">4H", *values, warm), self.fault & 0x3F | mode << 6)
 
     def _motion(self, torque: int, data: bytes) -> tuple[float, float, float, float, float]:
         place, speed, kp, kd = struct.unpack(">4H", data)
@@ -164,14 +164,14 @@ class VirtualRobStride(VirtualCanNode):
             return ()
         return [self.feedback()]
 
-    def _say(self, kind: int, data: bytes, marks: int = 0) -> CanMessage:
+    def _make_message(self, kind: int, data: bytes, marks: int = 0) -> CanMessage:
         return CanMessage(EXTENDED | kind << 24 | marks << 16 | self.id << 8 | self._host, data)
 
     def _read(self, data: bytes) -> CanMessage:
         index = int.from_bytes(data[:2], "little")
         if index not in FORMS:
-            return self._say(READ, data[:2] + bytes(6), 1)
-        place, speed, torque = self.shaft.told()
+            return self._make_message(READ, data[:2] + bytes(6), 1)
+        place, speed, torque = self.shaft.read_state()
         now = {
             PLACE: place,
             SPEED: speed,
@@ -182,7 +182,7 @@ class VirtualRobStride(VirtualCanNode):
         value = now.get(index, self.parameters[index])
         form = FORMS[index][0]
         raw = struct.pack(form, value if form == "<f" else int(value))
-        return self._say(READ, data[:2] + bytes(2) + raw.ljust(4, b"\0"))
+        return self._make_message(READ, data[:2] + bytes(2) + raw.ljust(4, b"\0"))
 
     def _write(self, index: int, raw: bytes) -> None:
         form, writable = FORMS.get(index, ("<f", False))

@@ -76,14 +76,14 @@ class ZenohNode:
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)
 
-        def hear() -> None:
+        def receive_loop() -> None:
             for sample in samples:
                 try:
                     heard(topic, _bytes(sample.payload))
                 except Exception as error:  # noqa: BLE001  the next message may be a stop
                     self._tell(f"zenoh: {topic.name}: a message was lost: {type(error).__name__}: {error}")
 
-        thread = threading.Thread(target=hear, name=f"ros{topic.name}", daemon=True)
+        thread = threading.Thread(target=receive_loop, name=f"ros{topic.name}", daemon=True)
         thread.start()
         self._hearing.append(thread)
 

@@ -29,7 +29,7 @@ class FleetPage:
             self._words[member.name] = self._gui.add_html("")
             stop_buttons(self._gui, member.stops.estop, member.stops.stop, member.name, member.name)
 
-    def say(self, words: str, of: str | None = None) -> None:
+    def set_html(self, words: str, of: str | None = None) -> None:
         """HTML of one robot; None: of all."""
         if words != self._said.get(of):
             self._said[of] = words

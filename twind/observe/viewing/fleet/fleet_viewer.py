@@ -65,13 +65,13 @@ class FleetViewer:
         members = self._company.members
         self._turn += 1
         with self._server.atomic():
-            hows = [self._one(each) for each in members]
+            hows = [self._update_robot(each) for each in members]
             self._lay()
             if self._turn % WORDS == 1:
-                self._page.say(self._problem() + summary(hows))
+                self._page.set_html(self._problem() + summary(hows))
         self._server.flush()
 
-    def _one(self, member: RegisteredRobot) -> RobotHealth:
+    def _update_robot(self, member: RegisteredRobot) -> RobotHealth:
         """Whatever is wrong with one is not the others' trouble."""
         if member.name not in self._stands:
             self._stands[member.name] = RobotPlate(self._server.scene, len(self._stands), member.name)
@@ -79,7 +79,7 @@ class FleetViewer:
         stand, now = self._stands[member.name], member.known.now()
         if self._turn % WORDS == 1 or member.name not in self._hows:
             self._hows[member.name], said = described(now, stand.problem)
-            self._page.say(said, member.name)
+            self._page.set_html(said, member.name)
         how = self._hows[member.name]
         try:
             stand.draw(now, how)
@@ -90,7 +90,7 @@ class FleetViewer:
 
     def _trace(self, name: str, error: Exception) -> None:
         """Once for each reason: a robot may say the same ten times a second."""
-        if self._traced[name].news(f"{type(error).__name__}: {error}", time.monotonic()):
+        if self._traced[name].is_transition(f"{type(error).__name__}: {error}", time.monotonic()):
             traceback.print_exception(error)
 
     def _lay(self) -> None:

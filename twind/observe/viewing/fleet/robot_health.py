@@ -58,12 +58,12 @@ def standing(now: ViewerSnapshot) -> RobotHealth:
         return RobotHealth(HealthLevel.LOST, "nothing was heard yet")
     if now.age >= status_html.OLD:
         return RobotHealth(HealthLevel.OLD, f"not heard for {now.age:.0f} s")
-    said = _said(status)
+    said = _format_status(status)
     if status["state"] == "estop":
         return RobotHealth(HealthLevel.STOPPED, said)
     if status["state"] in ("fault", "inhibited") or status["faults"]:
         return RobotHealth(HealthLevel.FAULT, said)
-    if not _whole(now, status):
+    if not _is_healthy(now, status):
         return RobotHealth(HealthLevel.WARNED, said)
     return RobotHealth(
         HealthLevel.MOVING if status["motion"] in ("active", "streaming") else HealthLevel.WELL, said
@@ -83,7 +83,7 @@ def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
         return how, status_html.block([status_html.row("state", how.said, how.colour)])
 
 
-def _said(status: Message) -> str:
+def _format_status(status: Message) -> str:
     """Return mode, state and motion as text. In sim the robot is always disconnected, so that state is left
     out."""
     mode, state = str(status["mode"]), str(status["state"])
@@ -91,7 +91,7 @@ def _said(status: Message) -> str:
     return ", ".join([mode, *states, str(status["motion"])])
 
 
-def _whole(now: ViewerSnapshot, status: Message) -> bool:
+def _is_healthy(now: ViewerSnapshot, status: Message) -> bool:
     """Check that all buses are connected, and every joint answers with a new value and without a fault."""
     told = now.joints
     assert told is not None
@@ -121,7 +121,7 @@ def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
     if problem:
         rows.append(status_html.row("picture", problem, status_html.RED))
     if now.status is not None and how.kind in GREY:
-        rows.append(status_html.row("said last", _said(now.status), status_html.GREY))
+        rows.append(status_html.row("said last", _format_status(now.status), status_html.GREY))
     rows += _status(now.status) if now.status is not None else []
     if now.joints is not None and now.told is not None and how.kind not in GREY:
         names = [str(joint["name"]) for joint in now.told["robot"]["joints"]]
