@@ -64,7 +64,8 @@ MEASUREMENTS: tuple[Measurement, ...] = (
 )
 KEYS: dict[str, FigureSpec] = {name: key for one in MEASUREMENTS for name, key in one.keys.items()}
 DOCS = Path(__file__).parents[1] / "docs" / "bench.md"
-BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
+BEGIN = "<!-- figures -->\n"
+END = "<!-- end of figures -->\n"
 
 
 def main() -> int:
@@ -92,14 +93,18 @@ def main() -> int:
 
 def _take(one: Measurement) -> tuple[dict[str, MeasuredFigure], bool]:
     """The figures of one measurement, whatever happens; whether it broke."""
-    names, since = ", ".join(one.keys), time.monotonic()
+    names = ", ".join(one.keys)
+    since = time.monotonic()
     print(f"taking {names}", file=sys.stderr, flush=True)
     try:
-        figures, broke = dict(one.take()), False
+        figures = dict(one.take())
+        broke = False
     except MeasurementUnavailable as reason:
-        figures, broke = dict.fromkeys(one.keys, MeasuredFigure(None, f"not taken: {reason}")), False
+        figures = dict.fromkeys(one.keys, MeasuredFigure(None, f"not taken: {reason}"))
+        broke = False
     except Exception as error:  # noqa: BLE001 - one broken figure must not lose the others
-        figures, broke = dict.fromkeys(one.keys, MeasuredFigure(None, f"failed: {error!r}")), True
+        figures = dict.fromkeys(one.keys, MeasuredFigure(None, f"failed: {error!r}"))
+        broke = True
     for name in one.keys:
         print(f"  {name} = {figures[name].value} {one.keys[name].unit}", file=sys.stderr)
     print(f"  {time.monotonic() - since:.0f} s", file=sys.stderr, flush=True)

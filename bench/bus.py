@@ -33,8 +33,11 @@ from twind_drivers.dynamixel.dynamixel_bus import DynamixelReader, DynamixelWrit
 from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
-COUNT, MODEL = 24, 1020
-CYCLES, WARM = 1500, 50  # cycles of one round; before it, uncounted
+COUNT = 24
+MODEL = 1020
+# cycles of one round; before it, uncounted
+CYCLES = 1500
+WARM = 50
 PACED_SPAN = 3.0  # s of a round
 PACED_ROUNDS = 5
 USB_TICK = 0.00025  # s
@@ -90,7 +93,8 @@ class DynamixelDriverCycle:
             self.clock.wait([self.transport], self.reader.deadline)
         sample = self.reader.finish(self.clock.now())
         self.position = (sample.position - 2048) * TURN
-        self.velocity, self.effort = sample.velocity * 0.02398, sample.effort * 0.00269
+        self.velocity = sample.velocity * 0.02398
+        self.effort = sample.effort * 0.00269
         return int(np.count_nonzero(sample.heard))
 
     def close(self) -> None:
@@ -152,7 +156,8 @@ def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]
 
 def take_cpu() -> Mapping[str, MeasuredFigure]:
     """Measure the CPU time of a cycle of 24 servos, fast and plain, and its growth from 6 to 48 servos."""
-    fast, plain = _cpu_rounds((6, COUNT, 48), fast=True), _cpu_rounds((COUNT,), fast=False)
+    fast = _cpu_rounds((6, COUNT, 48), fast=True)
+    plain = _cpu_rounds((COUNT,), fast=False)
     figures = {}
     for way, rounds in (("fast", fast), ("plain", plain)):
         middle = medians(rounds)
@@ -183,7 +188,9 @@ def _rate(make: Callable[[], ControlCycle], count: int, ideal: float) -> float:
             cycle(i)
         with as_in_the_loop():
             since = time.perf_counter()
-            until, whole, i = since + PACED_SPAN, 0, 0
+            until = since + PACED_SPAN
+            whole = 0
+            i = 0
             while time.perf_counter() < until:
                 whole += cycle(i) == count
                 i += 1

@@ -32,7 +32,9 @@ from twind_drivers.can.frame import frames
 from twind_drivers.clock import MonotonicClock
 
 COUNT = 24
-CYCLES, WARM = 300, 20  # of one round; before it, uncounted
+# of one round; before it, uncounted
+CYCLES = 300
+WARM = 20
 PATIENCE = 1.0  # s for the answers of a cycle: the adapter is a process on a shared machine
 IDS = np.arange(1, COUNT + 1)
 RATE = 1_000_000  # bit/s
@@ -76,12 +78,14 @@ class SlcanChannelExchange:
         self._data[:, 0] = i & 255
         now = self._clock.now()
         self._channel.send(frames(IDS, self._data), now)
-        heard, deadline = 0, now + PATIENCE
+        heard = 0
+        deadline = now + PATIENCE
         while heard < COUNT and now < deadline:
             self._clock.wait([self._channel], deadline)
             now = self._clock.now()
             found = self._channel.receive(now)
-            self.ids, self.data = found["id"], found["data"]
+            self.ids = found["id"]
+            self.data = found["data"]
             heard += len(found)
         return heard
 

@@ -24,8 +24,12 @@ from twind_drivers.can.can_units import EFFORT
 from twind_drivers.clock import MonotonicClock
 
 MODEL = "DM4340"
-POSITION, VELOCITY, TORQUE = 12.5, 8.0, 28.0  # what its fields span
-KP, KD = 50.0, 1.0
+# what its fields span
+POSITION = 12.5
+VELOCITY = 8.0
+TORQUE = 28.0
+KP = 50.0
+KD = 1.0
 TURN = 8192  # counts, half a turn
 
 
@@ -35,7 +39,8 @@ class CanDriverCycle:
     def __init__(self, paths: list[str]) -> None:
         self._clock = MonotonicClock()
         each = COUNT // len(paths)
-        self._readers, self._writers = [], []
+        self._readers = []
+        self._writers = []
         for place, path in enumerate(paths):
             ids = range(1 + place * each, 1 + (place + 1) * each)
             actuators = [CanActuator(id, id + OFFSET, MODEL, POSITION, VELOCITY, TORQUE) for id in ids]
@@ -64,7 +69,8 @@ class CanDriverCycle:
         heard = 0
         for reader in self._readers:
             sample = reader.finish(self._clock.now())
-            self.position, self.velocity = sample.position * RADIAN, sample.velocity * RADIAN
+            self.position = sample.position * RADIAN
+            self.velocity = sample.velocity * RADIAN
             self.effort = sample.effort * EFFORT
             heard += int(np.count_nonzero(sample.heard))
         return heard
@@ -108,14 +114,17 @@ def packed(position: float, velocity: float, kp: float, kd: float, torque: float
     """A MIT command."""
     p = int((position + POSITION) * 65535 / (2 * POSITION))
     v = int((velocity + VELOCITY) * 4095 / (2 * VELOCITY))
-    k, d = int(kp * 4095 / 500), int(kd * 4095 / 5)
+    k = int(kp * 4095 / 500)
+    d = int(kd * 4095 / 5)
     t = int((torque + TORQUE) * 4095 / (2 * TORQUE))
     return struct.pack(">Q", p << 48 | v << 36 | k << 24 | d << 12 | t)
 
 
 def unpacked(data: bytearray) -> tuple[float, float, float]:
     """Position, velocity, torque of a feedback."""
-    p, v, t = data[1] << 8 | data[2], data[3] << 4 | data[4] >> 4, (data[4] & 15) << 8 | data[5]
+    p = data[1] << 8 | data[2]
+    v = data[3] << 4 | data[4] >> 4
+    t = (data[4] & 15) << 8 | data[5]
     return (
         p * 2 * POSITION / 65535 - POSITION,
         v * 2 * VELOCITY / 4095 - VELOCITY,

@@ -34,7 +34,8 @@ def main() -> int:
     print(os.ttyname(slave), flush=True)
     os.set_blocking(master, False)
     known: dict[bytes, bytes] = {}
-    rest, heard = b"", time.perf_counter()
+    rest = b""
+    heard = time.perf_counter()
     while time.perf_counter() - heard < IDLE:
         try:
             data = os.read(master, ROOM)

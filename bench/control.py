@@ -26,7 +26,9 @@ from twind.loop.virtual_robot_process import VirtualRobotProcess
 
 CALLS = 2000  # of one round
 SETPOINTS = 120  # of one round
-PAUSE, SCATTER = 0.06, 0.01  # s between two setpoints: until the last has arrived, then at any part of a tick
+# s between two setpoints: until the last has arrived, then at any part of a tick
+PAUSE = 0.06
+SCATTER = 0.01
 STEP = 0.005  # rad of every joint, to and fro
 TICK = 10.0  # ms
 
@@ -46,7 +48,8 @@ def take_status() -> Mapping[str, MeasuredFigure]:
         size = askers["live"].ask()
         for asker in askers.values():
             asker.close()
-    middle, worst = medians(found), medians(rounds)
+    middle = medians(found)
+    worst = medians(rounds)
     note = (
         f"live, {size} bytes of answer, bare socket on both ends of the call; p99 {worst['live']:.0f}; "
         f"mode sim: p50 {middle['sim']:.0f}, p99 {worst['sim']:.0f}; {spread(found['live'], 'µs')}"
@@ -93,7 +96,8 @@ def _round(client: Client, daemon: BenchDaemon, tap: PtyTap) -> list[float]:
         [joint["goal"] + way * STEP * (-1 if joint["goal"] > 0.0 else 1) for joint in joints]
         for way in (0, 1)
     ]
-    pauses, sent = random.Random(1), []
+    pauses = random.Random(1)
+    sent = []
     for k in range(SETPOINTS):
         time.sleep(PAUSE + pauses.random() * SCATTER)
         sent.append(time.monotonic())
@@ -105,7 +109,8 @@ def _round(client: Client, daemon: BenchDaemon, tap: PtyTap) -> list[float]:
 def _matched(sent: list[float], tap: PtyTap) -> list[float]:
     """ms from each call to the first packet with other goals. Raises CannotTake when too few are clear."""
     goals = tap.goals()
-    times, found = [when for when, _ in goals], []
+    times = [when for when, _ in goals]
+    found = []
     for when in sent:
         at = bisect.bisect_right(times, when)
         settled = at >= 2 and goals[at - 1][1] == goals[at - 2][1]

@@ -21,7 +21,9 @@ from twind.config.robot_file import load_robot
 from twind.loop.virtual_robot_process import VirtualRobotProcess
 from twind_drivers.can.can_ports import is_can
 
-READY, CONNECTED = 30.0, 15.0  # s that they may take
+# s that they may take
+READY = 30.0
+CONNECTED = 15.0
 CYCLICTEST = "cyclictest"  # of the Debian package rt-tests
 
 
@@ -135,7 +137,8 @@ def live(
 
 def await_state(daemon: BenchDaemon, wanted: str) -> None:
     """Return when the state of the robot is `wanted`. Raises MeasurementUnavailable."""
-    until, state = time.monotonic() + CONNECTED, ""
+    until = time.monotonic() + CONNECTED
+    state = ""
     with daemon.client() as client:
         while time.monotonic() < until:
             state = client.call("GetStatus")["status"]["state"]
@@ -158,7 +161,8 @@ class StatusPoller:
     def ask(self) -> int:
         """Send one call and read its whole answer; return the bytes of the answer."""
         self._socket.sendall(self.CALL)
-        size, data = 0, b"?"
+        size = 0
+        data = b"?"
         while data and data[-1]:
             data = self._socket.recv(1 << 16)
             size += len(data)
@@ -166,7 +170,8 @@ class StatusPoller:
 
     def flat_out(self, seconds: float) -> int:
         """Send calls without pause; return the number of answered calls."""
-        until, count = time.monotonic() + seconds, 0
+        until = time.monotonic() + seconds
+        count = 0
         while time.monotonic() < until:
             self.ask()
             count += 1

@@ -30,8 +30,12 @@ from bench.harness import (
 from bench.motion import kept_moving
 from twind.bridge.zenoh.zenoh_keys import ROOT, robot_key
 
-COUNT, CROWDS = 1000, 2  # robots, and the processes that they are in
-SPAN, SETTLE = 2.0, 0.5  # s of a window, and until what is on its way has come
+# robots, and the processes that they are in
+COUNT = 1000
+CROWDS = 2
+# s of a window, and until what is on its way has come
+SPAN = 2.0
+SETTLE = 0.5
 RATE = 10.0  # Hz: what a fleet view asks for
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0)  # Hz of every robot, until more than LOST is lost
 LOST = 0.001
@@ -48,7 +52,8 @@ class FleetProcess:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
-        self.what, self.pid = what, self._process.pid
+        self.what = what
+        self.pid = self._process.pid
 
     def ask(self, **asked: Any) -> Mapping[str, Any]:
         """And its answer. Raises CannotTake."""
@@ -252,7 +257,8 @@ def _figures(
     heard = windows["all"]
     each = {what: statistics.median(w.each(what) for w in heard) for what in heard[0].cpu}
     over = spread([window.each("router") for window in heard], "µs")
-    one, two = _carried(climbed), _carried(twice)
+    one = _carried(climbed)
+    two = _carried(twice)
     at = f"{COUNT} robots at {RATE:g} Hz, all heard by one"
     return {
         "fleet.carried": MeasuredFigure(one, f"{size} B each, up to 0.1 % lost. {_format_climb(climbed)}"),

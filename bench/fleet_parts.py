@@ -91,7 +91,8 @@ class SimulatedRobots:
         return self._send(start, rate * len(self._puts), round(rate * seconds) * len(self._puts))
 
     def _send(self, start: float, rate: float, total: int) -> Asked:
-        sent, count = 0, len(self._puts)
+        sent = 0
+        count = len(self._puts)
         while sent < total:
             due = min(total, int((time.monotonic() - start) * rate) + 1)
             for place in range(sent, due):
@@ -125,7 +126,8 @@ class FleetListener:
         if "alive" in asked:
             replies = self._session.liveliness().get(f"{ROOT}/*/alive")
             return {"alive": sum(1 for reply in replies if reply.ok is not None)}
-        ways, self._ways = sorted(self._ways), array("d")
+        ways = sorted(self._ways)
+        self._ways = array("d")
         ranks = {str(rank): ways[int(rank * (len(ways) - 1))] for rank in (0.5, 0.99)} if ways else {}
         return {"count": len(ways), "way": ranks}
 

@@ -32,7 +32,9 @@ from twind.twin.binding import bind
 from twind.twin.collision_model import CollisionModel
 from twind.twin.curve_sweep import CurveSweep, SweepResult
 
-POINTS, SPAN = 1000, 20.0  # s
+# s
+POINTS = 1000
+SPAN = 20.0
 WAYPOINTS = 100
 CALLS = 100
 
@@ -47,7 +49,8 @@ def take() -> Mapping[str, MeasuredFigure]:
         "cubic": Trajectory(whole.time, whole.position, whole.commanded, whole.velocity),
         "quintic": whole,
     }
-    snapshot, thresholds = _snapshot(whole, binding.ratings), gate.GateThresholds()
+    snapshot = _snapshot(whole, binding.ratings)
+    thresholds = gate.GateThresholds()
 
     def judged(path: Trajectory) -> float:
         return cpu_per_call(lambda _: judge(path), CALLS) * 1e3
@@ -108,11 +111,14 @@ def _snapshot(path: Trajectory, ratings: ActuatorRatings) -> gate.GateSnapshot:
 def look() -> Mapping[str, MeasuredFigure]:
     """CPU time of one sweep, proved between the waypoints, and of kinematics and collision there alone."""
     binding = bind(load_robot("h24"), None)
-    path, bodies = _gentle(binding.limits), CollisionModel(binding)
+    path = _gentle(binding.limits)
+    bodies = CollisionModel(binding)
     still = np.zeros(len(binding.rest))
     curve = interpolate(path, Reference(path.position[0], still, still))
-    model, data = binding.model, mujoco.MjData(binding.model)
-    poses, qpos = path.position, data.qpos
+    model = binding.model
+    data = mujoco.MjData(binding.model)
+    poses = path.position
+    qpos = data.qpos
 
     def sweep() -> SweepResult:
         steps = CurveSweep(bodies).running(curve)

@@ -149,7 +149,8 @@ def table(found: Mapping[str, dict[str, object]], keys: Mapping[str, FigureSpec]
     """The figures as Markdown."""
     rows = ["| figure | value | unit | aim | peers (ours / theirs) | how |", "|---|---|---|---|---|---|"]
     for name, row in found.items():
-        peers, ratio = row["peers"], row["ratio"]
+        peers = row["peers"]
+        ratio = row["ratio"]
         assert isinstance(peers, dict)
         assert isinstance(ratio, dict)
         beside = ", ".join(

@@ -73,7 +73,9 @@ class InProcessDaemon:
     """The loop, its clock, and the calls of one client."""
 
     def __init__(self, loop: Loop, clock: FakeClock, front: InProcessFront) -> None:
-        self.loop, self.clock, self._front = loop, clock, front
+        self.loop = loop
+        self.clock = clock
+        self._front = front
         self._ticket = 0
         self._replies: dict[int, link.Reply] = {}  # the last to each ticket
 

@@ -13,7 +13,8 @@ from twind import cli
 from twind.loop.loop_figures import LoopFigures
 
 TICKS = 1 << 17  # room for 20 minutes at 100 Hz
-HEADER, ROW = struct.Struct("<Q"), struct.Struct("<d")
+HEADER = struct.Struct("<Q")
+ROW = struct.Struct("<d")
 
 
 class LatenessLog:

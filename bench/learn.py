@@ -56,7 +56,8 @@ def _rate(learner: Any) -> Callable[[], float]:
     """Millions of steps an hour, of one round."""
 
     def take() -> float:
-        steps, began = learner.steps, time.perf_counter()
+        steps = learner.steps
+        began = time.perf_counter()
         for _ in range(UPDATES):
             learner.update()
         return HOUR * (learner.steps - steps) / (time.perf_counter() - began)

@@ -21,10 +21,14 @@ from bench.harness import (
 from twind.ctl.extras import how_to_add
 
 ID = "twind.learn.envs:twind/Stand-v0"
-EIGHT, MANY, MOST = 8, 64, 256
+EIGHT = 8
+MANY = 64
+MOST = 256
 THREADS = 2  # of both, batch and rollout
 SIZE = 0.3  # of the random actions: the robots sway, and some fall
-STEPS, CHUNK = 250, 25  # of control a round, of eight robots; of a chunk, the least of many
+# of control a round, of eight robots; of a chunk, the least of many
+STEPS = 250
+CHUNK = 25
 SWAYING = 300  # of control before the first round
 
 
@@ -36,7 +40,8 @@ def over_subproc() -> Mapping[str, MeasuredFigure]:
         from twind.learn.batch.vec_env import BatchVecEnv
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
-    batch, processes = BatchVecEnv("Stand", EIGHT), SubprocVecEnv([_single] * EIGHT)
+    batch = BatchVecEnv("Stand", EIGHT)
+    processes = SubprocVecEnv([_single] * EIGHT)
     try:
         takes = {"batch": _steps(batch), "subproc": _steps(processes)}
         for take in takes.values():
@@ -79,13 +84,15 @@ def over_rollout() -> Mapping[str, MeasuredFigure]:
         from twind.learn.batch.batch_core import BatchCore
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
-    ratios, notes = {}, []
+    ratios = {}
+    notes = []
     for count in (EIGHT, MANY, MOST):
         both = RolloutComparison(
             BatchCore("Stand", count, threads=THREADS), max(1, STEPS * EIGHT // count // CHUNK)
         )
         both.take()  # warm
-        ended, found = both.ended, [both.take() for _ in range(ROUNDS)]
+        ended = both.ended
+        found = [both.take() for _ in range(ROUNDS)]
         ratios[count] = [one / other for one, other in found]
         fast, open_loop = (median(each) for each in zip(*found, strict=True))
         notes.append(
@@ -111,14 +118,17 @@ class RolloutComparison:
         from mujoco.rollout import Rollout
 
         self.ended = 0  # episodes, ever
-        self._core, self._chunks, model = core, chunks, core.plant.model
+        self._core = core
+        self._chunks = chunks
+        model = core.plant.model
         self._physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
         self._first = np.zeros((core.count, mujoco.mj_stateSize(model, self._physics)))
         steps = CHUNK * core.plant.substeps
         self._states = np.zeros((core.count, steps, self._first.shape[1]))
         self._told = np.zeros((core.count, steps, model.nsensordata))
         self._targets = np.zeros((core.count, CHUNK, model.nu))
-        self._pool, self._data = Rollout(nthread=THREADS), [mujoco.MjData(model) for _ in range(THREADS)]
+        self._pool = Rollout(nthread=THREADS)
+        self._data = [mujoco.MjData(model) for _ in range(THREADS)]
         self._rng = np.random.default_rng(0)
         core.seed(range(core.count))
         core.reset()
@@ -127,7 +137,8 @@ class RolloutComparison:
 
     def take(self) -> tuple[float, float]:
         """`mj_step`s a second: of the batch, of the open loop."""
-        core, spent = self._core, [0.0, 0.0]
+        core = self._core
+        spent = [0.0, 0.0]
         for _ in range(self._chunks):
             batch = core.body.batch
             models = [batch.get_model(each) for each in range(core.count)]
@@ -139,7 +150,8 @@ class RolloutComparison:
         return total / spent[0], total / spent[1]
 
     def _batch(self) -> float:
-        core, spent = self._core, 0.0
+        core = self._core
+        spent = 0.0
         for at, action in enumerate(self._actions(CHUNK)):
             began = time.perf_counter()
             step = core.step(action)

@@ -59,9 +59,11 @@ def over_raw() -> Mapping[str, MeasuredFigure]:
     try:
         theirs: Any = gymnasium.make("Humanoid-v5").unwrapped
     except (ImportError, gymnasium.error.Error) as missing:
-        note, peer = f"; no {PEER}: {missing}", False
+        note = f"; no {PEER}: {missing}"
+        peer = False
     else:
-        note, peer = "", True
+        note = ""
+        peer = True
         their_course = _course(theirs, theirs)
         takes["peer"] = _env(theirs, their_course)
         takes["peer raw"] = _raw(theirs.model, their_course, theirs.frame_skip)
@@ -92,9 +94,11 @@ def _over(found: Mapping[str, list[float]], one: str, other: str) -> list[float]
 
 def _course(env: Any, body: Any) -> RandomActionEpisode:
     """`body` has the `data` of `env`."""
-    rng, space = np.random.default_rng(0), env.action_space
+    rng = np.random.default_rng(0)
+    space = env.action_space
     actions = rng.uniform(space.low, space.high, (STEPS, *space.shape)).astype(np.float32)
-    controls, starts = np.zeros((STEPS, body.data.ctrl.size)), {}
+    controls = np.zeros((STEPS, body.data.ctrl.size))
+    starts = {}
     env.reset(seed=0)
     over = True
     for step, action in enumerate(actions):
@@ -125,7 +129,9 @@ def _env(env: Any, course: RandomActionEpisode) -> Callable[[], float]:
 def _raw(model: Any, course: RandomActionEpisode, substeps: int) -> Callable[[], float]:
     """The same of `mj_step` alone; an episode begins by writing its state."""
     data = mujoco.MjData(model)
-    control, controls, starts = data.ctrl, course.controls, course.starts
+    control = data.ctrl
+    controls = course.controls
+    starts = course.starts
 
     def take() -> float:
         began = time.process_time()

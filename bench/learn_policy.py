@@ -51,7 +51,8 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         ActionShaping(),
         trained_steps=0,
     )
-    zero, one = np.zeros(WIDTHS[0], np.float32), np.ones(WIDTHS[0], np.float32)
+    zero = np.zeros(WIDTHS[0], np.float32)
+    one = np.ones(WIDTHS[0], np.float32)
     with tempfile.TemporaryDirectory(prefix="twind-bench-") as folder, threadpool_limits(limits=1):
         path = Path(folder) / "policy.onnx"
         save(path, layers, zero, one, 10.0, card)
@@ -92,7 +93,8 @@ def _eager(torch: Any, layers: list[Any]) -> Callable[[Any], Any]:
     parts = []
     for layer in layers:
         linear = torch.nn.Linear(layer.weight.shape[1], layer.weight.shape[0])
-        linear.weight.data, linear.bias.data = torch.from_numpy(layer.weight), torch.from_numpy(layer.bias)
+        linear.weight.data = torch.from_numpy(layer.weight)
+        linear.bias.data = torch.from_numpy(layer.bias)
         parts += [linear] if layer.activation == "none" else [linear, torch.nn.Tanh()]
     network = torch.nn.Sequential(*parts)
 
@@ -125,7 +127,8 @@ def _step(policy: Any, plant: Any) -> float:
     from twind.learn.policy.policy_controller import PolicyController
     from twind.learn.reward import RewardFunction
 
-    task, names = task_of("Stand"), plant.layout.joints
+    task = task_of("Stand")
+    names = plant.layout.joints
     pilot = PolicyController(
         policy,
         BaseEstimator(plant),

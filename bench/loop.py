@@ -23,7 +23,9 @@ from bench.lateness_log import LatenessLog
 from bench.motion import kept_moving
 from twind.config.robot_file import load_robot
 
-LATE_ROUNDS, LATE_SPAN = 10, 4.0  # s of each window
+# s of each window
+LATE_ROUNDS = 10
+LATE_SPAN = 4.0
 SHARE_SPAN = 4.0  # s
 MISSED_SPAN = 60.0  # s
 NO_PEER = "no cyclictest: it is not installed (Debian package rt-tests)"
@@ -40,7 +42,8 @@ def take_late() -> Mapping[str, MeasuredFigure]:
 def _late(daemon: BenchDaemon, record: LatenessLog) -> dict[str, MeasuredFigure]:
     with daemon.client() as client:
         policy = client.call("GetStatus")["status"]["loop"]["realtime"]["scheduler"]
-    peer, asker = Cyclictest(policy), StatusPoller(daemon)
+    peer = Cyclictest(policy)
+    asker = StatusPoller(daemon)
     theirs: dict[str, list[float]] = {"idle": [], "busy": []}
     asked: list[float] = []
 
@@ -59,7 +62,8 @@ def _late(daemon: BenchDaemon, record: LatenessLog) -> dict[str, MeasuredFigure]
 
     found = interleaved(LATE_ROUNDS, {"idle": lambda: window("idle"), "busy": lambda: window("busy")})
     asker.close()
-    middle, their_middle = medians(found), medians({kind: rows for kind, rows in theirs.items() if rows})
+    middle = medians(found)
+    their_middle = medians({kind: rows for kind, rows in theirs.items() if rows})
     how = f"live, 24 virtual servos, not armed; policy {policy}, cyclictest the same in the same seconds"
     if not their_middle:
         how = f"live, 24 virtual servos, not armed; policy {policy}; {NO_PEER}"
@@ -101,7 +105,8 @@ def shares(daemon: BenchDaemon) -> dict[str, list[float]]:
     pids = {"loop": daemon.pid, "front": daemon.front}
     found: dict[str, list[float]] = {"loop": [], "front": [], "both": []}
     for _ in range(ROUNDS):
-        since, before = time.monotonic(), {name: cpu_of(pid) for name, pid in pids.items()}
+        since = time.monotonic()
+        before = {name: cpu_of(pid) for name, pid in pids.items()}
         time.sleep(SHARE_SPAN)
         span = time.monotonic() - since
         used = {name: (cpu_of(pid) - before[name]) / span * 100.0 for name, pid in pids.items()}

@@ -23,7 +23,9 @@ from bench.harness import (
 )
 from bench.lateness_log import LatenessLog
 
-ROUNDS, SPAN = 10, 4.0  # s of each window
+# s of each window
+ROUNDS = 10
+SPAN = 4.0
 RATE = 100.0  # Hz of every topic
 TOPICS = ("state", "status", "latency")
 EACH = 1  # messages a tick at least: of state; status and latency come ten times a second
@@ -47,7 +49,8 @@ class SubscriberLoad:
             sock.sendall(json.dumps(call).encode() + b"\0")
             self._selector.register(sock, selectors.EVENT_READ)
             self._sockets.append(sock)
-        self.messages, self.bytes = 0, 0
+        self.messages = 0
+        self.bytes = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -85,10 +88,8 @@ def take() -> Mapping[str, MeasuredFigure]:
     with scratch() as folder:
         record = folder / "lateness"
         with live(folder, command=("-m", "bench.lateness_log", str(record))) as daemon:
-            lateness, windows = (
-                LatenessLog(record),
-                dict[int, list[ObserverCost]]({count: [] for count in CROWD}),
-            )
+            lateness = LatenessLog(record)
+            windows = dict[int, list[ObserverCost]]({count: [] for count in CROWD})
 
             def window(count: int) -> float:
                 found = _window(daemon, lateness, count)
@@ -108,7 +109,9 @@ def _window(daemon: BenchDaemon, lateness: LatenessLog, count: int) -> ObserverC
         with daemon.client() as client:
             missed = client.call("GetStatus")["status"]["loop"]["missed"]
             pids = (daemon.pid, daemon.front)
-            since, start, told = time.monotonic(), len(lateness), subscribers.messages
+            since = time.monotonic()
+            start = len(lateness)
+            told = subscribers.messages
             before = [cpu_of(pid) for pid in pids]
             time.sleep(SPAN)
             span = time.monotonic() - since
@@ -129,7 +132,8 @@ def _figures(windows: Mapping[int, list[ObserverCost]], policy: str) -> dict[str
     late = {count: [each.late * 1e6 for each in rows] for count, rows in windows.items()}
     both = {count: [each.loop + each.front for each in rows] for count, rows in windows.items()}
     front = medians({str(count): [each.front for each in rows] for count, rows in windows.items()})
-    p99, cpu = medians({str(c): v for c, v in late.items()}), medians({str(c): v for c, v in both.items()})
+    p99 = medians({str(c): v for c, v in late.items()})
+    cpu = medians({str(c): v for c, v in both.items()})
     missed = {count: sum(each.missed for each in rows) for count, rows in windows.items()}
     how = f"live, 24 virtual servos, not armed; {'+'.join(TOPICS)} at {RATE:g} Hz; policy {policy}"
     ticks = round(ROUNDS * SPAN * 100)

@@ -16,7 +16,10 @@ rustypot: Any = None
 with suppress(ImportError):
     import rustypot
 
-ADDRESS, SIZE, GOAL = 126, 10, 116  # current, velocity, position; goal position
+# current, velocity, position; goal position
+ADDRESS = 126
+SIZE = 10
+GOAL = 116
 TURN = 2.0 * np.pi / 4096.0
 ROW = np.dtype([("current", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 
@@ -86,7 +89,8 @@ class RustypotCycle:
             return 0
         rows = np.frombuffer(b"".join(raw), ROW)
         self.position = (rows["position"] - 2048) * TURN
-        self.velocity, self.effort = rows["velocity"] * 0.02398, rows["current"] * 0.00269
+        self.velocity = rows["velocity"] * 0.02398
+        self.effort = rows["current"] * 0.00269
         return len(rows)
 
     def close(self) -> None:
@@ -101,7 +105,8 @@ class SyscallCycle:
         request = (fast_sync_read if fast else sync_read)(ids, ADDRESS, SIZE)
         self._packet = sync_write(GOAL, {id: bytes(4) for id in ids}) + request
         self._wanted = 8 + count * 14 if fast else count * 21
-        self._count, self._room = count, bytearray(4096)
+        self._count = count
+        self._room = bytearray(4096)
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self.fd, termios.TCSANOW)
         self._poll = select.poll()

@@ -23,12 +23,16 @@ from bench.harness import (
 from twind.observe.writing.record_file import RecordFile
 from twind.ros import JOINT_STATE, JointStateBuffer, definition_text, stamp
 
-MESSAGES, RATE = 6000, 100.0  # a minute of one topic
+# a minute of one topic
+MESSAGES = 6000
+RATE = 100.0
 FLUSH = 150  # messages: half a second of three topics, as `twindctl record` ends its chunks
 NAMES = [f"{side}_{part}_{place}" for side in ("l", "r") for part in ("arm", "leg") for place in range(6)]
 START = 1_795_000_000_000_000_000
 TICK = 2.0 * np.pi / 4096.0  # rad: what an encoder of these servos tells
-SPEED, CURRENT = 0.229 * 2.0 * np.pi / 60.0, 0.01  # rad/s and N·m of one count
+# rad/s and N·m of one count
+SPEED = 0.229 * 2.0 * np.pi / 60.0
+CURRENT = 0.01
 TOPIC = "/hw/joint_states"
 Row = tuple[list[float], list[float], list[float]]
 
@@ -37,8 +41,10 @@ def rows() -> list[Row]:
     """A robot that walks: sines of a second, as its servos tell them, each with a count or two of noise."""
     random = np.random.default_rng(7)
     time = np.arange(MESSAGES)[:, None] / RATE
-    phase, size = random.uniform(0.0, 6.28, 24), random.uniform(0.05, 0.6, 24)
-    angle, speed = size * np.sin(6.28 * time + phase), 6.28 * size * np.cos(6.28 * time + phase)
+    phase = random.uniform(0.0, 6.28, 24)
+    size = random.uniform(0.05, 0.6, 24)
+    angle = size * np.sin(6.28 * time + phase)
+    speed = 6.28 * size * np.cos(6.28 * time + phase)
     noise = [random.normal(0.0, share, (MESSAGES, 24)) for share in (0.7, 1.5, 4.0)]
     columns = [
         np.round(exact / count + part) * count

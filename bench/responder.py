@@ -46,7 +46,8 @@ class ScriptedServos:
             size = (data[5] | data[6] << 8) + 7
             if len(data) < size:
                 break
-            packet, data = data[:size], data[size:]
+            packet = data[:size]
+            data = data[size:]
             yield size, self._answer(packet)
         self._left = data
 
@@ -93,7 +94,9 @@ def paced(master: int, servos: ScriptedServos, baud: int, tick: float) -> None:
     os.set_blocking(master, False)
     byte = 10.0 / baud
     free = heard = time.perf_counter()
-    start, out, given = 0.0, b"", 0
+    start = 0.0
+    out = b""
+    given = 0
     next_tick = free
     while True:
         now = time.perf_counter()
@@ -106,7 +109,9 @@ def paced(master: int, servos: ScriptedServos, baud: int, tick: float) -> None:
             for size, answer in servos.parse_requests(data):
                 free = max(free, now) + size * byte
                 if answer:
-                    start, out, given = free, answer, 0
+                    start = free
+                    out = answer
+                    given = 0
                     free += len(answer) * byte
         elif now - heard > IDLE:
             return

@@ -26,11 +26,16 @@ from bench.ros_zenoh import RosZenohProcess
 from tests.support.dds_domain import free_domain
 from twind.ros import JOINT_STATE, dds_type
 
-ROUNDS, SPAN = 5, 4.0  # s of each window
+# s of each window
+ROUNDS = 5
+SPAN = 4.0
 RATES = {"ours": (100.0, 500.0), "idl": (500.0,)}
-START, ARRIVE = 10.0, 0.5  # s until the reader is there; s for the last messages
+# s until the reader is there; s for the last messages
+START = 10.0
+ARRIVE = 0.5
 SOURCE = Path(__file__).parents[1] / "tests" / "dds" / "fast_dds.cpp"
-_RECORD, _STAMP = struct.Struct("<QII"), struct.Struct("<iI")
+_RECORD = struct.Struct("<QII")
+_STAMP = struct.Struct("<iI")
 
 
 def built(folder: Path) -> Path:
@@ -64,7 +69,8 @@ def reader(program: Path, folder: Path, domain: int) -> Iterator[Path]:
 
 def ways(data: bytes) -> list[float]:
     """s from stamp to arrival of each message in the reader's file."""
-    found, at = [], 0
+    found = []
+    at = 0
     while at + _RECORD.size < len(data):
         came, _, length = _RECORD.unpack_from(data, at)
         sec, nanosec = _STAMP.unpack_from(data, at + _RECORD.size + 4)
@@ -110,7 +116,8 @@ def _figures(windows: Mapping[str, Sequence[dict[str, Any]]]) -> dict[str, Measu
     def way(rank: float) -> dict[str, list[float]]:
         return {who: [quantile(each["ways"], rank) * 1e3 for each in rows] for who, rows in windows.items()}
 
-    cpu, late = row("cpu", 1e2), way(0.99)
+    cpu = row("cpu", 1e2)
+    late = way(0.99)
     share, call, p99, half, most = map(medians, (cpu, row("call", 1e6), late, way(0.5), way(1.0)))
     lost = {who: sum(each["sent"] - len(each["ways"]) for each in rows) for who, rows in windows.items()}
     sent = {who: sum(each["sent"] for each in rows) for who, rows in windows.items()}

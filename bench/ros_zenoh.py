@@ -21,7 +21,9 @@ from bench.harness import (
     spread,
 )
 
-ROUNDS, SPAN = 5, 4.0  # s of each window
+# s of each window
+ROUNDS = 5
+SPAN = 4.0
 RATES = {"ours": (100.0, 500.0), "sdk": (500.0,)}
 ARRIVE = 1.0  # s for the last messages
 
@@ -98,7 +100,8 @@ def take() -> Mapping[str, MeasuredFigure]:
 def _figures(windows: Mapping[str, list[dict[str, Any]]]) -> dict[str, MeasuredFigure]:
     cpu = {who: [each["cpu"] * 1e2 for each in rows] for who, rows in windows.items()}
     late = {who: [each["way"]["0.99"] * 1e3 for each in rows] for who, rows in windows.items()}
-    share, p99 = medians(cpu), medians(late)
+    share = medians(cpu)
+    p99 = medians(late)
     half = medians({who: [each["way"]["0.5"] * 1e6 for each in rows] for who, rows in windows.items()})
     call = medians({who: [each["call"] * 1e6 for each in rows] for who, rows in windows.items()})
     lost = {who: sum(each["sent"] - each["count"] for each in rows) for who, rows in windows.items()}

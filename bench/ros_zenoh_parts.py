@@ -10,7 +10,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-JOINTS, KIND, TOPIC = 24, "sensor_msgs/msg/JointState", "/hw/joint_states"
+JOINTS = 24
+KIND = "sensor_msgs/msg/JointState"
+TOPIC = "/hw/joint_states"
 SETTLE = 0.5  # s until publisher and reader know each other
 NAMES = [f"joint_{place}" for place in range(JOINTS)]
 
@@ -51,7 +53,8 @@ def sdk(endpoint: str) -> Callable[[int], None]:
 
     publisher = ROS2Publisher(**wanted(endpoint))
     types = ZenohSession.get_instance().store.types
-    header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    header = types["std_msgs/msg/Header"]
+    stamp = types["builtin_interfaces/msg/Time"]
 
     def send(number: int) -> None:
         row = np.array([number * 1e-3 + place for place in range(JOINTS)])
@@ -63,8 +66,10 @@ def sdk(endpoint: str) -> Callable[[int], None]:
 
 def publish(send: Callable[[int], None], rate: float, seconds: float) -> Mapping[str, float]:
     """`sent` messages; `cpu`: share of a core, all threads; `call`: s of one call on average."""
-    count, within = round(rate * seconds), 0.0
-    begun, cpu = time.monotonic(), time.process_time()
+    count = round(rate * seconds)
+    within = 0.0
+    begun = time.monotonic()
+    cpu = time.process_time()
     for number in range(count):
         called = time.monotonic()
         send(number)
@@ -88,7 +93,8 @@ def subscribe(endpoint: str) -> Callable[[], Mapping[str, Any]]:
 
     def latency_summary() -> Mapping[str, Any]:
         assert subscriber is not None
-        came, ways[:] = sorted(ways), []
+        came = sorted(ways)
+        ways[:] = []
         ranks = {str(rank): came[int(rank * (len(came) - 1))] if came else None for rank in (0.5, 0.99, 1.0)}
         return {"count": len(came), "way": ranks}
 

@@ -10,7 +10,8 @@ ROUNDS = 11
 
 def take() -> Mapping[str, MeasuredFigure]:
     """Wall time of fresh starts, one after the other."""
-    wall, cpu = [], []
+    wall = []
+    cpu = []
     for _ in range(ROUNDS):
         with scratch() as folder, twind(folder, "--mode", "sim") as daemon:
             wall.append(daemon.started)

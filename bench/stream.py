@@ -26,7 +26,9 @@ from bench.harness import (
 )
 from bench.lateness_log import LatenessLog
 
-ROUNDS, SPAN = 10, 5.0  # s of each window
+# s of each window
+ROUNDS = 10
+SPAN = 5.0
 START = 3.0  # s from exec until a streamer does what it will go on doing
 RATE = 100.0
 WAYS: Mapping[str, tuple[str, ...]] = {"none": (), "streamer": ("--age", "1"), "gzip": ("--gzip",)}
@@ -56,7 +58,8 @@ class HttpSink:
                     name, _, value = line.partition(b":")
                     length = int(value) if name.lower() == b"content-length" else length
                 file.read(length)
-                self.messages, self.bytes = self.messages + 1, self.bytes + length
+                self.messages = self.messages + 1
+                self.bytes = self.bytes + length
                 client.sendall(OK)
 
     def close(self) -> None:
@@ -130,8 +133,11 @@ def _window(daemon: BenchDaemon, lateness: LatenessLog, sink: HttpSink, pid: int
     time.sleep(START)
     with daemon.client() as client:
         missed = client.call("GetStatus")["status"]["loop"]["missed"]
-        start, was = len(lateness), cpu_of(pid) if pid is not None else 0.0
-        since, taken, size = time.monotonic(), sink.messages, sink.bytes
+        start = len(lateness)
+        was = cpu_of(pid) if pid is not None else 0.0
+        since = time.monotonic()
+        taken = sink.messages
+        size = sink.bytes
         time.sleep(SPAN)
         span = time.monotonic() - since
         cpu = cpu_of(pid) - was if pid is not None else 0.0
@@ -150,7 +156,8 @@ def _figures(windows: Mapping[str, list[StreamCost]], policy: str) -> dict[str, 
         for way, rows in windows.items()
         if way != "none"
     }
-    p99, cpu = medians(late), medians(cost)
+    p99 = medians(late)
+    cpu = medians(cost)
     sent = windows["streamer"]
     size = sum(each.bytes for each in sent) / sum(each.messages for each in sent)
     missed = ", ".join(f"{way} {sum(each.missed for each in rows)}" for way, rows in windows.items())

@@ -21,7 +21,8 @@ from twind.robot.state import JointState
 from twind.twin.binding import bind
 from twind.twin.mirror import TwinMirror
 
-CALLS, POSES = 20_000, 512
+CALLS = 20_000
+POSES = 512
 
 
 def take() -> Mapping[str, MeasuredFigure]:
@@ -55,7 +56,8 @@ def take() -> Mapping[str, MeasuredFigure]:
 def _readings(lower: np.ndarray, upper: np.ndarray) -> list[JointState]:
     """Whole readings at random poses within the limits, the same in every run."""
     random = np.random.default_rng(1)
-    none, all_ = np.zeros(len(lower)), np.ones(len(lower), np.bool_)
+    none = np.zeros(len(lower))
+    all_ = np.ones(len(lower), np.bool_)
     return [
         JointState(
             0.01 * i, random.uniform(lower, upper), random.normal(0.0, 1.0, len(lower)), none, none, all_

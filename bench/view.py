@@ -26,7 +26,10 @@ from bench.harness import (
 from twind.client import ClientError
 from twind.ctl.trajectory_files import load_motion
 
-ROUNDS, SPAN, SETTLED = 5, 4.0, 3.0  # windows, s of each, s until a page shows what it will go on showing
+# windows, s of each, s until a page shows what it will go on showing
+ROUNDS = 5
+SPAN = 4.0
+SETTLED = 3.0
 COUNTS = (1, 4, 8)  # robots on the page
 PROGRAM = """import sys
 from twind.observe.viewing.fleet import watch
@@ -50,7 +53,8 @@ def take() -> Mapping[str, MeasuredFigure]:
         looked = interleaved(
             ROUNDS, {str(count): partial(_looked_at, opened, viewer) for count, viewer in viewers.items()}
         )
-    found, without = medians(looked), medians(alone)
+    found = medians(looked)
+    without = medians(alone)
     return {
         f"view.robots_{count}": MeasuredFigure(
             found[str(count)],
@@ -63,7 +67,8 @@ def take() -> Mapping[str, MeasuredFigure]:
 
 def _share(pid: int) -> float:
     """% of a core."""
-    before, since = cpu_of(pid), time.monotonic()
+    before = cpu_of(pid)
+    since = time.monotonic()
     time.sleep(SPAN)
     return (cpu_of(pid) - before) / (time.monotonic() - since) * 100.0
 

@@ -55,7 +55,9 @@ def _round(robot: InProcessDaemon, span: float) -> Callable[[], float]:
     """CPU time (s) that an hour takes, from `span` s of it."""
 
     def take() -> float:
-        before, start, ticks = time.process_time(), robot.clock.now(), robot.loop.figures.ticks
+        before = time.process_time()
+        start = robot.clock.now()
+        ticks = robot.loop.figures.ticks
         while robot.clock.now() - start < span - 0.5:
             robot.send(
                 link.AcquireLease

@@ -41,7 +41,9 @@ from twind.version import __version__
 from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.clock import MonotonicClock
 
-FAILED, USAGE, TAKEN = 1, 2, 3
+FAILED = 1
+USAGE = 2
+TAKEN = 3
 LOWERING = 30.0  # s the service manager is asked for: two ways to the rest pose, coming to rest, an e-stop
 ENDING = 10.0  # s it is asked for once the loop has ended: ports are closed, the front ends
 STARTING = (
@@ -100,9 +102,11 @@ def main(arguments: list[str] | None = None) -> int:
         with ExitStack() as stack:
             return _lower(options, stack) if options.failsafe else _serve(options, stack)
     except (ConfigError, BindingError, CommandLineError, descriptors.TooFewDescriptors) as error:
-        code, why = USAGE, str(error)
+        code = USAGE
+        why = str(error)
     except (PortError, SocketError, VirtualRobotError) as error:
-        code, why = TAKEN if options.failsafe and isinstance(error, PortInUse) else FAILED, str(error)
+        code = TAKEN if options.failsafe and isinstance(error, PortInUse) else FAILED
+        why = str(error)
     left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""
     print(lines(2, "error", f"twind: {why}{left}"), file=sys.stderr)
     return code
@@ -118,7 +122,9 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     if options.virtual:
         sources = _with_virtual(sources, stack)
     described = describe(sources)
-    settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
+    settings = described.settings
+    robot = described.robot
+    mode = Mode(described.settings.mode)
     raised = descriptors.ensure(descriptors.needed(len(robot.buses), reserved_descriptors.NEEDED))
     if raised:
         write_line(2, "info", f"twind: {raised}")
@@ -175,7 +181,8 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     if options.virtual:
         raise CommandLineError("--failsafe is for a robot that is there: leave out --virtual")
     described = describe(_sources(options))
-    mode, ports = described.settings.mode, described.ports
+    mode = described.settings.mode
+    ports = described.ports
     if mode == "sim" or not any(ports.values()):
         print(f"twind --failsafe: mode {mode} without a port: there is no robot to lower", file=sys.stderr)
         return 0

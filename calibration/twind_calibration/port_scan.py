@@ -36,7 +36,8 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
 
     Raises PortError, Rejected where no device answers.
     """
-    bauds, ids = tuple(options.baud or BAUDS), options.ids or IDS
+    bauds = tuple(options.baud or BAUDS)
+    ids = options.ids or IDS
     timer = (port.latency_ms or 0) * 1e-3
 
     def open_prober(baud: int) -> Prober:

@@ -7,7 +7,9 @@ them. They are compared with the load that the model expects, where the pose sho
 
 import argparse
 
-LEAST, MOST = 0.5, 10.0  # degrees
+# degrees
+LEAST = 0.5
+MOST = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -47,7 +47,9 @@ class PortError(BusError):
 
     def __init__(self, port: str, reason: str, *, lost: bool = False) -> None:
         super().__init__(f"{port}: {reason}")
-        self.port, self.reason, self.lost = port, reason, lost
+        self.port = port
+        self.reason = reason
+        self.lost = lost
 
 
 class PortInUse(PortError):
@@ -67,7 +69,8 @@ class OutputQueueFull(PortError):
             f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
             "sent; is the adapter stuck, or slower than its baud rate says?",
         )
-        self.waiting, self.most = waiting, most
+        self.waiting = waiting
+        self.most = most
 
 
 class NoReply(BusError):
@@ -75,7 +78,10 @@ class NoReply(BusError):
 
     def __init__(self, port: str, ids: Sequence[int], waited: float, what: str = "request") -> None:
         super().__init__(f"{port}: no reply to {what} from {list(ids)} within {waited * 1e3:.1f} ms")
-        self.port, self.ids, self.waited, self.what = port, tuple(ids), waited, what
+        self.port = port
+        self.ids = tuple(ids)
+        self.waited = waited
+        self.what = what
 
 
 class DeviceRefused(BusError):
@@ -83,7 +89,10 @@ class DeviceRefused(BusError):
 
     def __init__(self, port: str, id: int, what: str, reason: str) -> None:
         super().__init__(f"{port}: id {id}: {what}: {reason}")
-        self.port, self.id, self.what, self.reason = port, id, what, reason
+        self.port = port
+        self.id = id
+        self.what = what
+        self.reason = reason
 
 
 class UnknownRegister(KeyError):
@@ -102,7 +111,11 @@ class WireClamp(BusError):
         self, port: str, id: int, value: float, lower: float, upper: float, what: str = "goal"
     ) -> None:
         super().__init__(f"{port}: id {id}: {what} {value} outside {lower}..{upper}; packet not sent")
-        self.port, self.id, self.value, self.lower, self.upper = port, id, value, lower, upper
+        self.port = port
+        self.id = id
+        self.value = value
+        self.lower = lower
+        self.upper = upper
 
 
 # --------------------------------------------------------------------------------------------- data

@@ -41,7 +41,8 @@ class DevicePresence:
         gone = self.asked & (self._misses >= MISSES)
         if not gone.any():
             return False
-        self.asked, self.parked = _frozen(self.asked & ~gone), True
+        self.asked = _frozen(self.asked & ~gone)
+        self.parked = True
         anew = now - self._back_at > PROBE  # else it comes and goes, and its last probe made the pause longer
         self._pause[gone & anew] = FIRST
         self._due[gone] = now + self._pause[gone]
@@ -63,8 +64,11 @@ class DevicePresence:
         """A parked device answered: it is asked again, and the other parked ones are probed at once."""
         asked = self.asked.copy()
         asked[place] = True
-        self.asked, self.parked = _frozen(asked), not asked.all()
-        self._misses[place], self._due[place], self._back_at[place] = 0, np.inf, now
+        self.asked = _frozen(asked)
+        self.parked = not asked.all()
+        self._misses[place] = 0
+        self._due[place] = np.inf
+        self._back_at[place] = now
         self._due[~asked] = now
 
 

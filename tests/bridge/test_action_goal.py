@@ -49,7 +49,8 @@ def test_without_a_finding_the_words_are_the_message() -> None:
 
 
 def test_tolerances_of_a_joint_are_one_row() -> None:
-    path, goal = [tolerance("knee", 0.1), tolerance("hip", -1.0)], [tolerance("knee", 0.0)]
+    path = [tolerance("knee", 0.1), tolerance("hip", -1.0)]
+    goal = [tolerance("knee", 0.0)]
     assert tolerances(path, goal) == [
         {"joint": "knee", "path": 0.1, "goal": 0.0},
         {"joint": "hip", "path": -1.0},

@@ -139,7 +139,8 @@ def bound(opened: Collection[int]) -> dict[int, bytes]:
 def test_on_this_machine_alone_no_socket_hears_a_network(reach: DiscoveryRange) -> None:
     told: list[str] = []
     with free_domain() as domain:
-        before, node = sockets(), DdsTransport(DiscoverySettings(domain=domain, range=reach), told.append)
+        before = sockets()
+        node = DdsTransport(DiscoverySettings(domain=domain, range=reach), told.append)
         node.open((OUT, INTO), (), nothing, nothing)
         devices = bound(sockets() - before)
         node.close()
@@ -175,10 +176,8 @@ def test_it_may_be_left_twice_and_joined_again() -> None:
 
 def test_two_of_one_process_in_a_domain_are_refused_in_words_and_leave_the_first_alone() -> None:
     with free_domain() as domain:
-        first, second = (
-            DdsTransport(DiscoverySettings(domain=domain), print),
-            DdsTransport(DiscoverySettings(domain=domain), print),
-        )
+        first = DdsTransport(DiscoverySettings(domain=domain), print)
+        second = DdsTransport(DiscoverySettings(domain=domain), print)
         first.open((OUT,), (), nothing, nothing)
         with pytest.raises(TransportError, match=f"ROS_DOMAIN_ID={domain}: another of this process"):
             second.open((OUT,), (), nothing, nothing)

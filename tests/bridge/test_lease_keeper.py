@@ -30,7 +30,9 @@ class Hand:
     """Reins whose time the test moves, and their daemon."""
 
     def __init__(self) -> None:
-        self.time, self.daemon, self.said = 1000.0, ToldDaemon(), list[str]()
+        self.time = 1000.0
+        self.daemon = ToldDaemon()
+        self.said = list[str]()
         self.tenancy = RemoteLease()
         driving = MotionSession(self.daemon.client)
         self.reins = LeaseKeeper(
@@ -73,7 +75,8 @@ def code_of(call: Callable[[], object]) -> str:
 def test_a_goal_that_was_here_before_a_stop_does_not_begin_after_it_nor_when_it_is_asked_again(
     hand: Hand,
 ) -> None:
-    lease, came = hand.acquire("desk"), time.monotonic()
+    lease = hand.acquire("desk")
+    came = time.monotonic()
     hand.reins.stopped(time.monotonic())
     assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
     assert code_of(lambda: hand.goal("waited", lease)) == "BUSY", "its repetition came after the stop"
@@ -107,7 +110,8 @@ def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_do
 
 
 def test_what_waits_behind_a_goal_that_the_gate_threw_away_does_not_begin(hand: Hand) -> None:
-    lease, came = hand.acquire("desk"), time.monotonic()
+    lease = hand.acquire("desk")
+    came = time.monotonic()
     hand.daemon.refuse["SubmitTrajectory"] = THROWN_AWAY
     assert code_of(lambda: hand.goal("judged", lease, came)) == "BUSY"
     del hand.daemon.refuse["SubmitTrajectory"]
@@ -116,7 +120,9 @@ def test_what_waits_behind_a_goal_that_the_gate_threw_away_does_not_begin(hand: 
 
 
 def test_a_lease_that_lapses_while_a_goal_is_judged_lets_go_at_once(hand: Hand) -> None:
-    lease, judged, answer = hand.acquire("desk"), threading.Event(), threading.Event()
+    lease = hand.acquire("desk")
+    judged = threading.Event()
+    answer = threading.Event()
 
     def judge(method: str) -> None:
         if method == "SubmitTrajectory":

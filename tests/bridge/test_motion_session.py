@@ -27,7 +27,8 @@ class Hand:
     """A driving whose time the test moves, and its daemon."""
 
     def __init__(self) -> None:
-        self.time, self.daemon = 100.0, ToldDaemon()
+        self.time = 100.0
+        self.daemon = ToldDaemon()
         self.driving = MotionSession(self.daemon.client, lambda: self.time)
 
     def after(self, seconds: float) -> list[MotionEnd]:
@@ -160,7 +161,8 @@ def test_without_a_daemon_nothing_is_under_way(hand: Hand) -> None:
     hand.daemon.absent = True
     with pytest.raises(NoDaemon):
         hand.driving.submit(PATH)
-    hand.daemon.absent, hand.daemon.dead = False, True
+    hand.daemon.absent = False
+    hand.daemon.dead = True
     with pytest.raises(Disconnected):
         hand.driving.submit(PATH)
     assert hand.driving.driving == () and hand.after(3.0) == []

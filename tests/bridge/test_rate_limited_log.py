@@ -4,7 +4,8 @@ from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
 
 
 def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
-    clock, said = [0.0], list[str]()
+    clock = [0.0]
+    said = list[str]()
     saying = RateLimitedLog(said.append, lambda: clock[0])
     for number in range(1000):
         saying(f"line {number}")
@@ -18,7 +19,8 @@ def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
 
 
 def test_who_says_little_is_always_heard() -> None:
-    clock, said = [0.0], list[str]()
+    clock = [0.0]
+    said = list[str]()
     saying = RateLimitedLog(said.append, lambda: clock[0])
     for number in range(1000):
         saying(str(number))

@@ -145,7 +145,8 @@ def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(
 
 
 def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    ours = tmp_path / "ours"
+    theirs = tmp_path / "theirs"
     for each in (ours, theirs):
         (each / "bin").mkdir(parents=True)
         (each / "bin" / "python3.10").symlink_to(sys.executable)

@@ -34,7 +34,10 @@ def test_a_lease_from_afar_lasts_as_long_as_the_daemons() -> None:
 def test_at_most_one_token_commands_and_only_until_a_second_after_its_last_renewal(
     script: list[tuple[str, float]],
 ) -> None:
-    tenancy, now, tokens, renewed = RemoteLease(), 100.0, list[str](), dict[str, float]()
+    tenancy = RemoteLease()
+    now = 100.0
+    tokens = list[str]()
+    renewed = dict[str, float]()
     for what, seconds in script:
         now += seconds
         if what in ("acquire", "take"):

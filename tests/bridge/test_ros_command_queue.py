@@ -41,7 +41,9 @@ def taken(inbox: RosCommandQueue, clock: StubClock, *, good: bool = True) -> lis
 def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
-    old, other, new = command("a"), command("b"), command("a", "c")
+    old = command("a")
+    other = command("b")
+    new = command("a", "c")
     for each in (old, other, new):
         assert inbox.put(each) == []
     assert taken(inbox, clock) == [new, other]
@@ -51,7 +53,9 @@ def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits()
 def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
-    old, other, new = command("a"), command("b"), command("a", "c")
+    old = command("a")
+    other = command("b")
+    new = command("a", "c")
     for each in (old, other, new):
         inbox.put(each)
     assert taken(inbox, clock, good=False) == [new, old, other]
@@ -73,12 +77,10 @@ def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
 def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
-    later, followed, malformed, now = (
-        command("a", stamp=7),
-        command("a"),
-        RosCommand(b"x", None, 0.0),
-        command("a"),
-    )
+    later = command("a", stamp=7)
+    followed = command("a")
+    malformed = RosCommand(b"x", None, 0.0)
+    now = command("a")
     followed.told = lambda result: None
     for each in (later, followed, malformed, now):
         inbox.put(each)
@@ -140,7 +142,8 @@ def test_drops_are_told_once_a_second_at_most() -> None:
 
 
 def test_whoever_waits_for_a_command_is_woken() -> None:
-    inbox, begun = RosCommandQueue(), time.monotonic()
+    inbox = RosCommandQueue()
+    begun = time.monotonic()
     inbox.wake()
     assert inbox.take(20.0) is None
     assert time.monotonic() - begun < 20.0
@@ -152,7 +155,8 @@ def test_whoever_waits_for_the_time_of_the_next_is_woken_too_but_not_by_those_th
     inbox.put(command("a"))
     assert inbox.take(0.0) is not None
     clock.time -= 30.0
-    begun, found = time.monotonic(), list[RosCommand | None]()
+    begun = time.monotonic()
+    found = list[RosCommand | None]()
     waiting = threading.Thread(target=lambda: found.append(inbox.take(20.0)))
     waiting.start()
     for place in range(3):

@@ -34,7 +34,8 @@ class Desk:
     """Calls, and the daemon that they go to."""
 
     def __init__(self) -> None:
-        self.daemon, self.stops = ToldDaemon(), 0
+        self.daemon = ToldDaemon()
+        self.stops = 0
         self.results: list[dict[str, Any]] = []
         self.lines: list[str] = []
         self.broken = False  # nothing can be said
@@ -110,7 +111,8 @@ def test_a_mode_is_asked_for_and_what_is_none_is_told(desk: Desk) -> None:
 
 
 def test_a_stop_does_not_wait_for_a_mode_that_hangs(desk: Desk) -> None:
-    hung, go_on = threading.Event(), threading.Event()
+    hung = threading.Event()
+    go_on = threading.Event()
 
     def hanging(method: str) -> None:
         if method == "SetMode":
@@ -155,7 +157,8 @@ def test_a_flood_has_a_call_and_a_result_now_and_then(
 
 
 def test_a_cut_does_not_wait_for_a_robot_that_does_not_settle(desk: Desk) -> None:
-    hung, go_on = threading.Event(), threading.Event()
+    hung = threading.Event()
+    go_on = threading.Event()
 
     def hanging(method: str) -> None:
         if desk.daemon.named(method)[-1].get("level") == "settle":
@@ -203,7 +206,8 @@ def test_who_may_not_command_is_known_by_a_call_that_does_nothing(desk: Desk) ->
 
 
 def test_a_status_is_that_of_the_time_when_it_was_asked_for(desk: Desk) -> None:
-    modes, answer = iter(("sim", "mirror")), desk.daemon.answer
+    modes = iter(("sim", "mirror"))
+    answer = desk.daemon.answer
 
     def answered(message: bytes) -> bytes:
         told = answer(message)

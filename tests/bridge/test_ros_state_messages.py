@@ -109,7 +109,8 @@ def test_rosbags_reads_the_same() -> None:
 
 
 def test_a_clock_that_is_set_is_seen_in_the_next_stamp() -> None:
-    speech, day = bridged(True, "live"), 86_400 * SECOND
+    speech = bridged(True, "live")
+    day = 86_400 * SECOND
     first = said(speech.state(state(joints()), CLOCKS))[JOINTS]["header"]["stamp"]
     other = ClockPair(CLOCKS.monotonic, CLOCKS.wall_ns - day)
     second = said(speech.state(state(joints(), time=101.01), other))[JOINTS]["header"]["stamp"]

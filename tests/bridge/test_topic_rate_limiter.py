@@ -59,6 +59,7 @@ def test_a_robot_whose_clock_began_anew_is_heard_at_once() -> None:
 
 
 def test_topics_without_a_rate_and_what_tells_no_time_are_whole() -> None:
-    events, states = TopicRateLimiter("events", 1.0), TopicRateLimiter("state", 2.0)
+    events = TopicRateLimiter("events", 1.0)
+    states = TopicRateLimiter("state", 2.0)
     assert all(events.takes(news(1.0)) for _ in range(100))
     assert all(states.takes(b"rubbish") for _ in range(100))

@@ -22,7 +22,8 @@ class Desk:
     """Orders whose time the test moves, and the daemon that they go to."""
 
     def __init__(self) -> None:
-        self.time, self.daemon = 100.0, ToldDaemon()
+        self.time = 100.0
+        self.daemon = ToldDaemon()
         self.results: list[dict[str, Any]] = []
         self.orders = TrajectoryDispatcher(
             self.daemon.client, self.results.append, lambda: NOW, lambda: self.time

@@ -22,7 +22,8 @@ def test_a_goal_begins_only_within_its_deadline_and_that_is_near(deadline: float
 def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> None:
     goals = UplinkGoalTable()
     first = goals.begin("wave", "mine", 11.0, 10.0)
-    first.id, first.answer = "d1", {"phase": "accepted"}
+    first.id = "d1"
+    first.answer = {"phase": "accepted"}
     assert goals.find_repeated("wave", "mine") is first
     assert first.latest_reply() == {"phase": "accepted"}
     with pytest.raises(CallError, match="used once"):
@@ -41,7 +42,8 @@ def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
 
 
 def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothing_any_more() -> None:
-    goals, now = UplinkGoalTable(), 10.0
+    goals = UplinkGoalTable()
+    now = 10.0
     for number in range(MOST):
         goals.begin(f"g{number}", "mine", now + 1.0, now)
     with pytest.raises(CallError, match="busy"):

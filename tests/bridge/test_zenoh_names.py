@@ -41,14 +41,18 @@ def test_keys_and_tokens_are_those_that_the_peer_builds(endpoint: RosTopic | Ros
     from zenoh_ros2_sdk.qos import QosDurability, QosProfile
     from zenoh_ros2_sdk.utils import ros2_to_dds_type
 
-    names, kind = ZenohNames(7, ZID), ros2_to_dds_type(endpoint.kind)
+    names = ZenohNames(7, ZID)
+    kind = ros2_to_dds_type(endpoint.kind)
     node = NodeEntity(7, ZID, 0, "twind")
     assert names.node_token() == node_liveliness_keyexpr(node)
     assert names.key(endpoint) == topic_keyexpr(7, endpoint.name, kind, type_hash(endpoint.kind))
-    what, latched, depth = EntityKind.SERVICE, False, 10
+    what = EntityKind.SERVICE
+    latched = False
+    depth = 10
     if isinstance(endpoint, RosTopic):
         what = EntityKind.PUBLISHER if endpoint.out else EntityKind.SUBSCRIPTION
-        latched, depth = endpoint.latched, endpoint.depth
+        latched = endpoint.latched
+        depth = endpoint.depth
     token = names.token(9, endpoint)
     *_, quality = token.split("/")
     entity = EndpointEntity(node, 9, what, endpoint.name, kind, type_hash(endpoint.kind), quality)

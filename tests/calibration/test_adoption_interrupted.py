@@ -35,7 +35,8 @@ def robot(tmp_path: Path) -> RobotFile:
 def test_killed_at_any_write_the_same_command_ends_the_job(
     robot: RobotFile, after: bool, power: bool
 ) -> None:
-    writes, ended = 0, False
+    writes = 0
+    ended = False
     while not ended:
         bench = Bench(robot, [settled(1), settled(9), fresh()])
         others = [bench.eeprom(0), bench.eeprom(1)]

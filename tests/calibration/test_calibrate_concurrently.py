@@ -34,7 +34,8 @@ from twind_calibration.calibrating.entry_writer import write_entries
 from twind_calibration.calibrating.foreign_values import ImportResult
 
 Captured = pytest.CaptureFixture[str]
-KNEE, ELBOW = "l_knee", "l_elbow"
+KNEE = "l_knee"
+ELBOW = "l_elbow"
 AT = "2026-11-21T09:14:03Z"
 
 
@@ -115,7 +116,8 @@ def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
 def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mine, calls = known(place), list[str]()
+    mine = known(place)
+    calls = list[str]()
 
     class Daemon:
         def call(self, method: str, **_: Any) -> dict[str, Any]:
@@ -146,7 +148,8 @@ def test_the_folder_is_held_while_servos_are_fenced(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the last look at the zero until the limits are recorded."""
-    mine, refused = known(place), list[str]()
+    mine = known(place)
+    refused = list[str]()
     monkeypatch.setattr(atomic_save, "PATIENCE", 0.0)
 
     class Daemon:
@@ -186,7 +189,8 @@ def options(step: Any, *words: str) -> Namespace:
 
 
 def test_what_two_sweep_at_once_is_both_in_the_draft(place: CalibrationContext) -> None:
-    one, two = swept(KNEE, known(place)), swept(ELBOW, known(place))
+    one = swept(KNEE, known(place))
+    two = swept(ELBOW, known(place))
     drafts.change(place.path, ROBOT, lambda found: found.joined(KNEE, one))
     held = drafts.change(place.path, ROBOT, lambda found: found.joined(ELBOW, two))
     assert held == drafts.load(place.path, ROBOT) == CalibrationDraft({KNEE: one, ELBOW: two})
@@ -206,7 +210,8 @@ def test_a_draft_has_the_rights_of_the_calibration_file(place: CalibrationContex
     if os.geteuid() == 0:
         os.chown(place.path, 65534, 65533)
     drafts.change(place.path, ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
-    file, draft = place.path.stat(), draft_of(place.path.parent, "h24").stat()
+    file = place.path.stat()
+    draft = draft_of(place.path.parent, "h24").stat()
     assert (draft.st_uid, draft.st_gid) == (file.st_uid, file.st_gid)
     assert stat.S_IMODE(draft.st_mode) == mode
 
@@ -238,7 +243,9 @@ def test_what_this_user_may_not_read_asks_for_sudo_and_is_not_said_to_be_broken(
 @contextmanager
 def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> Iterator[list[object]]:
     """The first save is held before its file has its name, and `act` begun meanwhile, elsewhere."""
-    done, real, others = list[object](), atomic_save._keep, list[threading.Thread]()
+    done = list[object]()
+    real = atomic_save._keep
+    others = list[threading.Thread]()
 
     def keep(*arguments: Any) -> None:
         if not others:
@@ -256,7 +263,8 @@ def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) ->
 def test_of_two_who_save_at_once_one_waits_and_both_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second = "first\n" * 900, "second\n" * 700
+    first = "first\n" * 900
+    second = "second\n" * 700
     with saving_beside(monkeypatch, lambda: save_text(tmp_path, "h24", second, 20)) as done:
         save_text(tmp_path, "h24", first, 20)
     assert done == [tmp_path / "h24.yaml"]

@@ -67,7 +67,8 @@ def daemon(file: Path, monkeypatch: pytest.MonkeyPatch) -> FakeDaemon:
 
 @pytest.mark.parametrize("mode", ["mirror", "live"])
 def test_whoever_is_moved_by_hand_is_kept_limp_in_mirror_as_in_live(daemon: FakeDaemon, mode: str) -> None:
-    daemon.mode, clock = mode, FakeClock(0.0)
+    daemon.mode = mode
+    clock = FakeClock(0.0)
     with limp(daemon, clock, take=False) as keep:  # type: ignore[arg-type]
         assert daemon.state == "calibrating"
         clock.time += 0.5
@@ -98,8 +99,10 @@ class Hands:
             json=False, wide=False, timeout=None, calibration=None, socket=None, joints=names, again=again
         )
         self.session = SweepSession(options, self.place, slots(ROBOT), list(names), FakeClock(0.0))
-        self.session.records, self.session.draft = dict.fromkeys(names, DEVICE), made
-        self.time, self.at = 0.0, 1500
+        self.session.records = dict.fromkeys(names, DEVICE)
+        self.session.draft = made
+        self.time = 0.0
+        self.at = 1500
         self.session.begin()
 
     def draft(
@@ -187,7 +190,8 @@ def test_a_draft_is_newer_than_the_file() -> None:
 
 def test_a_joint_that_stands_outside_its_travel_has_no_zero() -> None:
     """In a pose a little beyond its limits, so that the limits alone would fit."""
-    sweep, far = (1000, 2600), 2600 + KNEE.ticks(0.2)
+    sweep = (1000, 2600)
+    far = 2600 + KNEE.ticks(0.2)
     placed = place_slot(
         KNEE, RecordedTravel(DEVICE, sweep), DEVICE, JointCapture(50, far, 0.5), KNEE.upper + 0.14
     )
@@ -323,7 +327,9 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
     for name in PAIR:
         if not silent or name != in_hand:
             assert held(daemon, name) == recorded(daemon, name), name
-    daemon.break_off, daemon._scan = lambda method, how: None, scan  # type: ignore[method-assign]
+    # type: ignore[method-assign]
+    daemon.break_off = lambda method, how: None
+    daemon._scan = scan
     assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
     for name in PAIR:
         assert held(daemon, name) == recorded(daemon, name) == fence_of(name)
@@ -356,7 +362,8 @@ def test_a_servo_that_is_another_is_not_fenced(daemon: FakeDaemon) -> None:
 def test_limits_that_leave_the_counts_are_refused_before_anything_is_written(daemon: FakeDaemon) -> None:
     knee = FITTING.by_name["l_knee"]
     device = replace(knee.device, homing_offset_ticks=-512)
-    zero_at, low = -300, fence_of("l_knee")[0] - knee.zero_ticks
+    zero_at = -300
+    low = fence_of("l_knee")[0] - knee.zero_ticks
     sweep = travel_of(KNEE, device, (zero_at + low - 40, zero_at + low + 1600))
     moved = replace(knee, device=device, zero_ticks=zero_at, sweep_ticks=sweep)
     made = limits_command.fences_of([KNEE], replace(FITTING, joints=(knee,)), {"l_knee": knee.device})

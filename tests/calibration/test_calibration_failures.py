@@ -33,7 +33,8 @@ def test_an_offset_that_position_mode_ignores_is_refused_by_register_and_value(
 
 
 def test_an_offset_that_fell_back_to_0_is_refused_with_what_it_was(plant: Any) -> None:
-    before, found = JointTruth(homing_offset=1000), JointTruth(homing_offset=2900, forgets_offset=True)
+    before = JointTruth(homing_offset=1000)
+    found = JointTruth(homing_offset=2900, forgets_offset=True)
     rig = plant(before, found)
     assert names_it(rig.refused(), "CALIB_MISMATCH", KNEE, "homing_offset is 0, was 1000")
 
@@ -46,7 +47,8 @@ def test_eeprom_is_not_written_under_torque_that_somebody_else_switched_on(plant
     rig = plant(PLAIN, PLAIN)
     rig.connect()
     calibrate(rig)
-    servos, row = rig.virtual["main"].servos, rig.names.index(KNEE)
+    servos = rig.virtual["main"].servos
+    row = rig.names.index(KNEE)
     servos.torque(row, True)
     servos.changed()
     before = servos.memory.raw[row, :64].copy()
@@ -117,11 +119,13 @@ def test_a_reversed_servo_that_was_calibrated_so_is_driven_as_it_was_calibrated(
 def test_a_servo_that_restarts_under_torque_is_unverified_and_gets_no_goal(plant: Any) -> None:
     rig = plant(PLAIN, PLAIN)
     rig.arm()
-    row, servos = rig.names.index(KNEE), rig.virtual["main"].servos
+    row = rig.names.index(KNEE)
+    servos = rig.virtual["main"].servos
     rig.submit(rig.path(KNEE, [0.4], [2.0]))
     rig.seconds(0.5)
     rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
-    verified, stood = [], float(rig.truth[row])
+    verified = []
+    stood = float(rig.truth[row])
     for _ in range(200):
         rig.ticks(1)
         verified.append(bool(rig.loop.identity.verified.joints[row]))
@@ -179,7 +183,8 @@ def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: An
 def test_what_a_change_of_mode_has_reset_is_written_and_read_back_before_torque(plant: Any) -> None:
     rig = plant(PLAIN, PLAIN)
     rig.arm()
-    row, servos = rig.names.index("r_knee"), rig.virtual["main"].servos
+    row = rig.names.index("r_knee")
+    servos = rig.virtual["main"].servos
     assert servos["position_p_gain"][row] == 1600
     assert rig.call(link.Disarm, ticks=800).error is None
     for mode in (4, 3):  # somebody tries something, and puts it back

@@ -37,7 +37,9 @@ def on_wire(true: int, seam: int, turns: int, *, one_turn: bool) -> int:
 def test_the_travel_is_the_true_one_from_every_start_turn_over_every_seam(
     steps: list[int], start: int, seam: int, turns: int, one_turn: bool
 ) -> None:
-    track, place, went = UnwrappedEncoder(TURN), start, [start]
+    track = UnwrappedEncoder(TURN)
+    place = start
+    went = [start]
     assert track.take(EncoderSample(0.0, on_wire(place, seam, turns, one_turn=one_turn))) == ""
     for number, step in enumerate(steps, 1):
         place += step
@@ -89,11 +91,13 @@ def test_a_step_over_a_quarter_turn_begins_anew(step: int, way: int) -> None:
 def test_whatever_is_missed_at_a_speed_of_hands_is_told_or_made_no_difference(
     steps: list[int], gap: int, speed: float
 ) -> None:
-    track, place = UnwrappedEncoder(TURN), 2000
+    track = UnwrappedEncoder(TURN)
+    place = 2000
     for number, step in enumerate([0, 40, *steps]):
         place += step
         track.take(EncoderSample(number * PERIOD, place % TURN))
-    before, missed = track.place, round(speed * TURN * gap * PERIOD)
+    before = track.place
+    missed = round(speed * TURN * gap * PERIOD)
     after = EncoderSample((len(steps) + 1 + gap) * PERIOD, (place + missed) % TURN)
     if not track.take(after):
         assert track.place - before == missed
@@ -137,7 +141,8 @@ def test_a_joint_that_never_moved_begins_anew_in_silence() -> None:
 
 def rested_after(dwell: float, *, further: int = 0) -> tuple[bool, bool]:
     """A joint that goes from 1000 up to 2000, rests, comes home, rests, and perhaps goes further."""
-    track, time = UnwrappedEncoder(TURN), 0.0
+    track = UnwrappedEncoder(TURN)
+    time = 0.0
 
     def go(to: int) -> None:
         nonlocal time

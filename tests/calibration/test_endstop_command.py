@@ -18,7 +18,7 @@ from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating import endstop
 from twind_calibration.calibrating.calibration_actuators import slots
-from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_entry
+from twind_calibration.calibrating.endstop_command import EndstopPlan, _endstop, make_endstop_entry
 
 ROBOT = load_robot("h24")
 MADE = specimen(ROBOT)
@@ -34,7 +34,10 @@ class Daemon:
     connected = True
 
     def __init__(self, robot: Any, file: Path, counts: list[int] | None, mode: str = "live") -> None:
-        self.robot, self.file, self.counts, self.mode = robot, file, counts, mode
+        self.robot = robot
+        self.file = file
+        self.counts = counts
+        self.mode = mode
         self.asked: list[tuple[str, dict[str, Any]]] = []
         self.device: dict[str, Any] = {}
 
@@ -121,7 +124,7 @@ def test_the_zero_is_where_the_stop_says_it_is(
     entry = FITTING.by_name[slot.name]  # coarse: the truth is `off` beside it
     where = ticks_of(slot.joint, entry.zero_ticks + off, stop)
     counts = [where + each + 4096 * turns for each in scatter]
-    fresh = make_entry(EndstopPlan(slot, side, stop, None, None, None), entry, counts)
+    fresh = make_endstop_entry(EndstopPlan(slot, side, stop, None, None, None), entry, counts)
     assert abs(fresh.zero_ticks - (entry.zero_ticks + off)) <= 3
     assert fresh.method == "endstop" and fresh.captures == len(counts)
     assert fresh.zero_sigma_ticks <= 2.0 and fresh.proof is None
@@ -136,7 +139,7 @@ def test_a_stop_that_leaves_no_room_for_the_limits_is_refused() -> None:
     entry = FITTING.by_name[slot.name]
     touch = EndstopPlan(slot, "lower", -1.6, None, None, None)
     with pytest.raises(Rejected, match=r"its limits .* beyond its travel"):
-        make_entry(touch, entry, [entry.zero_ticks - 200] * 3)
+        make_endstop_entry(touch, entry, [entry.zero_ticks - 200] * 3)
 
 
 # ------------------------------------------------------------------------------- the step

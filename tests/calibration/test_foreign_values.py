@@ -144,10 +144,8 @@ def test_limits_as_delivered_are_no_travel() -> None:
 
 def test_a_travel_that_is_too_long_is_taken_when_told_to_and_one_too_short_is_not() -> None:
     low, high = span(KNEE, 2048)
-    long, short = (
-        of_motor(knee(travel=(low - 500, high + 500)), None),
-        of_motor(knee(travel=(2000, 2100)), None),
-    )
+    long = of_motor(knee(travel=(low - 500, high + 500)), None)
+    short = of_motor(knee(travel=(2000, 2100)), None)
     assert "`--wide` takes it" in refused(convert_entry(KNEE, long, device(), 2048))
     taken(convert_entry(KNEE, long, device(), 2048, wide=True))
     refused(convert_entry(KNEE, short, device(), 2048, wide=True))

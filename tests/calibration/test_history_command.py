@@ -124,7 +124,8 @@ def test_every_value_of_an_entry_that_differs_is_found() -> None:
 
 
 def test_rollback_puts_an_earlier_file_back_and_keeps_what_it_replaces(verb: Verb, files: Path) -> None:
-    before, earlier = files.read_text(), files.with_name("h24.0001.yaml").read_text()
+    before = files.read_text()
+    earlier = files.with_name("h24.0001.yaml").read_text()
     code, out, _ = verb("rollback", "1", "--yes")
     assert code == 0, out
     assert files.read_text() == earlier

@@ -26,7 +26,8 @@ PITCHES = re.compile(r'(<joint name="r_(?:\w+_pitch|knee|elbow)" axis="0 )1( 0" 
 @pytest.fixture(scope="module")
 def mirrored(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     """The h24 with the pitch axes of its right side pointing right: a pose is the same angles negated."""
-    folder, source = tmp_path_factory.mktemp("mirrored"), H24.path.parent
+    folder = tmp_path_factory.mktemp("mirrored")
+    source = H24.path.parent
     model = PITCHES.sub(
         lambda f: f'{f[1]}-1{f[2]}{-float(f[4]):g} {-float(f[3]):g}"', (source / "h24.xml").read_text()
     )
@@ -54,7 +55,8 @@ def weighed(
     pose: dict[str, float] | None = None,
 ) -> LoadComparison:
     """Of a joint whose servo has the place of `other`; None: its own."""
-    one, joint = PosedModel(robot, base), robot.names.index(name)
+    one = PosedModel(robot, base)
+    joint = robot.names.index(name)
     start = np.array([(pose or {}).get(each, 0.0) for each in robot.names])
     poses = at_places(start, joint, start[joint] + np.linspace(-size, size, 4))
     if other is None:
@@ -120,7 +122,9 @@ def test_exchanged_servos_are_contradicted_or_left_untold_never_excluded(
 
 def test_a_neighbour_with_the_wrong_sign_is_named() -> None:
     """The forearm is bent where the model believes it is bent the other way."""
-    one, joint, elbow = PosedModel(H24, "left"), place("l_hip_yaw"), place("l_hip_pitch")
+    one = PosedModel(H24, "left")
+    joint = place("l_hip_yaw")
+    elbow = place("l_hip_pitch")
     start = np.zeros(len(H24.names))
     start[elbow] = -0.6
     poses = at_places(start, joint, PLACES)
@@ -131,7 +135,8 @@ def test_a_neighbour_with_the_wrong_sign_is_named() -> None:
 
 
 def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itself_does_not() -> None:
-    one, joint = PosedModel(H24), place("l_hip_pitch")
+    one = PosedModel(H24)
+    joint = place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.flipped(each, joint) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
@@ -144,7 +149,8 @@ def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itsel
 
 def test_a_propped_joint_is_no_witness() -> None:
     """Its load does not change, whoever is moved: that is no sign of an exchanged servo."""
-    one, joint = PosedModel(H24, "left"), place("waist_yaw")
+    one = PosedModel(H24, "left")
+    joint = place("waist_yaw")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.torque(each) for each in poses])
     assert np.ptp(loads[:, place("waist_pitch")]) > 1.0
@@ -157,7 +163,8 @@ def test_what_the_ground_carries_or_nobody_heard_proves_nothing() -> None:
     free = replace(H24, support="free")
     assert weighed(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
     assert weighed(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED
-    one, joint = PosedModel(H24, "back"), place("l_hip_pitch")
+    one = PosedModel(H24, "back")
+    joint = place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.torque(each) for each in poses])
     unheard = poses.copy()

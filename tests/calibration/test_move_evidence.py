@@ -82,12 +82,14 @@ def test_exchanged_servos_follow_all_the_same_and_the_load_of_a_bent_leg_tells()
         else joint
         for joint in H24.joints
     ]
-    left, right = H24.names.index("l_hip_pitch"), H24.names.index("r_hip_pitch")
+    left = H24.names.index("l_hip_pitch")
+    right = H24.names.index("r_hip_pitch")
     with armed(replace(H24, joints=tuple(joints)), {"l_knee": 1.8, "l_hip_pitch": -0.5}) as rig:
         stays = rig.wiggled("l_hip_pitch")
     assert answer(stays, left, WAY).motion is EncoderResponse.FOLLOWS
     pose = stays.out.position
-    measured, model = float(stays.out.effort[left]), float(BODY.torque(pose)[left])
+    measured = float(stays.out.effort[left])
+    model = float(BODY.torque(pose)[left])
     twins = BODY.twins(left)
     found = alike(measured, model, [BODY.elsewhere(pose, left, each) for each in twins], FRICTION)
     assert right in [twins[each] for each in found], (measured, model)
@@ -110,7 +112,8 @@ def stays_of(moved: Mapping[int, float], twin: float = WAY, *, off: float = 0.0,
 
     nothing, out, simulated, home = (np.zeros(count) for _ in range(4))
     out[list(moved)] = list(moved.values())
-    simulated[0], home[0] = twin, off
+    simulated[0] = twin
+    home[0] = off
     return HoldMeans(stay(nothing, nothing), stay(out, simulated), stay(home, nothing))
 
 
@@ -255,7 +258,8 @@ def test_what_is_to_be_seen_is_said_in_words(name: str, way: float, seen: str) -
 
 def test_a_hanging_limb_feels_the_same_with_the_other_sign_and_a_leaning_one_does_not() -> None:
     """A torque that is odd in the angle and a reading that is flipped cancel."""
-    pose, knee = np.zeros(len(H24.names)), H24.names.index("l_knee")
+    pose = np.zeros(len(H24.names))
+    knee = H24.names.index("l_knee")
     pose[knee] = 0.8
     assert BODY.turned_round(pose, knee) == pytest.approx(float(BODY.torque(pose)[knee]), abs=0.03)
     pose[H24.names.index("l_hip_pitch")] = -1.4
@@ -264,7 +268,8 @@ def test_a_hanging_limb_feels_the_same_with_the_other_sign_and_a_leaning_one_doe
 
 def test_exchanged_servos_measure_each_others_load() -> None:
     """l_hip_pitch (sign +) and r_hip_pitch (sign -), by the counts of their servos."""
-    left, right = H24.names.index("l_hip_pitch"), H24.names.index("r_hip_pitch")
+    left = H24.names.index("l_hip_pitch")
+    right = H24.names.index("r_hip_pitch")
     assert right in BODY.twins(left) and left not in BODY.twins(left)
     true = np.zeros(len(H24.names))
     true[left], true[right] = -0.2, -1.2
@@ -281,7 +286,8 @@ def test_exchanged_servos_measure_each_others_load() -> None:
 
 
 def test_a_leg_on_the_ground_is_not_weighed() -> None:
-    knee, elbow = H24.names.index("l_knee"), H24.names.index("l_elbow")
+    knee = H24.names.index("l_knee")
+    elbow = H24.names.index("l_elbow")
     assert not BODY.stands_on(knee)
     free = PosedModel(replace(H24, support="free"))
     assert free.stands_on(knee) and not free.stands_on(elbow)

@@ -36,7 +36,8 @@ def hung(truth: dict[str, JointTruth]) -> Iterator[BodyRig]:
 def proved(rig: BodyRig, body: PosedModel, name: str) -> ProofVerdict:
     """What is told of a joint that was taken through its places."""
     place = H24.names.index(name)
-    joint, home = H24.joints[place], float(rig.loop.executor.reference.position[place])
+    joint = H24.joints[place]
+    home = float(rig.loop.executor.reference.position[place])
     way = sweeps(home, joint.lower, joint.upper, radians(15.0))[0]
     stays = rig.traced(way.path(name)).visits(place, way.visits)
     assert stays is not None

@@ -45,7 +45,8 @@ class Daemon:
     """Goes by one calibration, whatever its file says by now."""
 
     def __init__(self, path: Path, goes_by: Calibration | None) -> None:
-        self._path, self._goes_by = path, goes_by
+        self._path = path
+        self._goes_by = goes_by
 
     def call(self, method: str) -> Mapping[str, Any]:
         if method == "GetParameters":

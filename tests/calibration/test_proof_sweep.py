@@ -17,7 +17,8 @@ ANGLES = st.floats(-2.0, 2.0)
 def test_every_place_is_come_to_from_both_sides_and_inside_the_limits(
     a: float, b: float, home: float, size: float
 ) -> None:
-    lower, upper = min(a, b), max(a, b)
+    lower = min(a, b)
+    upper = max(a, b)
     for way in sweeps(home, lower, upper, size):
         visits = np.array(way.visits)
         assert visits[0] == home and abs(visits[-1] - home) < 1e-3

@@ -122,7 +122,8 @@ def test_a_zero_that_is_grossly_off_contradicts_where_the_span_tells(off: float)
 
 def test_torque_that_is_told_the_wrong_way_round_is_called_so() -> None:
     """A reverse bit that turns position and not current: slope -1 where everything hangs."""
-    one, joint = body(), place("l_hip_pitch")
+    one = body()
+    joint = place("l_hip_pitch")
     one.lie("upright")
     expected = ExpectedLoads(one, at_places(np.zeros(len(H24.names)), joint, PLACES), joint)
     wrong = expected.loads_with_wrong_sign(mirror(H24.joints[joint], None))
@@ -153,7 +154,8 @@ def test_no_load_is_nearer_to_both_families_than_half_of_what_lies_between_them(
     one: Floats, other: Floats, s: float, t: float, data: st.DataObject
 ) -> None:
     between = apart(one, other)
-    first, second = data.draw(st.sampled_from(list(one))), data.draw(st.sampled_from(list(other)))
+    first = data.draw(st.sampled_from(list(one)))
+    second = data.draw(st.sampled_from(list(other)))
     assert np.sqrt(((s * first - t * second) ** 2).mean()) >= between - 1e-6
     measured = (s * first + t * second) / 2.0
     near = max(misfits(measured, one).min(), misfits(measured, other).min())

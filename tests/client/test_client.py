@@ -246,7 +246,8 @@ def test_an_answer_that_is_none_ends_the_connection(start: Start, tmp_path: Path
 
 
 def test_a_call_that_waits_is_broken_off_by_another_thread(start: Start, tmp_path: Path) -> None:
-    came, over = threading.Event(), threading.Event()
+    came = threading.Event()
+    over = threading.Event()
 
     def silent(call: dict[str, Any]) -> list[bytes]:
         came.set()

@@ -11,7 +11,8 @@ from twind.config import atomic_save
 from twind.config.atomic_save import save_text
 from twind.config.yaml_tree import ConfigError
 
-OLD, NEW = "old\n" * 500, "new\n" * 700
+OLD = "old\n" * 500
+NEW = "new\n" * 700
 CALLS = ("open", "write", "fsync", "pread", "link", "replace", "unlink", "listdir", "close")
 
 
@@ -26,7 +27,9 @@ class Disk:
     """
 
     def __init__(self, folder: Path, calls: int) -> None:
-        self.folder, self.left, self.order = folder, calls, list[str]()
+        self.folder = folder
+        self.left = calls
+        self.order = list[str]()
         self.unsynced: dict[int, str] = {}
         self.opened: set[int] = set()
         self.lost: list[str] = []

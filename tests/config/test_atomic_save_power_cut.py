@@ -30,7 +30,9 @@ def text(zero: int) -> str:
     return dump_calibration(replace(whole, joints=whole.joints[:2]))
 
 
-OLD, NEW, LEFT = text(2048), text(2050), text(2049)[:700]
+OLD = text(2048)
+NEW = text(2050)
+LEFT = text(2049)[:700]
 KEPT = 3  # earlier files
 NUMBERED = re.compile(r"h24\.\d{4}\.yaml")
 Save = Callable[[Path], object]
@@ -87,7 +89,8 @@ def test_after_any_call_the_file_is_old_or_new_and_the_history_whole(
     recording: Recording, tmp_path: Path
 ) -> None:
     was = before(recording)
-    current, history = was.get("h24.yaml"), earlier(was)
+    current = was.get("h24.yaml")
+    history = earlier(was)
     seen = set()
     for count in range(len(recording.calls) + 1):
         for held in recording.aftermaths(count):
@@ -154,7 +157,8 @@ def test_the_model_of_the_disk_tells_a_save_that_forgets_to_sync(
         mixed = False
         for count in range(len(calls) + 1):
             for held in lazy.aftermaths(count):
-                now, kept = held.get("h24.yaml"), earlier(held).values()
+                now = held.get("h24.yaml")
+                kept = earlier(held).values()
                 mixed |= now not in (OLD.encode(), NEW.encode())
                 mixed |= now == NEW.encode() and OLD.encode() not in kept
                 mixed |= count == len(calls) and now != NEW.encode()
@@ -169,7 +173,8 @@ def test_a_file_has_its_rights_before_it_has_its_name(
 ) -> None:
     """Else a cut in between would leave one that the daemon may not read."""
     second(tmp_path)
-    real, seen = os.replace, []
+    real = os.replace
+    seen = []
 
     def renamed(source: str, name: str, *, src_dir_fd: int, **where: Any) -> None:
         seen.append(os.stat(source, dir_fd=src_dir_fd).st_mode & 0o777)
@@ -185,7 +190,8 @@ def test_a_file_has_its_rights_before_it_has_its_name(
 @pytest.mark.skipif(shutil.which("strace") is None, reason="no strace here")
 def test_nothing_else_is_done_to_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel is asked: what the recorder sees is all there is."""
-    folder, log = tmp_path / "traced", tmp_path / "log"
+    folder = tmp_path / "traced"
+    log = tmp_path / "log"
     folder.mkdir()
     second(folder)
     program = (
@@ -227,7 +233,8 @@ class Failing:
     """`os` whose n-th call of these fails; a write takes half of its bytes first, as a full disk does."""
 
     def __init__(self, left: int, code: int) -> None:
-        self.left, self.code = left, code
+        self.left = left
+        self.code = code
 
     def __getattr__(self, name: str) -> Any:
         real = getattr(os, name)
@@ -258,7 +265,8 @@ def failure(act: Callable[[], object]) -> int:
 def test_a_disk_that_fails_at_any_call_keeps_a_whole_file_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
-    open_before, failed = len(os.listdir("/proc/self/fd")), 0
+    open_before = len(os.listdir("/proc/self/fd"))
+    failed = 0
     for left in range(20):
         folder = tmp_path / str(left)
         folder.mkdir()
@@ -269,7 +277,8 @@ def test_a_disk_that_fails_at_any_call_keeps_a_whole_file_and_says_so(
             why = failure(lambda: save(folder))  # noqa: B023 - called at once
         assert why in (0, code)
         failed += why == code
-        now, kept = (folder / "h24.yaml").read_text(), earlier(holding(folder))
+        now = (folder / "h24.yaml").read_text()
+        kept = earlier(holding(folder))
         assert now in (OLD, NEW)
         assert now == NEW or not set(history.values()) - set(kept.values())
         assert now == OLD or OLD.encode() in kept.values()

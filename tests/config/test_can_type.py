@@ -218,7 +218,8 @@ def test_heat_is_judged_below_what_the_vendor_advises_and_else_not_at_all(tmp_pa
 
 
 def test_the_mixed_robot_is_the_body_of_h24_with_legs_on_can() -> None:
-    mixed, plain = load_robot("h24-mixed"), load_robot("h24")
+    mixed = load_robot("h24-mixed")
+    plain = load_robot("h24")
     assert [(bus.name, bus.kind) for bus in mixed.buses] == [
         ("upper", "dynamixel2"),
         ("l_leg", "can"),

@@ -185,7 +185,8 @@ def test_no_devices_at_all_refuse_every_joint() -> None:
     ("share", "warned"), [(0.59, True), (0.61, False), (1.0, False), (1.29, False), (1.31, True)]
 )
 def test_implausible_travel_is_warned_of(share: float, warned: bool) -> None:
-    joint, entry = ROBOT.joints[KNEE], CALIBRATION.joints[KNEE]
+    joint = ROBOT.joints[KNEE]
+    entry = CALIBRATION.joints[KNEE]
     ticks = round(share * joint.reach / (2 * 3.141592653589793) * 4096)
     joints = list(CALIBRATION.joints)
     joints[KNEE] = replace(entry, sweep_ticks=(2000, 2000 + ticks))

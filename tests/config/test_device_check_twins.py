@@ -10,7 +10,8 @@ from twind.config.device_check import check_devices, compare
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import IdentifiedDevice
 
-ID, OTHER = "0011223344556677", "8899aabbccddeeff"
+ID = "0011223344556677"
+OTHER = "8899aabbccddeeff"
 
 
 def recorded(**record: object) -> Calibration:

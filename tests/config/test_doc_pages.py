@@ -6,7 +6,8 @@ from twind.config.doc_pages import CALIBRATION, page
 
 
 def test_the_first_folder_that_has_it_is_told(tmp_path: Path) -> None:
-    made, packaged = tmp_path / "local", tmp_path / "share"
+    made = tmp_path / "local"
+    packaged = tmp_path / "share"
     (packaged / CALIBRATION).parent.mkdir(parents=True)
     (packaged / CALIBRATION).touch()
     assert page(CALIBRATION, (made, packaged)) == str(packaged / CALIBRATION)

@@ -103,7 +103,9 @@ def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
     """E-manual, X series, "Secondary(Shadow) ID (12)": it acts on packets for that id, without an answer."""
     rig = Rig()
     try:
-        bus, shadow, meant = rig.virtual["main"], row(rig, "l_knee"), row(rig, "waist_yaw")
+        bus = rig.virtual["main"]
+        shadow = row(rig, "l_knee")
+        meant = row(rig, "waist_yaw")
         bus.servos.registers.put("secondary_shadow_id", rig.robot.joints[meant].id, shadow)
         bus.servos.changed()
         rig.ticks(150)
@@ -112,7 +114,8 @@ def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
         assert rig.call(link.Arm).error is not None
         assert rig.loop.state is RobotState.IDENTIFYING
         assert (rig.register("torque_enable") == 0).all()
-        lower, upper = rig.register("min_position_limit"), rig.register("max_position_limit")
+        lower = rig.register("min_position_limit")
+        upper = rig.register("max_position_limit")
         goal = int(max(lower[[meant, shadow]]) + min(upper[[meant, shadow]])) // 2
         packet = sync_write(116, {rig.robot.joints[meant].id: goal.to_bytes(4, "little")})
         bus.receive(packet, rig.clock.now())

@@ -22,7 +22,8 @@ from twind.config.yaml_tree import ConfigError
 H24 = load_robot("h24")
 MIXED = load_robot("h24-mixed")
 YAW = "joints.head_yaw"
-LOWER, UPPER = H24.joints[0].lower, H24.joints[0].upper
+LOWER = H24.joints[0].lower
+UPPER = H24.joints[0].upper
 assert H24.joints[0].name == "head_yaw"
 
 
@@ -201,7 +202,8 @@ def shrunk(robot: RobotFile, shares: Mapping[tuple[int, str], float]) -> dict[st
         joint = robot.joints[place]
         if what == "limits":
             poses = [pose[joint.name] for pose in robot.poses.values()]
-            low, high = min(poses), max(poses)
+            low = min(poses)
+            high = max(poses)
             value: Any = [low + share * (joint.lower - low), high + share * (joint.upper - high)]
             found[f"joints.{joint.name}.limits_rad"] = value
         elif what == "velocity":

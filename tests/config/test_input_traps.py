@@ -30,7 +30,9 @@ class Door:
     """A kind of YAML file: a sound text of it, where a number stands in it, and who reads it."""
 
     def __init__(self, text: str, number: str, read: Callable[[Path], Any]) -> None:
-        self.text, self.number, self.read = text, number, read
+        self.text = text
+        self.number = number
+        self.read = read
         assert text.count(number) == 1, (number, text.count(number))
 
     def with_number(self, value: str) -> str:

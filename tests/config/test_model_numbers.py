@@ -160,7 +160,8 @@ def test_a_file_of_comments_that_never_end_takes_no_quadratic_time(tmp_path: Pat
 
 
 def test_an_included_file_is_found_where_mujoco_finds_it_and_refused_by_its_name(tmp_path: Path) -> None:
-    main, inner = tmp_path / "main.xml", tmp_path / "parts" / "deep"
+    main = tmp_path / "main.xml"
+    inner = tmp_path / "parts" / "deep"
     inner.mkdir(parents=True)
     main.write_text(f'<mujoco><include file="parts/a.xml"/>{BODY}</mujoco>')
     (tmp_path / "parts" / "a.xml").write_text('<any><include file="deep/b.xml"/></any>')
@@ -177,7 +178,8 @@ def test_an_included_file_is_found_where_mujoco_finds_it_and_refused_by_its_name
 
 def test_an_attached_model_is_checked_with_the_files_that_it_includes_itself(tmp_path: Path) -> None:
     (tmp_path / "child").mkdir()
-    child, part = tmp_path / "child" / "child.xml", tmp_path / "child" / "part.xml"
+    child = tmp_path / "child" / "child.xml"
+    part = tmp_path / "child" / "part.xml"
     main = tmp_path / "main.xml"
     main.write_text(f'<mujoco><asset><model name="c" file="child/child.xml"/></asset>{BODY}</mujoco>')
     child.write_text(f'<mujoco><include file="part.xml"/>{BODY}</mujoco>')

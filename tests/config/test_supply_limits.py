@@ -50,13 +50,15 @@ def test_other_models_have_them_at_the_same_share_of_what_they_bear(
 
 @pytest.mark.parametrize("device", sorted(models()))
 def test_the_bounds_of_every_model_are_in_order_and_inside_what_it_can_be_set_to(device: str) -> None:
-    volts, degrees = of("{}", device), warmth("{}", device)
+    volts = of("{}", device)
+    degrees = warmth("{}", device)
     made = FACTORY.get(table(number_of(device)).stem.removesuffix("_fw52"))
     if made is None:  # nothing is printed about it: never reached
         assert (volts, degrees) == (SupplyLimits(-inf, -inf, -inf, inf), ThermalLimits(inf, inf, inf, inf))
         assert isnan(full_counts(device, 1.0, 0.01))
         return
-    low, high = 0.1 * made.volts[0], 0.1 * made.volts[1]
+    low = 0.1 * made.volts[0]
+    high = 0.1 * made.volts[1]
     assert low < volts.fault < volts.settle < volts.warn < volts.high < high
     assert degrees.cool < degrees.warn < degrees.slow < degrees.settle < made.temperature
     assert isfinite(full_counts(device, nan, 0.001))
@@ -163,13 +165,15 @@ def test_a_leg_that_is_no_joint_or_named_twice_is_refused(tmp_path: Path, more: 
 
 def test_the_page_says_the_same_defaults() -> None:
     text = (ROOT / "docs" / "configuration.md").read_text()
-    volts, degrees = of("{}"), warmth("{}")
+    volts = of("{}")
+    degrees = warmth("{}")
     for name in ("warn", "settle", "fault", "high"):
         row = next(line for line in text.splitlines() if f"TYPE.supply.{name}_v`" in line)
         assert f"the model's: {getattr(volts, name):g} |" in row
     for name in ("warn", "slow", "settle", "cool"):
         row = next(line for line in text.splitlines() if f"TYPE.heat.{name}_c`" in line)
         assert f"the model's: {getattr(degrees, name):g} |" in row
-    small, big = of("{}", "XL330-M288"), of("{}", "PH42-020-S300")
+    small = of("{}", "XL330-M288")
+    big = of("{}", "PH42-020-S300")
     for kind in (small, big):
         assert f"{kind.warn:g}, {kind.settle:g}, {kind.fault:g}, {kind.high:g}" in text

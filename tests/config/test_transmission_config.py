@@ -40,7 +40,8 @@ def test_a_joint_of_a_transmission_sits_on_its_actuator(robot: RobotFile) -> Non
 
 def test_joints_of_a_differential_get_what_both_actuators_can_at_once(robot: RobotFile) -> None:
     by_name = {joint.name: joint for joint in robot.joints}
-    roll, yaw = by_name["waist_roll"], by_name["waist_yaw"]
+    roll = by_name["waist_roll"]
+    yaw = by_name["waist_yaw"]
     for fast in (roll.velocity_limit, -roll.velocity_limit):
         speeds = np.linalg.solve([[-0.25, 0.25], [0.3, 0.3]], [fast, yaw.velocity_limit])
         assert abs(speeds[0]) <= 4.0 + 1e-9
@@ -212,7 +213,8 @@ def test_a_table_that_cannot_be_used_is_refused(tmp_path: Path, text: str, messa
 
 def test_a_table_that_winds_onto_itself_is_refused(tmp_path: Path) -> None:
     """One sign of det J everywhere, and still two places of the actuators for one of the joints."""
-    radii, angles = [0.5, 0.75, 1.0], [0.6 * at for at in range(13)]
+    radii = [0.5, 0.75, 1.0]
+    angles = [0.6 * at for at in range(13)]
     rows = [(r, a, 0.4 * r * math.cos(a), 0.4 * r * math.sin(a)) for r in radii for a in angles]
     text = "\n".join([linked.HEAD, *(",".join(map(repr, row)) for row in rows)])
     with pytest.raises(ConfigError, match="places of the actuators give"):

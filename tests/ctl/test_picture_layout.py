@@ -82,7 +82,8 @@ def test_the_rows_of_joints_move_by_keys_and_stop_at_their_end() -> None:
         lines = plain(picture(view(), 80, 24, PageSelection(offset=offset))).splitlines()
         return [name for line in lines for name in NAMES if line[2:].startswith(f"{name} ")]
 
-    first, last = names(0), names(500)
+    first = names(0)
+    last = names(500)
     assert first[0] == NAMES[0]
     assert names(3) == list(NAMES[3 : 3 + len(first)])
     assert last == list(NAMES[-len(last) :])

@@ -25,7 +25,8 @@ class Told:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, json: bool = False, **how: float) -> None:
         monkeypatch.setenv("TERM", "xterm")
-        self.out, self.time = Terminal(), 100.0
+        self.out = Terminal()
+        self.time = 100.0
         options = argparse.Namespace(json=json)
         self.progress = ProgressLine(options, "scan", out=self.out, now=lambda: self.time, **how)
 

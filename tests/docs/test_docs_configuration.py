@@ -116,8 +116,11 @@ def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch:
 
 def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
     described(tmp_path)
-    robot, page = read_robot(tmp_path / "one.yaml"), defaults(ROBOT)
-    bus, kind, joint = robot.buses[0], robot.joints[0].type, robot.joints[0]
+    robot = read_robot(tmp_path / "one.yaml")
+    page = defaults(ROBOT)
+    bus = robot.buses[0]
+    kind = robot.joints[0].type
+    joint = robot.joints[0]
     assert page["support"] == f"`{robot.support}`"
     assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
     assert page["loop.command_timeout_ms"] == f"{robot.command_timeout_ms:g}"

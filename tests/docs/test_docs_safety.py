@@ -66,7 +66,8 @@ def steps(cell: str) -> set[tuple[str, str]]:
     found = set()
     for one in cell.split(";"):
         before, _, after = one.partition("→")
-        end, named = after.strip().strip("`"), set(re.findall(r"`(\w+)`", before))
+        end = after.strip().strip("`")
+        named = set(re.findall(r"`(\w+)`", before))
         starts = (
             {state.value for state in RobotState} - named - {end}
             if before.strip().startswith("any")
@@ -86,7 +87,8 @@ def test_the_table_of_states_is_that_of_the_code() -> None:
 
 # ----------------------------------------------------------------------------------------------- numbers
 
-GATE, GUARD = gate.GateThresholds(), guard.GuardThresholds()
+GATE = gate.GateThresholds()
+GUARD = guard.GuardThresholds()
 
 
 def ms(seconds: float) -> str:
@@ -229,7 +231,8 @@ def test_the_formulas_of_the_page_are_those_of_the_gate() -> None:
     text = " ".join(REASON_CODES.split())
     assert f"max({GATE.brake_floor:g}, √(2·a·d) − {GATE.brake_margin:g}) rad/s" in text
     assert f"{GATE.start_jump:g} rad plus velocity limit × time of the first point" in text
-    warn, block = daemon_settings.LATENCY_WARN_MS, daemon_settings.LATENCY_BLOCK_MS
+    warn = daemon_settings.LATENCY_WARN_MS
+    block = daemon_settings.LATENCY_BLOCK_MS
     assert (warn, block) == (GATE.latency_warn * 1e3, GATE.latency_block * 1e3)
 
 

@@ -77,7 +77,8 @@ def found(source: str) -> Iterator[tuple[int, str]]:
 
     def visit(node: ast.AST, function: str, errors: set[str]) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            function, errors = node.name, exceptions(node)
+            function = node.name
+            errors = exceptions(node)
         elif isinstance(node, ast.ExceptHandler) and node.name:
             errors = errors | {node.name}
         if reads(node, errors):

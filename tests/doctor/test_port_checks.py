@@ -71,7 +71,8 @@ def test_a_bus_without_a_port_is_a_note_that_lists_what_is_plugged_in(tmp_path: 
 
 @needs_root
 def test_a_number_is_told_with_the_name_that_stays(tmp_path: Path) -> None:
-    port, link = node(tmp_path / "ttyUSB0"), tmp_path / "serial/by-id/usb-FTDI_FT0000-if00-port0"
+    port = node(tmp_path / "ttyUSB0")
+    link = tmp_path / "serial/by-id/usb-FTDI_FT0000-if00-port0"
     link.parent.mkdir(parents=True)
     link.symlink_to(port)
     (finding,) = found("--port", str(port), code="PORT_RENUMBERED", on=host(dev=tmp_path))

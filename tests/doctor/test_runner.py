@@ -61,7 +61,8 @@ def run(*checks: CheckProbe) -> runner.DoctorReport:
 
 
 def test_every_complaint_is_looked_for_by_a_check_and_every_check_has_its_complaints() -> None:
-    rows, seen = check_table.complaints(), {code for each in check_table.checks() for code in each.codes}
+    rows = check_table.complaints()
+    seen = {code for each in check_table.checks() for code in each.codes}
     assert seen | {CHECK_BROKEN.code} == set(rows)
 
 

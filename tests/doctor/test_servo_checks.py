@@ -235,7 +235,8 @@ def test_a_bus_without_a_port_is_said_to_be_unseen(tmp_path: Path) -> None:
 
 def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemon(tmp_path: Path) -> None:
     """While a daemon has the port, `scan --port` is refused."""
-    spec, joints = ROBOT.buses[0], ROBOT.joints
+    spec = ROBOT.buses[0]
+    joints = ROBOT.joints
     for servos, code in (((), "BUS_SILENT"), ((servo(joints[1]),), "SERVO_MISSING")):
         survey = SerialSurvey(spec, "/dev/ttyUSB0", servos, joints[:1])
         seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, surveys={"main": survey})

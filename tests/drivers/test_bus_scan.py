@@ -152,7 +152,8 @@ def test_an_answer_that_is_lost_once_is_found_by_asking_thoroughly() -> None:
 
 
 def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_told() -> None:
-    bench, told = Bench(servo(4)), []
+    bench = Bench(servo(4))
+    told = []
     started = bench.clock.now()
     list(scan(bench.at, tell=lambda baud, what: told.append((baud, what))))
     assert bench.clock.now() - started < 13.0

@@ -27,7 +27,8 @@ def counted(reader: Any, looks: Counter[str]) -> None:
 
 
 def test_a_bus_that_waits_for_a_silent_servo_is_not_looked_at_when_the_other_speaks() -> None:
-    world, looks = TwoBuses(), Counter[str]()
+    world = TwoBuses()
+    looks = Counter[str]()
     world.connect()
     world.virtual["left"].faults.silence(2)
     for port in world.ports:
@@ -49,10 +50,13 @@ class Watched(Rig):
         return reader
 
     def _watch(self, controller: Any, reader: Any) -> None:
-        hear, finish, feed = controller.hear, reader.finish, reader.feed
+        hear = controller.hear
+        finish = reader.finish
+        feed = reader.feed
         self.waited: list[float] = []
         self.looks: list[int] = []
-        last, looks = 0.0, 0
+        last = 0.0
+        looks = 0
 
         def came(message: Any, now: float) -> None:
             nonlocal last
@@ -74,7 +78,9 @@ class Watched(Rig):
             looks = 0
             return sample
 
-        controller.hear, reader.feed, reader.finish = came, look, finished
+        controller.hear = came
+        reader.feed = look
+        reader.finish = finished
 
 
 @pytest.mark.slow

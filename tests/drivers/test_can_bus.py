@@ -81,7 +81,8 @@ def test_a_bus_cut_for_longer_than_a_watchdog_gets_no_goal_until_it_is_prepared(
     lines = [rig.tick(here + 500).line for _ in range(40)]
     assert lines[-1] == CanErrorState.OFF
     rig.faults.unacknowledged(False)
-    before, places = len(rig.channel.trains), rig.places()
+    before = len(rig.channel.trains)
+    places = rig.places()
     samples = rig.ticks(40, here + 500)
     assert samples[-1].heard.all()
     assert samples[-1].line == CanErrorState.ACTIVE
@@ -112,7 +113,8 @@ def test_a_goal_that_found_the_port_full_is_never_sent_later() -> None:
     rig = CanRig(MODELS)
     here = rig.arm()
     rig.ticks(20, here)
-    before, full = rig.places(), 0
+    before = rig.places()
+    full = 0
     rig.faults.stall()
     for step in range(4):
         rig.writer.goals(here + 300 + step)

@@ -56,7 +56,8 @@ def test_a_serial_adapter_opens_by_its_name_and_speaks_both_ways(terminal: Termi
 @pytest.mark.parametrize("size", [1, 7, 64])
 def test_frames_that_come_in_pieces_come_whole(terminal: Terminal, size: int) -> None:
     channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
-    text, parts = encode(cycle(24)), []
+    text = encode(cycle(24))
+    parts = []
     for begin in range(0, len(text), size):
         os.write(terminal.master, text[begin : begin + size])
         if begin % (3 * size) == 0:
@@ -97,7 +98,8 @@ def test_an_adapter_that_reads_nothing_fills_up_and_is_lost_after_a_second(termi
             full.append((tick, error))
             if error.lost:
                 break
-    first, last = full[0], full[-1]
+    first = full[0]
+    last = full[-1]
     assert isinstance(first[1], OutputQueueFull)
     assert last[1].lost
     assert 100 <= last[0] - first[0] <= 150
@@ -167,7 +169,8 @@ def test_a_virtual_adapter_that_hangs_is_lost_after_a_second() -> None:
     body = Body()
     body.tick()
     body.bus.faults.stall()
-    began, lost = body.clock.now(), False
+    began = body.clock.now()
+    lost = False
     while not lost and body.clock.now() < began + 3.0:
         try:
             body.tick()

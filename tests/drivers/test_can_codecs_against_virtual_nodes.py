@@ -74,7 +74,8 @@ def test_they_tell_where_they_are(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str) -> None:
-    bench, goal = Bench(name), (1.2, -0.2)
+    bench = Bench(name)
+    goal = (1.2, -0.2)
     for _ in range(20):
         bench.tell(bench.command(goal))
     assert list(bench.muscles.position) == pytest.approx(START, abs=1e-6)

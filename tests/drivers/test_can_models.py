@@ -177,7 +177,8 @@ def test_families_that_share_a_frame_id_are_refused(
 
 @pytest.mark.parametrize("family", ["damiao", "cubemars", "odrive"])
 def test_every_frame_of_ours_has_an_id_that_is_claimed(family: str) -> None:
-    codec, zero = of(family, 1, 2), np.zeros(2)
+    codec = of(family, 1, 2)
+    zero = np.zeros(2)
     made = [
         codec.make_position_request(),
         codec.command(zero, zero, zero, zero, zero),

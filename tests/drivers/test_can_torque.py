@@ -85,7 +85,8 @@ def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulle
     assert knocks
     for train in knocks:
         data = train["data"].astype(int)
-        kp, kd = (data[:, 3] & 15) << 8 | data[:, 4], data[:, 5] << 4 | data[:, 6] >> 4
+        kp = (data[:, 3] & 15) << 8 | data[:, 4]
+        kd = data[:, 5] << 4 | data[:, 6] >> 4
         assert not kp.any()
         assert (kd > 0).all()
         assert (data[:, 2] << 4 | data[:, 3] >> 4 == 0x7FF).all(), "a speed"

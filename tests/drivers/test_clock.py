@@ -56,7 +56,8 @@ def test_monotonic_time_is_the_kernels() -> None:
 
 
 def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe: Pipe) -> None:
-    clock, idle = MonotonicClock(), Pipe()
+    clock = MonotonicClock()
+    idle = Pipe()
     begin = clock.now()
     assert list(clock.wait([idle, pipe], begin - 1.0)) == []
     os.write(pipe.theirs, b"x")
@@ -70,7 +71,8 @@ def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe
 
 
 def test_a_descriptor_that_was_closed_wakes_its_reader_so_that_the_read_can_say_so() -> None:
-    clock, pipe = MonotonicClock(), Pipe()
+    clock = MonotonicClock()
+    pipe = Pipe()
     pipe.close()
     begin = clock.now()
     clock.wait([pipe], begin + 600.0)
@@ -78,7 +80,8 @@ def test_a_descriptor_that_was_closed_wakes_its_reader_so_that_the_read_can_say_
 
 
 def test_ports_replugged_again_and_again_do_not_grow_without_end() -> None:
-    clock, ours = MonotonicClock(), []
+    clock = MonotonicClock()
+    ours = []
     for _ in range(100):
         ours.append(pipe := Pipe())
         clock.wait([pipe], 0.0)
@@ -90,7 +93,8 @@ def test_ports_replugged_again_and_again_do_not_grow_without_end() -> None:
 
 
 def test_beside_a_source_without_descriptor_bytes_and_what_is_there_already_end_a_wait(pipe: Pipe) -> None:
-    clock, begin = MonotonicClock(), MonotonicClock().now()
+    clock = MonotonicClock()
+    begin = MonotonicClock().now()
     assert list(clock.wait([pipe, Later(-inf)], begin + 600.0)) == [1]
     os.write(pipe.theirs, b"x")
     assert list(clock.wait([Later(inf), pipe], begin + 600.0)) == [1]

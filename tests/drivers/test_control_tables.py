@@ -19,7 +19,9 @@ def test_every_model_of_the_index_has_a_table() -> None:
 
 
 def test_the_known_addresses_hold() -> None:
-    xm, xl, ph = table(1020), table(1200), table(2020)
+    xm = table(1020)
+    xl = table(1200)
+    ph = table(2020)
     assert [
         (xm[name].address, xm[name].size) for name in ("Goal Position", "present_current", "bus_watchdog")
     ] == [

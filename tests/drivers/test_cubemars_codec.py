@@ -125,7 +125,8 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 
 
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
-    motors, zero = drive(), np.zeros(2)
+    motors = drive()
+    zero = np.zeros(2)
     made = motors.command(column(3.0, -3.0), zero, zero, zero, zero)
     assert list(motors.commanded_rows(made)) == [0, 1]
     assert motors.decode_commanded_position(made) == pytest.approx([3.0, -3.0], abs=25 / 65535)

@@ -14,7 +14,9 @@ from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, Valu
 from twind_drivers.can.damiao_codec import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 
-IDS, MASTERS = (1, 2, 0x15), (0x11, 0x12, 0x11)  # the third shares a master id, not a low nibble
+# the third shares a master id, not a low nibble
+IDS = (1, 2, 0x15)
+MASTERS = (0x11, 0x12, 0x11)
 MIDDLE = "7F FF 7F F7 FF"  # D1 to D5: nothing moves, nothing pulls
 
 
@@ -221,7 +223,8 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
 
 def test_the_position_of_a_command_is_read_back() -> None:
     motor = damiao()
-    zero, wanted = np.zeros(3), column(-12.5, 0.3, 12.5)
+    zero = np.zeros(3)
+    wanted = column(-12.5, 0.3, 12.5)
     made = motor.command(wanted, zero, zero, zero, zero)
     assert motor.decode_commanded_position(made) == pytest.approx(wanted, abs=25 / 65535)
     assert np.isnan(

@@ -7,7 +7,11 @@ from tests.support.dynamixel_rig import SYNC, Bench
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
 HERE = np.array([2000, 2100, 2200])
-P, I_GAIN, D, PWM, CURRENT = 84, 82, 80, 100, 102
+P = 84
+I_GAIN = 82
+D = 80
+PWM = 100
+CURRENT = 102
 
 
 def words(bench: Bench, address: int) -> list[int]:

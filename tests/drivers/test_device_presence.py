@@ -42,7 +42,8 @@ def test_a_reading_that_nobody_answered_parks_nobody() -> None:
 
 
 def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> None:
-    roll, now = DevicePresence(3), 5.0
+    roll = DevicePresence(3)
+    now = 5.0
     assert roll.due(1e9) is None
     for _ in range(MISSES):
         roll.record_missing_reply(heard(1, 0, 1), ALL, now)
@@ -61,7 +62,8 @@ def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> N
 
 
 def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
-    roll, now = DevicePresence(2), 0.0
+    roll = DevicePresence(2)
+    now = 0.0
     pauses = []
     for _ in range(8):
         for _ in range(MISSES):
@@ -77,7 +79,8 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
 
 
 def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> None:
-    roll, now = DevicePresence(2), 0.0
+    roll = DevicePresence(2)
+    now = 0.0
     for _ in range(MISSES):
         roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
     for _ in range(9):

@@ -77,7 +77,8 @@ def test_a_silent_device_costs_its_timeout_and_no_more(world: TwoBuses) -> None:
             found += list((yield PingRequest(id)).data)
         return found
 
-    reader, begin = world.open("left"), world.clock.now()
+    reader = world.open("left")
+    begin = world.clock.now()
     assert perform(reader, script(), world.clock) == [1, 2]
     assert 0.0 < world.clock.now() - begin < 0.01
 

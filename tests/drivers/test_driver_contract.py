@@ -29,9 +29,11 @@ class DynamixelRig(DriverRig):
     def __init__(self) -> None:
         self.name = "dynamixel2"
         self.host = Host((1, 2, 3, 4))
-        self.clock, self.faults = self.host.clock, self.host.bus.faults
+        self.clock = self.host.clock
+        self.faults = self.host.bus.faults
         self.port = Counted(self.host.bus, self.clock)
-        self.lower, self.upper = np.zeros(4, np.int64), np.full(4, 4095, np.int64)
+        self.lower = np.zeros(4, np.int64)
+        self.upper = np.full(4, 4095, np.int64)
         self.reader: DynamixelReader = DynamixelReader(
             "arm", self.port, (1, 2, 3, 4), [1020] * 4, baud=2_000_000, return_delay_us=0
         )

@@ -17,14 +17,17 @@ from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 
 IDS = tuple(range(1, 25))
 PERIOD = 0.01
-FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ
+FAST = p.Instruction.FAST_SYNC_READ
+PLAIN = p.Instruction.SYNC_READ
 
 
 class Rig:
     """A reader at 100 Hz as the loop drives it: the cyclic reading, then one slice of upkeep."""
 
     def __init__(self, servos: Servos, ids: tuple[int, ...] = IDS, models: Any = None, **more: Any) -> None:
-        self.servos, self.wire, self.clock = servos, Wire(servos), FakeClock(1.0)
+        self.servos = servos
+        self.wire = Wire(servos)
+        self.clock = FakeClock(1.0)
         settings = {"baud": 2_000_000, "return_delay_us": 0.0, "fast": True, **more}
         self.reader = DynamixelReader("main", self.wire, ids, models or [1020] * len(ids), **settings)
         self.asked: list[p.Packet] = []
@@ -126,7 +129,8 @@ def test_a_servo_that_restarts_is_back_soon_and_its_slow_registers_are_known_in_
     servos.put(7, 64, 1, 1)
     for _ in range(20):
         rig.tick()
-    gone, place = rig.clock.now(), IDS.index(7)
+    gone = rig.clock.now()
+    place = IDS.index(7)
     servos.silent = {7}
     while rig.clock.now() < gone + away:
         rig.tick()
@@ -149,7 +153,8 @@ def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
     servos.silent = {7}
     for _ in range(10):
         rig.tick()
-    servos.silent, servos.error[7] = set(), p.StatusErrorCode.DATA_LENGTH
+    servos.silent = set()
+    servos.error[7] = p.StatusErrorCode.DATA_LENGTH
     rig.reader.begin(ReadRequest((7,), 126, 10), rig.clock.now())
     rig.reader.feed(rig.clock.now())
     rig.reader.answer(rig.clock.now())
@@ -261,7 +266,8 @@ def test_a_single_error_is_no_refusal_of_the_longer_blocks(error: int) -> None:
     """A bit error makes a request look like one to a single servo, which answers it with an error status."""
     servos = Servos(IDS)
     rig = Rig(servos)
-    change, spoilt = rig.wire.change, [9, 6, 3]
+    change = rig.wire.change
+    spoilt = [9, 6, 3]
 
     def spoil(reply: bytes) -> bytes:
         if servos.seen[-1].instruction != PLAIN or servos.seen[-1].params[2] <= 12 or not spoilt:
@@ -365,7 +371,8 @@ def test_healthy_cycles_always_ask_the_same() -> None:
 
 @pytest.mark.parametrize("fast", [True, False])
 def test_x_mx_and_p_series_on_one_bus_are_read_in_one_bulk_read(fast: bool) -> None:
-    ids, models = (5, 9, 2, 7), [1020, 2020, 321, 2100]
+    ids = (5, 9, 2, 7)
+    models = [1020, 2020, 321, 2100]
     servos = Servos(ids)
     where = {1020: 132, 321: 132, 2020: 580, 2100: 580}
     for id, model in zip(ids, models, strict=True):

@@ -25,7 +25,8 @@ from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.run_script import perform
 
 IDS = tuple(range(1, 25))
-FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ
+FAST = p.Instruction.FAST_SYNC_READ
+PLAIN = p.Instruction.SYNC_READ
 
 
 def make(
@@ -182,7 +183,9 @@ def test_a_reader_begins_nothing_that_writes() -> None:
     with pytest.raises(TypeError, match="does not write"):
         reader.begin(WriteRequest({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
     assert wire.writes == []
-    assert not any(hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "write_goals"))
+    assert not any(
+        hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "write_goals")
+    )
 
 
 def test_ping_and_reads_answer_by_id() -> None:
@@ -253,7 +256,8 @@ def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_nex
     """R23, then a register write: its answer carries no data, and nothing is kept of it."""
     servos = Servos((1,))
     reader, wire = make(servos, ids=(1,), fast=False)
-    wire.holds, wire.backlog = True, lambda: 1000
+    wire.holds = True
+    wire.backlog = lambda: 1000
     with pytest.raises(OutputQueueFull):
         reader.begin(reader.upkeep(0.0), 0.0)
     wire.holds = False
@@ -286,7 +290,8 @@ def test_a_register_is_read_by_name() -> None:
 
 def test_reading_says_what_went_wrong() -> None:
     servos = Servos(IDS)
-    servos.silent, servos.error = {3}, {4: 7}
+    servos.silent = {3}
+    servos.error = {4: 7}
     reader, _ = make(servos)
     clock = FakeClock()
     with pytest.raises(NoReply, match=r"\[3\]"):
@@ -305,7 +310,8 @@ def test_collect_asks_the_silent_once_more_and_names_them_all() -> None:
     lost = [True]
 
     def lose_one(reply: bytes) -> bytes:
-        drop, lost[0] = lost[0], False
+        drop = lost[0]
+        lost[0] = False
         return b"" if drop else reply
 
     wire.change = lose_one

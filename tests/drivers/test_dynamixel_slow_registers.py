@@ -31,7 +31,8 @@ def test_what_fails_every_fifth_of_a_second_leaves_nobody_unread(fast: bool, pha
     """Health has a round of a fifth of a second: else it would be the same slice that is lost each time."""
     slow = registers(fast)
     for tick in range(400):
-        now, query = tick * TICK, slow.next()
+        now = tick * TICK
+        query = slow.next()
         if tick % 20 != phase:
             answer(slow, query, query.ids, now)
         if tick > 60:
@@ -40,10 +41,12 @@ def test_what_fails_every_fifth_of_a_second_leaves_nobody_unread(fast: bool, pha
 
 @pytest.mark.parametrize("fast", [True, False])
 def test_who_never_answers_costs_the_others_a_turn_of_health_and_none_of_status(fast: bool) -> None:
-    slow, dead = registers(fast), 7
+    slow = registers(fast)
+    dead = 7
     others = np.array(IDS) != dead
     for tick in range(200):
-        now, query = tick * TICK, slow.next()
+        now = tick * TICK
+        query = slow.next()
         answer(slow, query, tuple(id for id in query.ids if id != dead), now)
         if tick > 50:
             assert (now - slow.registers.status_time)[others].max() <= 0.051
@@ -52,7 +55,8 @@ def test_who_never_answers_costs_the_others_a_turn_of_health_and_none_of_status(
 
 
 def test_a_slice_that_was_never_sent_is_asked_again_in_the_next_round_and_once_only() -> None:
-    slow, asked = registers(True), []
+    slow = registers(True)
+    asked = []
     for tick in range(40):
         query = slow.next()
         if query.address == HEALTH:

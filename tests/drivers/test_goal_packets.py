@@ -102,7 +102,8 @@ CURRENT = RegisterBlock(102, 2)
 
 
 def test_devices_that_keep_their_goals_in_one_register_get_one_packet() -> None:
-    low, high = np.full(3, -5), np.full(3, 5)
+    low = np.full(3, -5)
+    high = np.full(3, 5)
     packet = goal_packets("bus", IDS, (GOAL, GOAL, GOAL), low, high)
     assert isinstance(packet, GoalPacket)
     assert packet.encode(np.array([1, 2, 3])) == goals(-5, 5).encode(np.array([1, 2, 3]))

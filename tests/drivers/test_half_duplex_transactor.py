@@ -15,8 +15,13 @@ class Port:
     warning = ""
 
     def __init__(self) -> None:
-        self.full, self.late, self.taken = False, b"", b""
-        self.holds, self.waiting, self.flushed, self.writes = False, 0, 0, 0
+        self.full = False
+        self.late = b""
+        self.taken = b""
+        self.holds = False
+        self.waiting = 0
+        self.flushed = 0
+        self.writes = 0
         self.cut_short = False
 
     def fileno(self) -> int:
@@ -42,7 +47,8 @@ class Port:
     def drain(self, thrown: bytearray | None = None) -> int:
         if thrown is not None:
             thrown += self.late
-        count, self.late = len(self.late), b""
+        count = len(self.late)
+        self.late = b""
         return count
 
     def backlog(self) -> int:
@@ -264,11 +270,15 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
     port = line.transport
     assert isinstance(port, Port)
     talk(line, OWN)
-    port.holds, port.waiting, sent = True, len(PING.packet), port.taken
+    port.holds = True
+    port.waiting = len(PING.packet)
+    sent = port.taken
     talk(line, OWN)  # the last packet may still be on its way
     assert port.taken != sent
-    port.waiting, sent = len(PING.packet) + 1, port.taken
-    line.goals, line.urgent = b"goals", b"off"
+    port.waiting = len(PING.packet) + 1
+    sent = port.taken
+    line.goals = b"goals"
+    line.urgent = b"off"
     with pytest.raises(OutputQueueFull, match=r"11 bytes still wait.*had 10.*nothing sent") as caught:
         line.send(PING, 1.0, goals=True)
     assert not caught.value.lost
@@ -306,7 +316,8 @@ def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_a
     """R23 on a stalled adapter: the port takes the packet, and the next look throws it away."""
     port = line.transport
     assert isinstance(port, Port)
-    port.holds, line.urgent = True, b"off"
+    port.holds = True
+    line.urgent = b"off"
     talk(line, b"")
     port.waiting = len(b"off" + PING.packet)
     talk(line, b"", now=0.1)
@@ -318,7 +329,8 @@ def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_a
         talk(line, b"", now=now + 0.1)
         assert port.taken == b"off" + PING.packet
     talk(line, OWN, now=1.0)
-    port.waiting, port.taken = 1000, b""
+    port.waiting = 1000
+    port.taken = b""
     with pytest.raises(OutputQueueFull):
         line.send(PING, 1.1)
     talk(line, OWN, now=1.2)
@@ -332,12 +344,14 @@ def test_a_packet_that_the_port_cuts_short_is_no_question_and_torque_off_goes_be
     assert isinstance(port, Port)
     line.urgent = b"off"
     talk(line, b"")
-    port.cut_short, line.goals = True, b"goals"
+    port.cut_short = True
+    line.goals = b"goals"
     with pytest.raises(OutputQueueFull):
         line.send(PING, 0.1, goals=True)
     assert line.feed(0.1)
     assert line.end() is None
-    port.cut_short, port.taken = False, b""
+    port.cut_short = False
+    port.taken = b""
     talk(line, OWN, now=0.2)
     assert port.taken == b"off" + PING.packet
 

@@ -67,7 +67,8 @@ def test_each_field_is_truncated_and_within_one_count(
         model.torque,
     )
     span = ranges(1, most[0], most[1], most[4])
-    span.kp[:], span.kd[:] = most[2], most[3]
+    span.kp[:] = most[2]
+    span.kd[:] = most[3]
     values = [
         share * top if field in (2, 3) else (2.0 * share - 1.0) * top
         for field, (share, top) in enumerate(zip(shares, most, strict=True))

@@ -61,7 +61,8 @@ def test_the_question_is_a_remote_frame_for_the_estimates() -> None:
 
 
 def test_the_gains_make_a_damped_spring() -> None:
-    kp, kd = column(50.0, 20.0), column(2.0, 0.5)
+    kp = column(50.0, 20.0)
+    kd = column(2.0, 0.5)
     made = wire(axes().gains(kp, kd))
     assert made[:2] == [(0x06B, "03 00 00 00 01 00 00 00"), (0x7EB, "03 00 00 00 01 00 00 00")]
     assert [id for id, _ in made] == [0x06B, 0x7EB, 0x07A, 0x7FA, 0x07B, 0x7FB]
@@ -238,7 +239,8 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 
 
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
-    axis, zero = axes(), np.zeros(2)
+    axis = axes()
+    zero = np.zeros(2)
     made = axis.command(column(1.0, -599.0), zero, zero, zero, zero)
     assert list(axis.commanded_rows(made)) == [0, 1]
     assert axis.decode_commanded_position(made) == pytest.approx([1.0, -599.0], rel=1e-6)

@@ -60,7 +60,8 @@ def decode(wire: bytes) -> list[tuple[int, int, dict[int, int]]]:
         assert wire[:5] == b"\xff\xff\xfd\x00\xfe"
         end = 7 + wire[5] + 256 * wire[6]
         assert crc(wire[: end - 2]) == wire[end - 2] + 256 * wire[end - 1]
-        body, run = [], 0
+        body = []
+        run = 0
         for byte in wire[7 : end - 2]:
             if run == 3:  # after FF FF FD one FD is taken out
                 assert byte == 0xFD
@@ -69,7 +70,8 @@ def decode(wire: bytes) -> list[tuple[int, int, dict[int, int]]]:
             body.append(byte)
             run = 3 if run == 2 and byte == 0xFD else min(run + 1, 2) if byte == 0xFF else 0
         assert body[0] == 0x83
-        address, size = body[1] + 256 * body[2], body[3] + 256 * body[4]
+        address = body[1] + 256 * body[2]
+        size = body[3] + 256 * body[4]
         rows = body[5:]
         assert len(rows) % (size + 1) == 0
         words = {}

@@ -240,6 +240,7 @@ def test_a_bulk_read_asks_each_device_for_its_own_block() -> None:
 
 
 def test_a_status_without_params_has_no_error_and_no_data() -> None:
-    empty, full = Packet(1, 0x55, b""), Packet(1, 0x55, b"\x80\x01\x02")
+    empty = Packet(1, 0x55, b"")
+    full = Packet(1, 0x55, b"\x80\x01\x02")
     assert (empty.error, empty.data) == (0, b"")
     assert (full.error, full.data) == (0x80, b"\x01\x02")

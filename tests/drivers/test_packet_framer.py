@@ -89,7 +89,8 @@ NOISE = st.lists(
 def test_byte_by_byte_the_same_packets_are_found_as_at_once(
     stream: bytes, status: bool | None, broken: bool
 ) -> None:
-    whole, pieces = Framer(status=status, broken=broken), Framer(status=status, broken=broken)
+    whole = Framer(status=status, broken=broken)
+    pieces = Framer(status=status, broken=broken)
     found = whole.feed(stream)
     slowly = [each for byte in stream for each in pieces.feed(bytes((byte,)))]
     kept = [each for each in found if each.intact]
@@ -143,7 +144,8 @@ def test_a_packet_longer_than_the_buffer_is_garbage_at_once() -> None:
     [(0, True, True), (252, True, True), (253, False, False), (254, False, True), (255, False, False)],
 )
 def test_who_may_answer_and_who_may_be_asked(id: int, as_status: bool, as_instruction: bool) -> None:
-    answer, question = raw(id, 4, b"\x55\x00"), raw(id, 3, b"\x01")
+    answer = raw(id, 4, b"\x55\x00")
+    question = raw(id, 3, b"\x01")
     for asked in (True, None):
         assert bool(Framer(status=asked).feed(answer)) is as_status
     for asked in (False, None):

@@ -103,7 +103,8 @@ def test_who_only_reads_takes_no_link_down_whatever_waits(
 ) -> None:
     downs: list[str] = []
     monkeypatch.setattr(python_can_channel, "restart", lambda name: downs.append(name) or "")
-    channel, owner = opened(drives=False), Owner()
+    channel = opened(drives=False)
+    owner = Owner()
     for now in (0.2, 2.0):
         channel.send(cycle(4), now)
         channel.purge()
@@ -131,7 +132,8 @@ def test_what_was_said_of_the_bus_is_still_said_after_it_was_emptied(wire: Wire)
 
 
 def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
-    channel, dropped = opened(), 0
+    channel = opened()
+    dropped = 0
     for tick in range(500):
         wire.refuses = errno.ENOBUFS if tick % 50 < 40 else 0
         try:

@@ -69,7 +69,8 @@ def values(draw: st.DrawFn) -> dict[str, int]:
     found = {}
     for name in KEYS:
         each = rule("xm430_w350", name)
-        low, high = (each.lower or 0, each.upper or 0)
+        low = each.lower or 0
+        high = each.upper or 0
         found[name] = draw(st.integers(max(low, 0) if name == "goal_current" else low, high))
     return {**found, "status_return_level": draw(st.sampled_from([1, 2]))}  # at 0 nobody can read it
 
@@ -94,7 +95,8 @@ def test_every_setting_comes_back_and_neither_torque_nor_goal_nor_watchdog(wante
 def test_what_was_read_of_a_servo_before_its_restart_is_not_known_any_more() -> None:
     bus = bench()
     bus.run(bus.reader.collect(bus.ids, 120, 27))
-    known, place = bus.reader.registers, bus.ids.index(HERE)
+    known = bus.reader.registers
+    place = bus.ids.index(HERE)
     assert (known.tick >= 0).all()
     reboot(bus)
     assert known.tick[place] == -1

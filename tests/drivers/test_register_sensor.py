@@ -130,7 +130,8 @@ def test_who_is_sound_for_long_enough_is_forgiven() -> None:
 
 
 def test_one_that_stays_silent_is_asked_ever_more_rarely_and_at_last_once_a_second() -> None:
-    sensor, asked = Sensor(200, FIELDS), []
+    sensor = Sensor(200, FIELDS)
+    asked = []
     for tick in range(1000):
         now = tick * 0.01
         if sensor.ask(now) is not None:

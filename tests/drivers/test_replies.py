@@ -204,7 +204,8 @@ def test_every_intact_answer_is_heard_within_the_same_transaction(
     lost: set[int], noise: bytes, chunk: int
 ) -> None:
     """Plain: all that are there. Fast: the prefix; noise before it costs nothing."""
-    plain, fast = StatusReply(MANY, SIZE), FastSyncReadReply(MANY, SIZE)
+    plain = StatusReply(MANY, SIZE)
+    fast = FastSyncReadReply(MANY, SIZE)
     there = [piece for id, piece in zip(MANY, many(StatusReply), strict=True) if id not in lost]
     give(plain, noise + noise.join(there) + noise, chunk)
     assert set(np.array(MANY)[plain.heard].tolist()) == set(MANY) - lost
@@ -260,7 +261,8 @@ def test_numbers_that_come_with_an_error_number_are_no_reading(
 
 
 def test_whole_sound_packets_that_are_no_part_of_a_reply_are_kept_aside() -> None:
-    other, request = p.status(99, 0, b"abc"), p.sync_read(IDS, 126, SIZE)
+    other = p.status(99, 0, b"abc")
+    request = p.sync_read(IDS, 126, SIZE)
     for reply, data in ((StatusReply(IDS, SIZE), plain()), (FastSyncReadReply(IDS, SIZE), fast())):
         give(reply, other + data + request)
         assert [each.id for each in reply.unasked] == [99, p.BROADCAST]

@@ -22,7 +22,8 @@ from twind_drivers.can.robstride_codec import (
     RobStrideCodec,
 )
 
-IDS, HOST = (0x7F, 1), 0xFD
+IDS = (0x7F, 1)
+HOST = 0xFD
 MIDDLE = "7F FF 7F FF 7F FF 01 2C"  # nothing moves, 30.0 °C
 
 
@@ -205,7 +206,8 @@ def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
 
 
 def test_everything_of_ours_that_can_do_something_is_known() -> None:
-    motor, zero = motors(), np.zeros(2)
+    motor = motors()
+    zero = np.zeros(2)
     made = motor.command(column(-12.57, 0.25), zero, zero, zero, column(14, -14))
     assert list(motor.commanded_rows(made)) == [0, 1]
     assert motor.decode_commanded_position(made) == pytest.approx([-12.57, 0.25], abs=2 * 12.57 / 65535)

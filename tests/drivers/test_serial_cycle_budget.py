@@ -38,7 +38,8 @@ def test_bytes_and_rates_equal_the_table(shape: tuple[int, bool, int]) -> None:
 @given(count=st.integers(1, 60))
 @settings(max_examples=20, deadline=None)
 def test_bytes_equal_those_of_real_packets(fast: bool, count: int) -> None:
-    ids, block = range(count), bytes(10)
+    ids = range(count)
+    block = bytes(10)
     asked = (packet.fast_sync_read if fast else packet.sync_read)(ids, 126, 10)
     plain = b"".join(packet.status(id, 0, block) for id in ids)
     joint = b"".join(packet.fast_status([(0, id, block) for id in ids], count * 14 + 1))
@@ -98,7 +99,8 @@ def test_what_a_map_of_indirect_addresses_would_save_is_the_table_in_the_docs() 
 def test_a_bus_of_two_layouts_is_summed_with_its_bulk_read(fast: bool) -> None:
     spans = {id: (126 if id < 6 else 574, 10) for id in range(10)}
     asked = (packet.fast_bulk_read if fast else packet.bulk_read)(spans)
-    one, two = budget(10, 10**6, fast=fast, return_delay_us=0, groups=(6, 4)), len(asked)
+    one = budget(10, 10**6, fast=fast, return_delay_us=0, groups=(6, 4))
+    two = len(asked)
     reply = 8 + 10 * 14 if fast else 10 * 21
     goals = sum(
         len(packet.sync_write(at, dict.fromkeys(range(n), bytes(4)))) for at, n in ((116, 6), (564, 4))

@@ -29,7 +29,8 @@ def terminal() -> Iterator[Terminal]:
 
 def taken(port: SerialTransport, count: int) -> bytes:
     """`count` bytes, waiting for them."""
-    buffer, got = bytearray(count), 0
+    buffer = bytearray(count)
+    got = 0
     for _ in range(2000):
         got += port.read_into(memoryview(buffer)[got:])
         if got == count:

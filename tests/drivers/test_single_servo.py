@@ -9,8 +9,10 @@ from tests.support.dynamixel_rig import LIMITS, Bench
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 
-HERE, OTHER = 2, 3
-CAP, PROFILE = 100, 17
+HERE = 2
+OTHER = 3
+CAP = 100
+PROFILE = 17
 HELD = {
     65: (1, 1),
     84: (777, 2),

@@ -22,7 +22,8 @@ MANY = settings(max_examples=100, deadline=None)
 @st.composite
 def one_frame(draw: st.DrawFn) -> tuple[int, bytes, int]:
     """Id with its flags, data, size."""
-    extended, remote = draw(st.booleans()), draw(st.booleans())
+    extended = draw(st.booleans())
+    remote = draw(st.booleans())
     id = draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF))
     data = b"" if remote else draw(st.binary(max_size=8))
     size = draw(st.integers(0, 8)) if remote else len(data)
@@ -58,8 +59,10 @@ def test_lines_are_as_the_adapters_manual_prints_them() -> None:
 def test_every_frame_comes_through_in_its_order_however_the_bytes_are_cut(
     rows: list[tuple[int, bytes, int]], cuts: list[int]
 ) -> None:
-    sent, lines = made(rows), SlcanDecoder()
-    text, places = encode(sent), sorted({0, *cuts, 2000})
+    sent = made(rows)
+    lines = SlcanDecoder()
+    text = encode(sent)
+    places = sorted({0, *cuts, 2000})
     parts = [lines.take(text[begin:end]) for begin, end in pairwise(places)]
     assert np.concatenate(parts).tobytes() == sent.tobytes()
     assert (lines.errors, lines.refused, lines.pending_size) == (0, 0, 0)
@@ -69,7 +72,8 @@ def test_every_frame_comes_through_in_its_order_however_the_bytes_are_cut(
 @pytest.mark.parametrize("count", [1, 2, 24])
 def test_a_cycle_of_one_kind_is_the_same_as_its_lines_one_by_one(count: int, extended: bool) -> None:
     sent = cycle(count, extended=extended)
-    text, together = encode(sent), SlcanDecoder()
+    text = encode(sent)
+    together = SlcanDecoder()
     assert text == b"".join(encode(sent[place : place + 1]) for place in range(count))
     assert together.take(text.lower().replace(b"t", b"T" if extended else b"t")).tobytes() == sent.tobytes()
     one_by_one = SlcanDecoder()
@@ -183,7 +187,9 @@ class Adapter:
     """A transport whose other end is an adapter: what it was told, what it says, and how full it is."""
 
     def __init__(self, *, holds: bool = True) -> None:
-        self.name, self.warning, self.holds = "adapter", "", holds
+        self.name = "adapter"
+        self.warning = ""
+        self.holds = holds
         self.told = b""
         self.says = b""
         self.moves = True  # bytes leave the port
@@ -214,11 +220,13 @@ class Adapter:
         if self.error:
             raise self.error
         count = min(len(buffer), len(self.says))
-        buffer[:count], self.says = self.says[:count], self.says[count:]
+        buffer[:count] = self.says[:count]
+        self.says = self.says[count:]
         return count
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        count, self.says = len(self.says), b""
+        count = len(self.says)
+        self.says = b""
         return count
 
     def backlog(self) -> int:
@@ -375,7 +383,8 @@ def test_refusals_of_the_opening_itself_say_nothing_of_the_line() -> None:
 
 
 def test_flags_are_asked_ten_times_a_second_of_who_tells_them_and_once_of_who_does_not() -> None:
-    silent, telling = Adapter(), Adapter()
+    silent = Adapter()
+    telling = Adapter()
     for adapter in (silent, telling):
         channel = SlcanChannel(adapter, 1_000_000)
         for tick in range(500):
@@ -448,7 +457,9 @@ def test_an_adapter_that_went_away_is_said_to_be_lost(act: Callable[[SlcanChanne
 
 @given(st.lists(st.floats(0.001, 0.9), min_size=1, max_size=50))
 def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> None:
-    stall, now, waited = TransmitStall(), 0.0, 0.0
+    stall = TransmitStall()
+    now = 0.0
+    waited = 0.0
     for gap in gaps:
         now += gap
         waited = stall.record_refusal(now)

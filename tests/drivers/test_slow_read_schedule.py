@@ -31,7 +31,8 @@ def robot(name: str, rate_hz: float) -> Iterator[Rig]:
 def oldest(rig: Rig, seconds: float) -> tuple[float, float, int]:
     """The oldest status and fast reading (s) that were seen in so many seconds, and the ticks that passed."""
     status = reading = 0.0
-    end, ticks = rig.clock.now() + seconds, 0
+    end = rig.clock.now() + seconds
+    ticks = 0
     while rig.clock.now() < end:
         rig.ticks(1)
         ticks += 1
@@ -80,7 +81,9 @@ def test_at_the_highest_rate_that_the_budget_accepts_a_slice_waits_a_few_ticks_a
     rig = CanRig(models, rate_hz=rate)
     rig.heard()
     port = BusPort("arm", "here", lambda _: rig.reader, lambda _: rig.writer, reader=rig.reader)
-    period, waits, waited = 1.0 / rate, [], 0
+    period = 1.0 / rate
+    waits = []
+    waited = 0
     stride = upkeep_stride(rate)
     for tick in range(40 * stride):
         begin = rig.clock.now()

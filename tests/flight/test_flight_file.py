@@ -93,7 +93,8 @@ def test_a_file_cut_at_any_byte_or_gone_on_with_is_refused(whole: Path) -> None:
 
 def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
     """It means nothing in the last byte of a packed section, of which not every bit is used."""
-    data, harmless = whole.read_bytes(), 0
+    data = whole.read_bytes()
+    harmless = 0
     for place in range(len(data)):
         turned = bytearray(data)
         turned[place] ^= 1 << place % 8

@@ -111,7 +111,8 @@ def test_any_bytes_like_object_may_be_appended(ring: FlightRing) -> None:
 
 
 def test_the_last_transcript_of_each_bus_is_kept_whatever_the_ring_forgets(ring: FlightRing) -> None:
-    first, second = (entry(1, 40), entry(2, 50)), (entry(3, 60),)
+    first = (entry(1, 40), entry(2, 50))
+    second = (entry(3, 60),)
     ring.keep(0, pack(first))
     ring.keep(1, pack(first))
     for number in range(5):

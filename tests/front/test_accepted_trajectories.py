@@ -133,7 +133,8 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
 
 
 def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
-    waiting, path = PendingVerdict(), Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
+    waiting = PendingVerdict()
+    path = Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
     for number in range(WAITING + 1):
         waiting.wait(AcceptedTrajectory(str(number), "", path, {}))
     verdicts = [

@@ -27,7 +27,8 @@ class Line:
 
 def test_the_next_call_begins_when_the_one_before_has_ended() -> None:
     line = Line()
-    first, second = line.add("Arm"), line.add("Reset")
+    first = line.add("Arm")
+    second = line.add("Reset")
     assert line.begun == ["Arm"]
     first.reply(b"1")
     assert line.begun == ["Arm", "Reset"]
@@ -38,7 +39,8 @@ def test_the_next_call_begins_when_the_one_before_has_ended() -> None:
 
 def test_a_stop_begins_at_once_and_its_answer_waits_its_turn() -> None:
     line = Line()
-    motion, stop = line.add("SubmitTrajectory", more=True), line.add("EStop")
+    motion = line.add("SubmitTrajectory", more=True)
+    stop = line.add("EStop")
     assert line.begun == ["SubmitTrajectory", "EStop"]
     stop.reply(b"2")
     assert line.sent == []

@@ -42,8 +42,10 @@ class Front:
         self.world = StateCache(briefing(2))
         self.world.take(tick(1.0, 1, 2))
         self.world.take(overview(1.0, 1, 2))
-        self.log, self.lines = SimpleNamespace(say=self._say), list[tuple[str, str]]()
-        self.link, self.owed = SimpleNamespace(owe=self._owe), list[Any]()
+        self.log = SimpleNamespace(say=self._say)
+        self.lines = list[tuple[str, str]]()
+        self.link = SimpleNamespace(owe=self._owe)
+        self.owed = list[Any]()
         self.time = 100.0
 
     def _owe(self, command: Any) -> None:
@@ -60,7 +62,8 @@ class Call:
     """One call, and what it was answered."""
 
     def __init__(self, **parameters: Any) -> None:
-        self.parameters, self.answers = parameters, list[Any]()
+        self.parameters = parameters
+        self.answers = list[Any]()
 
     def reply(self, parameters: bytes) -> None:
         self.answers.append(parameters)
@@ -171,7 +174,9 @@ def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(
             call = Call(name=name)
             flights.dump(call)  # type: ignore[arg-type]
             assert call.answers == ["invalid name"]
-        first, second, third = Call(name="wob_1-b"), Call(), Call()
+        first = Call(name="wob_1-b")
+        second = Call()
+        third = Call()
         flights.dump(first)  # type: ignore[arg-type]
         flights.dump(second)  # type: ignore[arg-type]
         assert second.answers == ["Busy"]
@@ -392,7 +397,8 @@ def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
         front = Front()
         monkeypatch.setattr(threading.Thread, "start", none)
         flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
-        call, again = Call(), Call()
+        call = Call()
+        again = Call()
         flights.dump(call)  # type: ignore[arg-type]
         assert call.answers == ["NotWritten"]
         flights.event(event("fault"))

@@ -77,7 +77,8 @@ def test_what_a_writer_left_unfinished_is_removed_when_it_is_old(tmp_path: Path)
 
 
 def test_a_crash_of_the_same_robot_within_a_minute_is_not_written_again(tmp_path: Path) -> None:
-    folder, at = FlightFolder(tmp_path), 1_800_000_000.0
+    folder = FlightFolder(tmp_path)
+    at = 1_800_000_000.0
     crash = {"reason": "crash"}
     assert write(folder, CRASH, at, **crash) is not None
     assert write(folder, CRASH, at + APART - 1.0, **crash) is None

@@ -79,6 +79,7 @@ def test_an_event_has_all_fields_of_the_interface_and_null_where_one_does_not_ap
     fields: dict[str, str],
 ) -> None:
     event = Event(time=1.0, sequence=1, level="info", code="TEST", message="x", **fields)  # type: ignore[arg-type]
-    made, known = json.loads(StateCache(briefing(2)).event(event)), load(CONTROL).types["Event"]
+    made = json.loads(StateCache(briefing(2)).event(event))
+    known = load(CONTROL).types["Event"]
     assert isinstance(known, StructType) and set(made) == set(known.fields)
     assert {key: made[key] for key in ("id", "phase", "before", "cause", "stop") if made[key]} == fields

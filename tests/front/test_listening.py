@@ -36,7 +36,8 @@ class Desk:
     """Both sockets of a front in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.wire = folder, Wire()
+        self.folder = folder
+        self.wire = Wire()
         self.loop = asyncio.new_event_loop()
         self.accepted: list[str] = []
         self.listening = Listening(self.loop, self.wire, self._accept)  # type: ignore[arg-type]
@@ -140,7 +141,8 @@ def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
     desk.listening.open()
     desk.remove("control")
     desk.remove("observe")
-    check_folder, gone = listening_sockets._check_folder, list[Path]()
+    check_folder = listening_sockets._check_folder
+    gone = list[Path]()
 
     def checked(folder: Path) -> None:
         check_folder(folder)

@@ -78,7 +78,8 @@ def test_however_it_is_cut_the_same_messages_come(
     data = b"".join(message + end for message in messages)
 
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        rest, place = data, 0
+        rest = data
+        place = 0
         while rest:
             size = cuts[place % len(cuts)]
             place += 1
@@ -106,7 +107,8 @@ def test_the_limit_is_exact_and_holds_without_a_terminator(terminated: bool, exc
 
 
 def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
-    watcher, sent = Watcher(), 500
+    watcher = Watcher()
+    sent = 500
 
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         for number in range(sent):
@@ -134,7 +136,8 @@ def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
 
 
 def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them() -> None:
-    watcher, body_of = Watcher(), b'"%s":%d,"fill":"%s"}}'
+    watcher = Watcher()
+    body_of = b'"%s":%d,"fill":"%s"}}'
 
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         def small(numbers: range) -> None:

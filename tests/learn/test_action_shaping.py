@@ -16,8 +16,10 @@ ROUNDING = 1e-9
 
 def limits(rng: np.random.Generator, n: int) -> JointLimits:
     """Any joints: wide and narrow, fast and slow."""
-    lower, upper = -rng.uniform(0.05, 3.0, n), rng.uniform(0.05, 3.0, n)
-    velocity, acceleration = rng.uniform(0.2, 10.0, n), rng.uniform(2.0, 60.0, n)
+    lower = -rng.uniform(0.05, 3.0, n)
+    upper = rng.uniform(0.05, 3.0, n)
+    velocity = rng.uniform(0.2, 10.0, n)
+    acceleration = rng.uniform(2.0, 60.0, n)
     return JointLimits(lower, upper, lower - 0.05, upper + 0.05, velocity, acceleration, np.ones(n))
 
 
@@ -40,7 +42,8 @@ def test_targets_keep_position_velocity_and_acceleration(
         smoothing=smoothing, velocity_share=velocity_share, acceleration_share=acceleration_share
     )
     shaper = ActionShaper(bounds, default, shaping)
-    before, speed = default.copy(), np.zeros(6)
+    before = default.copy()
+    speed = np.zeros(6)
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
         assert (target >= bounds.lower - ROUNDING).all() and (target <= bounds.upper + ROUNDING).all()
@@ -49,7 +52,8 @@ def test_targets_keep_position_velocity_and_acceleration(
         most = bounds.acceleration * acceleration_share * shaping.period
         assert (np.abs(velocity - speed) <= most + ROUNDING).all()
         np.testing.assert_allclose(target - velocity * shaping.period, before, atol=ROUNDING)
-        before, speed = target.copy(), velocity.copy()
+        before = target.copy()
+        speed = velocity.copy()
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -58,10 +62,8 @@ def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int) -> No
     rng = np.random.default_rng(seed)
     bounds = limits(rng, 6)
     default = rng.uniform(bounds.lower, bounds.upper)
-    shaper, follower = (
-        ActionShaper(bounds, default, ActionShaping()),
-        LimitedFollower(still(default), bounds, TICK),
-    )
+    shaper = ActionShaper(bounds, default, ActionShaping())
+    follower = LimitedFollower(still(default), bounds, TICK)
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
         follower.set_target(target - velocity * shaper.shaping.period, velocity)
@@ -90,7 +92,8 @@ def test_a_small_step_is_smoothed_with_one_pole() -> None:
 
 def test_many_robots_are_shaped_as_each_alone() -> None:
     rng = np.random.default_rng(7)
-    bounds, default = limits(rng, 4), np.zeros(4)
+    bounds = limits(rng, 4)
+    default = np.zeros(4)
     together = ActionShaper(bounds, default, ActionShaping(), (3,))
     alone = [ActionShaper(bounds, default, ActionShaping()) for _ in range(3)]
     for _ in range(40):
@@ -106,7 +109,8 @@ def test_many_robots_are_shaped_as_each_alone() -> None:
 
 def test_no_action_holds_the_default_pose() -> None:
     rng = np.random.default_rng(8)
-    bounds, default = limits(rng, 4), np.zeros(4)
+    bounds = limits(rng, 4)
+    default = np.zeros(4)
     shaper = ActionShaper(bounds, default, ActionShaping())
     target, velocity = shaper.step(np.zeros(4))
     np.testing.assert_array_equal(target, default)
@@ -115,7 +119,8 @@ def test_no_action_holds_the_default_pose() -> None:
 
 def test_a_start_elsewhere_comes_to_the_pose_within_the_limits() -> None:
     rng = np.random.default_rng(9)
-    bounds, default = limits(rng, 4), np.zeros(4)
+    bounds = limits(rng, 4)
+    default = np.zeros(4)
     shaper = ActionShaper(bounds, default, ActionShaping())
     shaper.reset(bounds.upper.copy())
     np.testing.assert_array_equal(shaper.target, bounds.upper)

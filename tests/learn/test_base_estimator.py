@@ -18,7 +18,8 @@ PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 
 def sensed(body: SimBody, reading: BodyReading) -> StateMessage:
     """What a daemon would say of the same moment: joints, and the IMU's own orientation."""
-    n, at = len(PLANT.default), PLANT.places.base_qpos + 3
+    n = len(PLANT.default)
+    at = PLANT.places.base_qpos + 3
     imu = ImuReading(
         reading.gyro.copy(), reading.acceleration.copy(), body.data.qpos[at : at + 4].copy(), 0.0
     )
@@ -28,10 +29,12 @@ def sensed(body: SimBody, reading: BodyReading) -> StateMessage:
 
 def swaying(seconds: float, size: float) -> list[tuple[BodyReading, BodyReading]]:
     """Truth and estimate of a robot that bends its knees and stretches them."""
-    body, estimate = SimBody(PLANT, load_ranges("none"), 0.02), BaseEstimator(PLANT)
+    body = SimBody(PLANT, load_ranges("none"), 0.02)
+    estimate = BaseEstimator(PLANT)
     shaper = ActionShaper(PLANT.binding.limits, PLANT.default, ActionShaping())
     body.reset(np.random.default_rng(0))
-    names, found = PLANT.layout.joints, []
+    names = PLANT.layout.joints
+    found = []
     for step in range(round(seconds / 0.02)):
         action = np.zeros(len(names))
         bend = size * np.sin(2.0 * np.pi * 0.5 * 0.02 * step)
@@ -67,7 +70,8 @@ def test_the_base_moves_as_the_feet_that_stand_say(swayed: list[tuple[BodyReadin
 
 def test_the_heading_changes_nothing(swayed: list[tuple[BodyReading, BodyReading]]) -> None:
     truth, told = swayed[60]
-    estimate, turned = BaseEstimator(PLANT), np.zeros(4)
+    estimate = BaseEstimator(PLANT)
+    turned = np.zeros(4)
     body = SimBody(PLANT, load_ranges("none"), 0.02)
     body.reset(np.random.default_rng(0))
     heard = sensed(body, truth)

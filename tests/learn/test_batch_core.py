@@ -13,7 +13,8 @@ from twind.learn.batch import batch_body
 from twind.learn.batch.batch_core import BatchCore, BatchStep
 from twind.learn.robot_env import RobotEnv
 
-COUNT, EPISODE = 3, 40
+COUNT = 3
+EPISODE = 40
 
 
 def core(**given: Any) -> BatchCore:
@@ -26,7 +27,8 @@ def core(**given: Any) -> BatchCore:
 def actions(steps: int, joints: int) -> Any:
     """(steps, COUNT, n): gentle ones at first, then such that throw the robot over."""
     rng = np.random.default_rng(7)
-    gentle, wild = rng.uniform(-0.2, 0.2, (steps, COUNT, joints)), rng.choice([-1.0, 1.0], (COUNT, joints))
+    gentle = rng.uniform(-0.2, 0.2, (steps, COUNT, joints))
+    wild = rng.choice([-1.0, 1.0], (COUNT, joints))
     return np.where(np.arange(steps)[:, None, None] < steps // 2, gentle, wild)
 
 
@@ -40,7 +42,8 @@ def test_a_robot_of_a_batch_is_what_it_is_alone_bit_for_bit(task: str, randomise
     alone = [RobotEnv(task, randomise=randomise) for _ in range(COUNT)]
     for each, env in enumerate(alone):
         assert np.array_equal(env.reset(seed=20 + each)[0], first[each])
-    age, ends = np.zeros(COUNT, int), {"fallen": 0, "out of time": 0}
+    age = np.zeros(COUNT, int)
+    ends = {"fallen": 0, "out of time": 0}
     for action in actions(150, many.joints):
         step = many.step(action)
         age += 1
@@ -52,7 +55,9 @@ def test_a_robot_of_a_batch_is_what_it_is_alone_bit_for_bit(task: str, randomise
             if fallen or late:
                 last = step.last[step.ended.tolist().index(each)]
                 assert np.array_equal(last, seen)  # the last one of the old episode ...
-                seen, age[each] = env.reset()[0], 0  # ... and the first one of the new
+                # ... and the first one of the new
+                seen = env.reset()[0]
+                age[each] = 0
                 ends["fallen" if fallen else "out of time"] += 1
             assert np.array_equal(step.observation[each], seen)
     assert min(ends.values()) > 0, ends
@@ -130,7 +135,8 @@ def broken(made: BatchCore, at: int) -> BatchStep:
 
 @pytest.mark.parametrize("steps", [0, 4])
 def test_a_simulation_that_breaks_down_ends_its_episode_is_counted_and_begins_anew(steps: int) -> None:
-    made, intact = core(threads=1), core(threads=1)
+    made = core(threads=1)
+    intact = core(threads=1)
     made.reset(), intact.reset()
     for _ in range(steps):
         made.step(np.zeros((COUNT, made.joints))), intact.step(np.zeros((COUNT, made.joints)))

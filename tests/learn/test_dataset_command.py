@@ -69,7 +69,8 @@ def verb(out: Path, *words: str | Path) -> int:
 
 def test_every_value_of_every_frame_is_that_of_the_recording(recorded: Path, tmp_path: Path) -> None:
     assert verb(tmp_path / "set", recorded) == 0
-    found, of = rows(tmp_path / "set/data/*/*.parquet"), open_recording(recorded)
+    found = rows(tmp_path / "set/data/*/*.parquet")
+    of = open_recording(recorded)
     columns = {"observation.state": of.measured, "observation.velocity": of.velocity}
     columns |= {"observation.effort": of.effort, "action": of.goal}
     episode = np.array(found["episode_index"])
@@ -148,10 +149,8 @@ def test_success_is_a_column_where_of_every_episode_somebody_said_it(recorded: P
 
 def test_statistics_are_those_of_the_frames(recorded: Path, tmp_path: Path) -> None:
     assert verb(tmp_path / "set", recorded) == 0
-    found, told = (
-        rows(tmp_path / "set/data/*/*.parquet"),
-        json.loads((tmp_path / "set/meta/stats.json").read_text()),
-    )
+    found = rows(tmp_path / "set/data/*/*.parquet")
+    told = json.loads((tmp_path / "set/meta/stats.json").read_text())
     episodes = rows(tmp_path / "set/meta/episodes/*/*.parquet")
     assert set(told) == set(found)
     for name, column in found.items():
@@ -266,7 +265,8 @@ def test_an_imu_is_in_the_set_where_it_was_heard_all_the_time(tmp_path: Path) ->
 
 
 def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, tmp_path: Path) -> None:
-    first, second = open_recording(recorded), tmp_path / "b.mcap"
+    first = open_recording(recorded)
+    second = tmp_path / "b.mcap"
     assert first.joints == ("hip", "knee")
     turned = [
         state(each["time"], goal=0.25) | {"joints": each["joints"][::-1]} for each in stretch(200.0, 202.0)
@@ -346,7 +346,8 @@ def test_what_is_interrupted_leaves_nothing(
 def test_a_golden_capture_of_a_fault_gives_the_stretches_in_which_all_was_known(tmp_path: Path) -> None:
     """Recorded over a bus; ten states a second of it are kept."""
     path = CAPTURES / "noise.flight"
-    of, gathered = open_recording(path), gather([path], DatasetRequest(10, "wave", gap=0.15))
+    of = open_recording(path)
+    gathered = gather([path], DatasetRequest(10, "wave", gap=0.15))
     write(gathered, tmp_path / "set")
     found = rows(tmp_path / "set/data/*/*.parquet")
     (episode,) = gathered.episodes

@@ -58,7 +58,8 @@ def test_no_header_is_waited_for_too_long(header: str) -> None:
 
 
 def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streamers_agree() -> None:
-    one, other = Backoff(random.Random(1)), Backoff(random.Random(2))
+    one = Backoff(random.Random(1))
+    other = Backoff(random.Random(2))
     for place in range(40):
         wait = min(LONGEST, FIRST * 2.0**place)
         for each in (one, other):
@@ -73,7 +74,8 @@ def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streame
 
 
 def test_a_trouble_is_said_once_and_its_end_once() -> None:
-    once, said = TransitionReporter(every=10.0), []
+    once = TransitionReporter(every=10.0)
+    said = []
     for now, wrong in (
         (0.0, ""),
         (1.0, "refused"),

@@ -33,7 +33,8 @@ def moving(time: list[float]) -> RobotRecording:
     times = np.array(time)
     still = recording(len(time))
     numbers = np.arange(len(time), dtype=np.float64)
-    measured, goal = np.stack([10.0 * times, -times], axis=1), np.stack([numbers, -numbers], axis=1)
+    measured = np.stack([10.0 * times, -times], axis=1)
+    goal = np.stack([numbers, -numbers], axis=1)
     return replace(still, time=times, measured=measured, velocity=measured / 2.0, goal=goal)
 
 
@@ -110,7 +111,8 @@ def test_no_frame_is_before_the_first_reading_nor_after_the_last(
 
 
 def test_a_row_is_given_back_bit_for_bit_even_beside_what_is_unknown() -> None:
-    time, column = np.array([0.0, 1.0, 2.0]), np.array([[0.1], [0.7], [nan]])
+    time = np.array([0.0, 1.0, 2.0])
+    column = np.array([[0.1], [0.7], [nan]])
     assert between(time, column, np.array([0.0, 1.0])).tolist() == [[0.1], [0.7]]
     assert np.isnan(between(time, column, np.array([1.5, 2.0]))).all()
 

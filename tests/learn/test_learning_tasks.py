@@ -22,7 +22,8 @@ def plant() -> Plant:
 def standing(plant: Plant, shape: tuple[int, ...] = ()) -> BodyReading:
     """At rest in the default pose."""
     reading = BodyReading.empty(len(plant.default), shape)
-    reading.position[...], reading.gravity[...] = plant.default, (0.0, 0.0, -1.0)
+    reading.position[...] = plant.default
+    reading.gravity[...] = (0.0, 0.0, -1.0)
     reading.soles[...] = [0.0, 0.05, -plant.height], [0.0, -0.05, -plant.height]
     reading.height[...] = plant.height
     return reading
@@ -31,14 +32,16 @@ def standing(plant: Plant, shape: tuple[int, ...] = ()) -> BodyReading:
 def reward(
     plant: Plant, reading: BodyReading, task: str = "Stand", command: object = NOTHING
 ) -> dict[str, float]:
-    judge, phase = RewardFunction(task_of(task), plant), task_of(task).phases(PERIOD)[0]
+    judge = RewardFunction(task_of(task), plant)
+    phase = task_of(task).phases(PERIOD)[0]
     total, terms = judge.reward(reading, plant.default, np.asarray(command), phase)
     assert total == pytest.approx(sum(terms.values()))
     return terms
 
 
 def test_standing_still_as_asked_for_is_worth_the_most(plant: Plant) -> None:
-    terms, weigh = reward(plant, standing(plant), "Stand"), STAND.weights
+    terms = reward(plant, standing(plant), "Stand")
+    weigh = STAND.weights
     assert terms["velocity"] == weigh.velocity and terms["upright"] == weigh.upright
     assert [terms[name] for name in ("energy", "pose", "motion")] == [0.0, 0.0, 0.0]
 
@@ -70,7 +73,8 @@ def test_what_is_off_costs_its_own_term(plant: Plant, term: str, quantity: str, 
 
 
 def test_energy_is_the_mean_square_of_the_share_of_torque(plant: Plant) -> None:
-    reading, soft = standing(plant), 0.5 * sum(STAND.stiffness)
+    reading = standing(plant)
+    soft = 0.5 * sum(STAND.stiffness)
     reading.position[:] -= 0.5 / (soft * plant.stiffness)
     reading.velocity[:] = 0.2 / plant.braking
     assert reward(plant, reading)["energy"] == pytest.approx(STAND.weights.energy * 0.3**2)
@@ -85,8 +89,10 @@ def test_energy_is_what_the_servos_of_the_simulation_do(task: str) -> None:
     from twind.learn.robot_env import RobotEnv
 
     env = RobotEnv(task)
-    told, true = list[float](), list[float]()
-    at, body = env.plant.places.actuators, env.body
+    told = list[float]()
+    true = list[float]()
+    at = env.plant.places.actuators
+    body = env.body
     most = body.model.actuator_forcerange[at, 1]
     rng = np.random.default_rng(0)
     for seed in range(6):
@@ -102,7 +108,8 @@ def test_energy_is_what_the_servos_of_the_simulation_do(task: str) -> None:
 def test_the_swinging_foot_is_to_be_lifted_and_the_other_not(plant: Plant) -> None:
     phases = HUMANOID.phases(PERIOD)
     middle = phases[len(phases) // 4]  # of the left foot's swing
-    judge, found = RewardFunction(HUMANOID, plant), []
+    judge = RewardFunction(HUMANOID, plant)
+    found = []
     for left, right in ((0.0, 0.0), (HUMANOID.clearance, 0.0), (0.0, HUMANOID.clearance)):
         reading = standing(plant)
         reading.soles[0, 2] += left
@@ -125,12 +132,15 @@ def test_too_far_tilted_or_too_low_is_fallen(plant: Plant, tilt: float, height: 
 
 def test_left_and_right_are_judged_alike(plant: Plant) -> None:
     """A mirrored moment is worth the same, half a stride later."""
-    rng, reading, mirrored = np.random.default_rng(3), standing(plant), standing(plant)
+    rng = np.random.default_rng(3)
+    reading = standing(plant)
+    mirrored = standing(plant)
     reading.soles[...] += rng.uniform(-0.02, 0.02, (2, 3))
     reading.base_velocity[...] = rng.uniform(-0.3, 0.3, 3)
     mirrored.soles[...] = reading.soles[::-1] * (1.0, -1.0, 1.0)
     mirrored.base_velocity[...] = reading.base_velocity * (1.0, -1.0, 1.0)
-    judge, phases = RewardFunction(HUMANOID, plant), HUMANOID.phases(PERIOD)
+    judge = RewardFunction(HUMANOID, plant)
+    phases = HUMANOID.phases(PERIOD)
     for step in range(len(phases)):
         one = judge.reward(reading, plant.default, np.array([0.2, 0.1, 0.0]), phases[step])[0]
         later = phases[(step + len(phases) // 2) % len(phases)]
@@ -142,11 +152,13 @@ def test_many_are_judged_as_each_alone(plant: Plant) -> None:
     rng = np.random.default_rng(2)
     many = standing(plant, (5,))
     many.values[...] += rng.uniform(-0.3, 0.3, many.values.shape)
-    target, command = rng.uniform(-1, 1, (5, 24)), rng.uniform(-0.3, 0.3, (5, 3))
+    target = rng.uniform(-1, 1, (5, 24))
+    command = rng.uniform(-0.3, 0.3, (5, 3))
     phase = HUMANOID.phases(PERIOD)[rng.integers(0, 30, 5)]
     together = RewardFunction(HUMANOID, plant, (5,))
     rewards, terms = together.reward(many, target, command, phase)
-    fallen, judge = together.fallen(many), RewardFunction(HUMANOID, plant)
+    fallen = together.fallen(many)
+    judge = RewardFunction(HUMANOID, plant)
     for row in range(5):
         alone = BodyReading(many.values[row])
         reward, named = judge.reward(alone, target[row], command[row], phase[row])

@@ -19,19 +19,20 @@ def reading(shape: tuple[int, ...] = ()) -> BodyReading:
 
 def observe(known: BodyReading, shape: tuple[int, ...] = ()) -> np.ndarray:
     rng = np.random.default_rng(5)
-    action, target = rng.uniform(-1, 1, (*shape, 3)), rng.uniform(-1, 1, (*shape, 3))
-    command, phase = rng.uniform(-1, 1, (*shape, 3)), rng.uniform(-1, 1, (*shape, 4))
+    action = rng.uniform(-1, 1, (*shape, 3))
+    target = rng.uniform(-1, 1, (*shape, 3))
+    command = rng.uniform(-1, 1, (*shape, 3))
+    phase = rng.uniform(-1, 1, (*shape, 4))
     return ObservationBuilder(LAYOUT, DEFAULT, shape).observe(known, action, target, command, phase)
 
 
 def test_each_quantity_stands_where_the_layout_says() -> None:
-    known, at = reading(), LAYOUT.places
-    action, target, command, phase = (
-        np.ones(3) * 0.5,
-        np.ones(3) * 0.25,
-        np.array([0.1, 0.2, 0.3]),
-        np.ones(4) * 0.7,
-    )
+    known = reading()
+    at = LAYOUT.places
+    action = np.ones(3) * 0.5
+    target = np.ones(3) * 0.25
+    command = np.array([0.1, 0.2, 0.3])
+    phase = np.ones(4) * 0.7
     seen = ObservationBuilder(LAYOUT, DEFAULT).observe(known, action, target, command, phase)
     assert seen.dtype == np.float32
     expected = {
@@ -58,8 +59,10 @@ def test_many_robots_are_observed_as_each_alone() -> None:
     many = reading((4,))
     together = observe(many, (4,))
     rng = np.random.default_rng(5)
-    action, target = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (4, 3))
-    command, phase = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (4, 4))
+    action = rng.uniform(-1, 1, (4, 3))
+    target = rng.uniform(-1, 1, (4, 3))
+    command = rng.uniform(-1, 1, (4, 3))
+    phase = rng.uniform(-1, 1, (4, 4))
     observer = ObservationBuilder(LAYOUT, DEFAULT)
     for i in range(4):
         alone = observer.observe(BodyReading(many.values[i]), action[i], target[i], command[i], phase[i])
@@ -67,7 +70,9 @@ def test_many_robots_are_observed_as_each_alone() -> None:
 
 
 def test_an_observation_is_a_new_array_each_time() -> None:
-    observer, known, nothing = ObservationBuilder(LAYOUT, DEFAULT), reading(), np.zeros(4)
+    observer = ObservationBuilder(LAYOUT, DEFAULT)
+    known = reading()
+    nothing = np.zeros(4)
     first = observer.observe(known, DEFAULT, DEFAULT, nothing[:3], nothing)
     kept = first.copy()
     second = observer.observe(BodyReading.empty(3), DEFAULT, DEFAULT, nothing[:3], nothing)

@@ -21,7 +21,8 @@ from twind.learn.randomise.physics_randomiser import (
 )
 from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
 
-JOINTS, LINKS = 24, 25
+JOINTS = 24
+LINKS = 25
 KNEE = "l_knee"
 POINTS = {
     "friction": 0.5,
@@ -84,7 +85,8 @@ def test_a_draw_is_a_function_of_the_generators_state() -> None:
 
 
 def test_every_figure_lies_in_its_range_and_reaches_both_of_its_ends() -> None:
-    ranges, rng = load_ranges("default"), np.random.default_rng(0)
+    ranges = load_ranges("default")
+    rng = np.random.default_rng(0)
     draws = DrawSampler(ranges, JOINTS, LINKS)
     many = [draws.draw(rng) for _ in range(300)]
     for name in EpisodeDraw._fields:
@@ -113,7 +115,8 @@ def test_the_profile_none_draws_nothing_and_writes_nothing() -> None:
 
 def test_the_rest_of_the_draws_are_the_same_whichever_range_is_a_point() -> None:
     ranges = load_ranges("default")
-    one, other = drawn(ranges), drawn(replace(ranges, friction=(1.0, 1.0)))
+    one = drawn(ranges)
+    other = drawn(replace(ranges, friction=(1.0, 1.0)))
     assert np.array_equal(one.encoder_zero, other.encoder_zero)
 
 
@@ -198,7 +201,8 @@ def test_an_encoder_that_is_off_moves_what_it_says_and_not_the_body() -> None:
     told = was.qpos0.copy()
     told[7:] += 0.1
     assert np.array_equal(now.qpos0, told)
-    one, other = forward(was, qpos=was.qpos0), forward(now, qpos=told)
+    one = forward(was, qpos=was.qpos0)
+    other = forward(now, qpos=told)
     assert np.allclose(one.xpos, other.xpos, atol=1e-12)
     assert not np.allclose(one.xpos, forward(now, qpos=was.qpos0).xpos, atol=1e-3)
     assert now.joint(KNEE).range == pytest.approx(was.joint(KNEE).range + 0.1)
@@ -237,7 +241,9 @@ def test_a_delay_never_changes_by_a_step_however_long_it_runs(steps: int) -> Non
     data = mujoco.MjData(model)
     forces = np.zeros(15_000)
     for step in range(forces.size):
-        data.ctrl[0], data.qpos[0], data.qvel[0] = step, 0.0, 0.0
+        data.ctrl[0] = step
+        data.qpos[0] = 0.0
+        data.qvel[0] = 0.0
         mujoco.mj_step(model, data)
         forces[step] = data.actuator_force[0]
     assert np.array_equal(forces[steps:], np.arange(forces.size - steps))
@@ -300,7 +306,8 @@ def test_delays_are_told_half_a_step_short() -> None:
 
 
 def test_a_simulation_of_a_batch_runs_as_a_model_with_its_draw_bit_for_bit() -> None:
-    ranges, count = load_ranges("default"), 3
+    ranges = load_ranges("default")
+    count = 3
     model = body()
     at = places(model)
     physics = PhysicsRandomiser(ranges, model, at)
@@ -326,7 +333,8 @@ def test_a_simulation_of_a_batch_runs_as_a_model_with_its_draw_bit_for_bit() -> 
 
 
 def test_a_new_draw_begins_from_the_model_as_compiled_not_from_the_last_draw() -> None:
-    model, ranges = body(), load_ranges("default")
+    model = body()
+    ranges = load_ranges("default")
     one = SingleModelWriter(PhysicsRandomiser(ranges, model, places(model)), model)
     for seed in (1, 2, 3):
         one.apply(drawn(ranges, seed))
@@ -340,7 +348,8 @@ def test_a_new_draw_begins_from_the_model_as_compiled_not_from_the_last_draw() -
 
 def began(**spans: tuple[float, float]) -> tuple[Any, Any, Any, EpisodeDraw]:
     """A model as drawn, qpos and qvel that an episode begins with, and the draw."""
-    model, draw = body(), drawn(replace(RandomisationRanges(), **spans))
+    model = body()
+    draw = drawn(replace(RandomisationRanges(), **spans))
     compiled = body()
     qpos, qvel = EpisodeStart(compiled, places(compiled), compiled.qpos0).state(draw)
     SingleModelWriter(

@@ -32,7 +32,8 @@ def changed(folder: Path, was: str, now: str) -> RobotFile:
 def moving(plant: Plant, steps: int = 30) -> Any:
     """Its data while it topples, after the position and velocity stages."""
     data = mujoco.MjData(plant.model)
-    data.qpos[:], data.ctrl[:] = plant.stance, plant.control
+    data.qpos[:] = plant.stance
+    data.ctrl[:] = plant.control
     data.qvel[:2] = 0.6, 0.3
     mujoco.mj_step(plant.model, data, steps)
     mujoco.mj_step1(plant.model, data)
@@ -54,7 +55,8 @@ def plant() -> Plant:
 def test_every_built_in_robot_stands_on_its_feet_in_its_pose(name: str) -> None:
     plant = plant_of(load_robot(name), period=PERIOD)
     data = mujoco.MjData(plant.model)
-    data.qpos[:], data.ctrl[:] = plant.stance, plant.control
+    data.qpos[:] = plant.stance
+    data.ctrl[:] = plant.control
     mujoco.mj_step(plant.model, data, 100)
     mujoco.mj_step1(plant.model, data)
     reading = read(plant, data)
@@ -66,7 +68,8 @@ def test_every_built_in_robot_stands_on_its_feet_in_its_pose(name: str) -> None:
 
 def test_a_reading_tells_the_truth_of_the_base(plant: Plant) -> None:
     data = moving(plant)
-    reading, base = read(plant, data), plant.places.base
+    reading = read(plant, data)
+    base = plant.places.base
     turned = data.xmat[base].reshape(3, 3)
     np.testing.assert_allclose(reading.position, data.qpos[7:], atol=0)
     np.testing.assert_allclose(reading.velocity, data.qvel[6:], atol=0)
@@ -86,14 +89,20 @@ def test_only_the_accelerometer_is_where_the_robot_file_has_its_imu(tmp_path: Pa
     standing = load_robot("h24-standing")
     assert standing.imu is not None
     chest = replace(standing, mjcf_path=robot.mjcf_path, imu=replace(standing.imu, site="chest"))
-    one, other = plant_of(robot, period=PERIOD), plant_of(chest, period=PERIOD)
+    one = plant_of(robot, period=PERIOD)
+    other = plant_of(chest, period=PERIOD)
     data = moving(one)
     there = mujoco.MjData(other.model)
-    there.qpos[:], there.qvel[:], there.ctrl[:] = data.qpos, data.qvel, data.ctrl
+    there.qpos[:] = data.qpos
+    there.qvel[:] = data.qvel
+    there.ctrl[:] = data.ctrl
     for model, state in ((one.model, data), (other.model, there)):
         mujoco.mj_forward(model, state)
-    here, there_told = read(one, data).base.copy(), read(other, there).base.copy()
-    turn, turning, arm = data.qvel[3:6], data.qacc[3:6], np.array([0.05, 0.0, 0.1])
+    here = read(one, data).base.copy()
+    there_told = read(other, there).base.copy()
+    turn = data.qvel[3:6]
+    turning = data.qacc[3:6]
+    arm = np.array([0.05, 0.0, 0.1])
     expected = here[3:6] + np.cross(turning, arm) + np.cross(turn, np.cross(turn, arm))
     np.testing.assert_allclose(there_told[3:6], expected, atol=1e-6)
     assert np.abs(expected - here[3:6]).max() > 0.1
@@ -104,9 +113,11 @@ def test_only_the_accelerometer_is_where_the_robot_file_has_its_imu(tmp_path: Pa
 def test_sole_velocities_are_those_of_the_joints_alone(plant: Plant) -> None:
     """Seen from the base: how it turns and moves itself is not in them."""
     data = moving(plant)
-    before, dt = read(plant, data), 1e-6
+    before = read(plant, data)
+    dt = 1e-6
     still = mujoco.MjData(plant.model)
-    still.qpos[:], still.qvel[:] = data.qpos, data.qvel
+    still.qpos[:] = data.qpos
+    still.qvel[:] = data.qvel
     still.qpos[7:] += dt * data.qvel[6:]
     mujoco.mj_step1(plant.model, still)
     moved = (read(plant, still).soles - before.soles) / dt
@@ -145,7 +156,8 @@ def test_a_model_without_a_floor_gets_one(tmp_path: Path) -> None:
     floor = '<geom name="floor" type="plane" size="2 2 0.1" rgba="0.4 0.45 0.5 1"/>'
     plant = plant_of(changed(tmp_path, floor, ""), period=PERIOD)
     data = mujoco.MjData(plant.model)
-    data.qpos[:], data.ctrl[:] = plant.stance, plant.control
+    data.qpos[:] = plant.stance
+    data.ctrl[:] = plant.control
     mujoco.mj_step(plant.model, data, 100)
     assert data.qpos[2] == pytest.approx(plant.stance[2], abs=0.005)
 

@@ -29,27 +29,37 @@ class World:
     """A robot that goes where the loop tells it, a policy that says `action`, and a clock."""
 
     def __init__(self) -> None:
-        self.card, self.now, self.takes = CARD, 100.0, 0.0  # takes: s that the policy takes to act
-        self.action, self.seen = np.zeros(2, np.float32), np.zeros(0, np.float32)
-        self.goal, self.lies, self.gyro = POSE.copy(), False, 0.0
+        # takes: s that the policy takes to act
+        self.card = CARD
+        self.now = 100.0
+        self.takes = 0.0
+        self.action = np.zeros(2, np.float32)
+        self.seen = np.zeros(0, np.float32)
+        self.goal = POSE.copy()
+        self.lies = False
+        self.gyro = 0.0
         self.pilot = PolicyController(
             self, self, lambda reading: self.lies, np.eye(4), np.zeros(3), lambda: self.now
         )
         self.sent: list[PolicySetpoint] = []
-        self.target, self.drift = POSE.copy(), np.zeros(2)
+        self.target = POSE.copy()
+        self.drift = np.zeros(2)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        self.seen, self.now = observation, self.now + self.takes
+        self.seen = observation
+        self.now = self.now + self.takes
         return self.action.copy()
 
     def reading(self, heard: StateMessage) -> BodyReading:
         reading = BodyReading.empty(2)
-        reading.position[...], reading.gravity[...] = heard.position, (0.0, 0.0, -1.0)
+        reading.position[...] = heard.position
+        reading.gravity[...] = (0.0, 0.0, -1.0)
         reading.gyro[0] = self.gyro
         return reading
 
     def heard(self, old: float = 0.0) -> StateMessage:
-        row, imu = np.zeros(2), ImuReading(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), 0.0)
+        row = np.zeros(2)
+        imu = ImuReading(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), 0.0)
         time = self.now - old
         tick = 0 if time != time else round(time / 0.01)
         return StateMessage(time, self.now, tick, self.goal, row, self.goal.copy(), row, imu)

@@ -242,10 +242,8 @@ def _many(model: Any) -> None:
 def _heavy(model: Any) -> None:
     """Little to store, much to do: one weight, again and again."""
     wide = _array(model, "wide", np.zeros((2, 300)))
-    square, narrow = (
-        _array(model, "square", np.zeros((300, 300))),
-        _array(model, "narrow", np.zeros((300, 2))),
-    )
+    square = _array(model, "square", np.zeros((300, 300)))
+    narrow = _array(model, "narrow", np.zeros((300, 2)))
     for name in (wide, *[square] * 24, narrow):
         _before_the_end(model, "MatMul", name)
 
@@ -260,7 +258,8 @@ def _outer(model: Any) -> None:
 
 def _operation(name: str, domain: str = "") -> Callable[[Any], None]:
     def change(model: Any) -> None:
-        model.graph.node[-1].op_type, model.graph.node[-1].domain = name, domain
+        model.graph.node[-1].op_type = name
+        model.graph.node[-1].domain = domain
 
     return change
 
@@ -353,7 +352,8 @@ def _empty(path: Path) -> None:
     """Millions of operations of two bytes each: a library makes 80 of each of them."""
     rest = onnx.load(str(path))
     rest.ClearField("graph")
-    count, length = (7 << 20), b""
+    count = 7 << 20
+    length = b""
     while count:
         count, part = count >> 7, count & 0x7F
         length += bytes([part | (0x80 if count else 0)])
@@ -409,7 +409,8 @@ def test_a_file_that_is_none_of_ours_is_refused(tmp_path: Path) -> None:
 
 
 def test_no_byte_of_a_file_can_be_lost_or_turned_so_that_loading_breaks_otherwise(tmp_path: Path) -> None:
-    whole, rng = written(tmp_path).read_bytes(), np.random.default_rng(5)
+    whole = written(tmp_path).read_bytes()
+    rng = np.random.default_rng(5)
     for _ in range(150):
         data = bytearray(whole)
         if rng.random() < 0.3:

@@ -18,7 +18,9 @@ class Robot(World):
     def __init__(self) -> None:
         super().__init__()
         self.status: dict[str, Any] = {"mode": "live", "armed": True, "state": "armed", "faults": []}
-        self.ended, self.kept, self.said = "", 0, list[str]()
+        self.ended = ""
+        self.kept = 0
+        self.said = list[str]()
         self.refuse: Callable[[int], str] = lambda number: ""
         self.tried = self.settled = 0
         self.clock = FakeClock()

@@ -33,17 +33,20 @@ def policy(folder: Path, layers: list[NetworkLayer]) -> Policy:
 
 def bending(size: float = 0.3) -> list[NetworkLayer]:
     """Knees that bend and stretch for ever: a rotation of two of the last actions, in both legs."""
-    names, at = CARD.joints, PLANT.layout.places["action"].start
+    names = CARD.joints
+    at = PLANT.layout.places["action"].start
     weight = np.zeros((len(names), PLANT.layout.size), np.float32)
     bias = np.zeros(len(names), np.float32)
-    one, two = names.index("l_knee"), names.index("head_yaw")
+    one = names.index("l_knee")
+    two = names.index("head_yaw")
     turn = 2.0 * np.pi / 100.0
     weight[one, [at + one, at + two]] = np.cos(turn), -np.sin(turn)
     weight[two, [at + one, at + two]] = np.sin(turn), np.cos(turn)
     bias[one] = size * turn
     for name, share in (("r_knee", 1.0), ("hip_pitch", -0.5), ("ankle_pitch", -0.5)):
         for joint in [name] if name == "r_knee" else [f"l_{name}", f"r_{name}"]:
-            weight[names.index(joint)], bias[names.index(joint)] = share * weight[one], share * bias[one]
+            weight[names.index(joint)] = share * weight[one]
+            bias[names.index(joint)] = share * bias[one]
     return [NetworkLayer(weight, bias)]
 
 
@@ -57,7 +60,9 @@ def rig() -> Iterator[StandingRig]:
 
 def test_what_a_policy_asks_for_is_what_the_loop_commands(rig: StandingRig, tmp_path: Path) -> None:
     pilot = rig.pilots(policy(tmp_path, bending()))
-    asked, commanded, errors = [], [], []
+    asked = []
+    commanded = []
+    errors = []
 
     def look(step: int) -> None:
         heard = rig.heard()
@@ -92,7 +97,9 @@ def test_a_silent_imu_holds_and_ends_the_drive(rig: StandingRig, tmp_path: Path)
 def test_a_short_silence_holds_and_goes_on(rig: StandingRig, tmp_path: Path) -> None:
     pilot = rig.pilots(policy(tmp_path, bending()))
     assert rig.robot.imu is not None
-    imu, faults, steps = rig.robot.imu.id, rig.virtual["main"].faults, list[np.ndarray]()
+    imu = rig.robot.imu.id
+    faults = rig.virtual["main"].faults
+    steps = list[np.ndarray]()
 
     def silence(step: int) -> None:
         steps.append(rig.loop.executor.reference.position.copy())
@@ -158,7 +165,8 @@ def test_what_was_learnt_in_simulation_stands_on_the_robot_and_is_never_refused(
 @pytest.mark.slow
 def test_it_stands_where_a_held_pose_falls(learnt: Policy, tmp_path: Path) -> None:
     """A constant lean does not fall there either: it is no proof of feedback."""
-    stood, lean = [], [LEAN * name.endswith("ankle_pitch") for name in CARD.joints]
+    stood = []
+    lean = [LEAN * name.endswith("ankle_pitch") for name in CARD.joints]
     held, blind = (policy(tmp_path, constant(CARD, each)) for each in (0.0, lean))
     for driven, seconds in ((held, PATIENT), (learnt, PATIENT), (blind, 10.0)):
         with closing(StandingRig(soft(tmp_path, SOFT))) as rig:

@@ -9,7 +9,8 @@ from twind.learn.randomise.push_schedule import PushSchedule
 from twind.learn.randomise.randomisation_ranges import PushRanges
 from twind.robot.arrays import Floats
 
-MASS, PERIOD = 4.0, 0.02
+MASS = 4.0
+PERIOD = 0.02
 RANGES = PushRanges(every=(1.0, 2.0), speed=(0.1, 0.3), lasting=(0.06, 0.2))
 
 
@@ -51,7 +52,8 @@ def test_a_push_keeps_its_force_and_comes_from_anywhere() -> None:
 
 
 def test_a_change_is_told_when_it_is_one() -> None:
-    rngs, pushes = [np.random.default_rng(1)], PushSchedule(RANGES, MASS, PERIOD)
+    rngs = [np.random.default_rng(1)]
+    pushes = PushSchedule(RANGES, MASS, PERIOD)
     pushes.begin([0], rngs)
     before = pushes.force.copy()
     for _ in range(1000):
@@ -73,7 +75,8 @@ def test_each_robot_is_pushed_as_it_would_be_alone() -> None:
 
 
 def test_a_new_episode_begins_without_a_push() -> None:
-    rngs, pushes = [np.random.default_rng(0)], PushSchedule(RANGES, MASS, PERIOD)
+    rngs = [np.random.default_rng(0)]
+    pushes = PushSchedule(RANGES, MASS, PERIOD)
     pushes.begin([0], rngs)
     while not pushes.force.any():
         pushes.step(rngs)
@@ -92,6 +95,7 @@ def test_without_pushes_nothing_is_drawn() -> None:
 
 def test_pushes_without_force_keep_their_times_too() -> None:
     soft = PushRanges(every=(1.0, 1.0), speed=(0.0, 0.0), lasting=(0.1, 0.1))
-    rngs, pushes = [np.random.default_rng(0)], PushSchedule(soft, MASS, PERIOD)
+    rngs = [np.random.default_rng(0)]
+    pushes = PushSchedule(soft, MASS, PERIOD)
     pushes.begin([0], rngs)
     assert [step for step in range(170) if pushes.step(rngs)] == [50, 55, 105, 110, 160, 165]

@@ -33,7 +33,8 @@ def test_every_quantity_has_its_rule() -> None:
 
 
 def test_the_default_profile_has_every_quantity() -> None:
-    ranges, nothing = load_ranges("default"), RandomisationRanges()
+    ranges = load_ranges("default")
+    nothing = RandomisationRanges()
     for each in fields(RandomisationRanges):
         assert getattr(ranges, each.name) != getattr(nothing, each.name), each.name
     assert all(getattr(ranges.noise, each.name) > 0.0 for each in fields(NoiseRanges))

@@ -15,7 +15,8 @@ STATE = StateMessage(0.0, 0.0, 0, EMPTY, EMPTY, EMPTY, EMPTY, None)
 
 @given(st.lists(st.floats(0.0, 0.09), min_size=1, max_size=50))
 def test_deadlines_are_whole_periods_and_never_past(took: list[float]) -> None:
-    beat, now = RateTimer(5.0, 0.02), 5.0
+    beat = RateTimer(5.0, 0.02)
+    now = 5.0
     for each in took:
         now = max(now, beat.deadline) + each
         beat.advance(now)
@@ -30,7 +31,8 @@ def test_what_was_missed_is_counted() -> None:
 
 
 def test_the_beat_is_just_after_states_come() -> None:
-    rng, ticks = np.random.default_rng(0), 3.0 + 0.01 * np.arange(20)
+    rng = np.random.default_rng(0)
+    ticks = 3.0 + 0.01 * np.arange(20)
     states = [replace(STATE, time=t, arrived=t + 0.004 + 0.0002 * rng.random()) for t in ticks]
     beat = in_step(states, now=3.1959, period=0.02, loop=0.01)
     phase = (beat.deadline - 3.0) % 0.01

@@ -25,7 +25,8 @@ def generators(count: int, seed: int = 0) -> list[np.random.Generator]:
 @pytest.mark.parametrize("quantity", [each.name for each in fields(NoiseRanges)])
 def test_noise_on_a_quantity_touches_nothing_else(quantity: str) -> None:
     noise = ReadingNoise(replace(NoiseRanges(), **{quantity: 0.3}), JOINTS, 200)
-    reading, clean = readings(200), readings(200)
+    reading = readings(200)
+    clean = readings(200)
     noise.add(reading, generators(200))
     for each in fields(NoiseRanges):
         off = np.abs(getattr(reading, each.name) - getattr(clean, each.name))
@@ -52,7 +53,8 @@ def test_noise_lies_evenly_around_the_truth() -> None:
 
 def test_one_robot_alone_has_the_noise_that_it_has_among_many() -> None:
     ranges = NoiseRanges(position=0.1, gravity=0.1, sole_velocities=0.2)
-    many, alone = readings(4), BodyReading.empty(JOINTS)
+    many = readings(4)
+    alone = BodyReading.empty(JOINTS)
     alone.gravity[2] = -1.0
     ReadingNoise(ranges, JOINTS, 4).add(many, generators(4))
     ReadingNoise(ranges, JOINTS).add(alone, generators(4)[2:3])
@@ -61,7 +63,8 @@ def test_one_robot_alone_has_the_noise_that_it_has_among_many() -> None:
 
 def test_no_noise_draws_no_random_number() -> None:
     rng = np.random.default_rng(0)
-    before, reading = rng.bit_generator.state, readings(1)
+    before = rng.bit_generator.state
+    reading = readings(1)
     ReadingNoise(NoiseRanges(), JOINTS).add(reading, [rng])
     assert rng.bit_generator.state == before
     assert np.array_equal(reading.values, readings(1).values)

@@ -67,7 +67,8 @@ def test_random_actions_give_finite_numbers_within_the_spaces(name: str) -> None
 
 def test_the_same_seed_is_the_same_episode_and_another_is_not() -> None:
     def episode(seed: int) -> list[list[float]]:
-        env, rng = RobotEnv("Stand", randomise="default"), np.random.default_rng(0)
+        env = RobotEnv("Stand", randomise="default")
+        rng = np.random.default_rng(0)
         seen = [env.reset(seed=seed)[0].tolist()]
         for _ in range(40):
             observation, reward, *_ = env.step(0.2 * rng.uniform(-1, 1, 24))
@@ -214,7 +215,8 @@ def test_a_picture_shows_the_robot() -> None:
     probe.close()
     picture = env.render()
     assert picture is not None and picture.shape == (480, 640, 3) and picture.dtype == np.uint8
-    middle, corner = picture[120:360, 260:380].reshape(-1, 3), picture[:100, :100].reshape(-1, 3)
+    middle = picture[120:360, 260:380].reshape(-1, 3)
+    corner = picture[:100, :100].reshape(-1, 3)
     assert middle.std() > 30.0 > corner.std(), "a light robot in the middle, nothing in the sky"
     env.body.data.qpos[3:7] = 0.7, 0.7, 0.0, 0.0
     for _ in range(3):

@@ -85,7 +85,9 @@ def test_pictures_stand_in_the_line() -> None:
 @given(st.lists(st.sampled_from(["put", "put", "put", "picture", "take", "give back"]), max_size=60))
 def test_every_sample_is_taken_once_or_told_as_lost_before_the_one_that_follows(steps: list[str]) -> None:
     found, _ = basket(size=2, room=2)
-    tick, took, pictures = 0, [], 0
+    tick = 0
+    took = []
+    pictures = 0
     for step in steps:
         if step == "put":
             found.put(some(tick), ROBOT)

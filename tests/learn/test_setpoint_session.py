@@ -15,7 +15,9 @@ class Line:
 
     def __init__(self) -> None:
         self.asked: list[str] = []
-        self.connected, self.broken, self.timeout = False, "", 1.0
+        self.connected = False
+        self.broken = ""
+        self.timeout = 1.0
         self.open = self.refuses = False  # an answer is awaited; what it says
 
     def call(self, method: str, **_parameters: Any) -> dict[str, Any]:
@@ -31,7 +33,8 @@ class Line:
         self.connected = self.open = True
 
     def finish(self) -> None:
-        answered, self.open = self.open, False
+        answered = self.open
+        self.open = False
         if answered:
             self.asked.append("answer")
             if self.refuses:
@@ -90,7 +93,8 @@ def test_the_slowest_card_leaves_a_setpoint_two_ticks_of_the_slowest_loop_to_be_
 
 
 def test_the_answer_to_a_setpoint_is_taken_with_the_next_call(line: Line) -> None:
-    held, place = reins(line), np.zeros(1)
+    held = reins(line)
+    place = np.zeros(1)
     held.send(place, place)
     held.send(place, place)
     held.keep()
@@ -99,7 +103,8 @@ def test_the_answer_to_a_setpoint_is_taken_with_the_next_call(line: Line) -> Non
 
 
 def test_a_setpoint_after_one_that_was_refused_is_not_sent(line: Line) -> None:
-    held, place = reins(line), np.zeros(1)
+    held = reins(line)
+    place = np.zeros(1)
     held.send(place, place)
     line.refuses = True
     with pytest.raises(Refused):
@@ -108,14 +113,16 @@ def test_a_setpoint_after_one_that_was_refused_is_not_sent(line: Line) -> None:
 
 
 def test_who_waits_knows_at_once_what_the_gate_says(line: Line) -> None:
-    held, place = reins(line), np.zeros(1)
+    held = reins(line)
+    place = np.zeros(1)
     line.refuses = True
     with pytest.raises(Refused):
         held.send(place, place, wait=True)
 
 
 def test_what_was_refused_last_keeps_nobody_from_giving_the_lease_back(line: Line) -> None:
-    held, place = reins(line), np.zeros(1)
+    held = reins(line)
+    place = np.zeros(1)
     held.send(place, place)
     line.refuses = True
     held.drop()

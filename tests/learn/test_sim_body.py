@@ -30,7 +30,8 @@ def test_each_reading_is_what_the_bare_physics_would_tell(plant: Plant) -> None:
     """Sensors that are worked out once a period are those of every step, and no state is another."""
     body = SimBody(plant, RandomisationRanges(), PERIOD)
     body.reset(np.random.default_rng(0))
-    bare, expected = mujoco.MjData(plant.model), BodyReading.empty(len(plant.default))
+    bare = mujoco.MjData(plant.model)
+    expected = BodyReading.empty(len(plant.default))
     bare.qpos[:] = plant.stance
     bare.ctrl[:] = plant.control
     mujoco.mj_forward(plant.model, bare)
@@ -49,7 +50,8 @@ def test_one_island_is_the_physics_of_many(plant: Plant) -> None:
     """The plant does not look for islands: what comes of it differs by rounding."""
     model = mujoco.MjModel.from_xml_path(str(load_robot("h24").mjcf_path))
     assert not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ISLAND
-    one, other = mujoco.MjData(plant.model), mujoco.MjData(model)
+    one = mujoco.MjData(plant.model)
+    other = mujoco.MjData(model)
     for target in targets(plant, 10):
         for m, d in ((plant.model, one), (model, other)):
             if d.time == 0.0:
@@ -78,11 +80,10 @@ def test_joints_in_any_order_are_read_and_driven_by_name() -> None:
 
 def test_an_order_that_is_late_by_a_period_is_obeyed_a_period_later(plant: Plant) -> None:
     late = plant_of(load_robot("h24"), period=PERIOD, action_delay=PERIOD)
-    prompt, delayed = (
-        SimBody(plant, RandomisationRanges(), PERIOD),
-        SimBody(late, RandomisationRanges(action_delay=(PERIOD, PERIOD)), PERIOD),
-    )
-    rng, still = np.random.default_rng(0), np.zeros(24)
+    prompt = SimBody(plant, RandomisationRanges(), PERIOD)
+    delayed = SimBody(late, RandomisationRanges(action_delay=(PERIOD, PERIOD)), PERIOD)
+    rng = np.random.default_rng(0)
+    still = np.zeros(24)
     prompt.reset(rng)
     delayed.reset(rng)
     goal = targets(plant, 1)[0]

@@ -36,7 +36,8 @@ def carrying(text: str) -> PostMessage:
 
 
 def waiting(spool: Spool) -> list[int]:
-    found, after = [], 0
+    found = []
+    after = 0
     while (kept := spool.oldest(after)) is not None:
         found.append(after := kept.sequence)
     return found
@@ -82,7 +83,8 @@ def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bou
     steps: list[tuple[str, int]],
 ) -> None:
     with folder() as at:
-        model, crashes = Model(), 0
+        model = Model()
+        crashes = 0
         spool = Spool(at, BOUNDS, model.now, model.now)
         stream = spool.tally.stream
         for number, (what, size) in enumerate(steps):
@@ -92,7 +94,8 @@ def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bou
                 sequence = spool.append(PostMessage(body, {}), model.now, model.now)
                 assert sequence not in model.given, "a number came again"
                 assert sequence > max(model.given, default=0)
-                model.given[sequence], model.rows[sequence] = body, (body, model.now, False)
+                model.given[sequence] = body
+                model.rows[sequence] = (body, model.now, False)
                 model.fit()
             elif what == "arrives" and first is not None:
                 spool.acknowledge(first.sequence)

@@ -112,7 +112,8 @@ def test_a_checkpoint_holds_network_optimiser_normalisation_and_steps(learnt: Pp
 
 
 def test_what_goes_on_from_a_checkpoint_always_goes_the_same_way(learnt: PpoLearner) -> None:
-    state, ways = learnt.state(), []
+    state = learnt.state()
+    ways = []
     for seed in (0, 0, 1):
         learner = PpoLearner(replace(SMALL, seed=seed), state)
         learner.update()
@@ -212,9 +213,11 @@ def test_more_steps_may_be_asked_for_and_nothing_else(
 
 def test_a_robot_or_ranges_that_changed_since_are_noticed(tmp_path: Path) -> None:
     """Also where a calibration would not care: limits, gains, the MJCF."""
-    robot, mjcf = load_robot("h24"), tmp_path / "h24.xml"
+    robot = load_robot("h24")
+    mjcf = tmp_path / "h24.xml"
     mjcf.write_text(robot.mjcf)
-    file, ranges = tmp_path / "h24.yaml", tmp_path / "ranges.yaml"
+    file = tmp_path / "h24.yaml"
+    ranges = tmp_path / "ranges.yaml"
     file.write_text(robot.path.read_text())
     ranges.write_text("format: twind-ranges/1\nprofiles:\n  default: {friction: [0.5, 1.25]}\n")
     began = originated(replace(SMALL, robot=str(file), profile=str(ranges)))
@@ -274,7 +277,8 @@ def test_what_is_asked_for_wrongly_is_said_in_words(
 def test_told_to_stop_it_leaves_a_checkpoint_to_go_on_from(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stop, options = threading.Event(), Namespace(json=False)
+    stop = threading.Event()
+    options = Namespace(json=False)
 
     class Once(ProgressLine):
         """Told to stop while the first update is told."""
@@ -373,7 +377,8 @@ def test_stand_is_learnt_from_scratch_far_beyond_the_zero_policy(request: pytest
     A constant lean does that too: nothing here says that feedback was learnt.
     """
     trials = EvaluationEnvs(trained.settings(), episodes=64, first_seed=2_000_000)
-    zero, learnt = trials.zero(), trials.judge(load(trained.policy(request.config)).act)
+    zero = trials.zero()
+    learnt = trials.judge(load(trained.policy(request.config)).act)
     assert zero.falls > 0.5  # else there would be little to learn
     assert learnt.returns > MARGIN * zero.returns
     assert learnt.length > MARGIN * zero.length

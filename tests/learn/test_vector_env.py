@@ -40,7 +40,8 @@ def same(one: Any, other: Any) -> bool:
 
 
 def test_it_says_what_gymnasiums_own_vector_environment_says() -> None:
-    batch, sync = made(max_episode_steps=12), one_by_one()
+    batch = made(max_episode_steps=12)
+    sync = one_by_one()
     assert batch.observation_space == sync.observation_space and batch.action_space == sync.action_space
     assert batch.single_observation_space == sync.single_observation_space
     assert same(batch.reset(seed=5)[0], sync.reset(seed=5)[0])
@@ -48,7 +49,8 @@ def test_it_says_what_gymnasiums_own_vector_environment_says() -> None:
     ended = 0
     for _ in range(30):
         action = batch.action_space.sample()
-        one, other = batch.step(action), sync.step(action)
+        one = batch.step(action)
+        other = sync.step(action)
         assert all(
             np.array_equal(a, b) and a.dtype == b.dtype for a, b in zip(one[:4], other[:4], strict=True)
         )
@@ -128,7 +130,8 @@ def test_without_render_mode_there_is_no_picture() -> None:
 
 
 def test_its_pictures_are_those_of_the_single_environments() -> None:
-    batch, alone = made(render_mode="rgb_array"), gymnasium.make(ID, render_mode="rgb_array")
+    batch = made(render_mode="rgb_array")
+    alone = gymnasium.make(ID, render_mode="rgb_array")
     batch.reset(seed=0), alone.reset(seed=1)
     action = np.ones((COUNT, batch.core.joints), np.float32)
     for _ in range(4):

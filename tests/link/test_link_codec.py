@@ -137,7 +137,9 @@ def test_a_command_is_no_news() -> None:
 @st.composite
 def paths(draw: st.DrawFn) -> Trajectory:
     """Any numbers in any shape, the wrong ones too: the gate judges, the link only carries."""
-    k, n, rich = draw(st.integers(1, 5)), draw(st.integers(1, 4)), draw(st.integers(0, 2))
+    k = draw(st.integers(1, 5))
+    n = draw(st.integers(1, 4))
+    rich = draw(st.integers(0, 2))
     numbers = draw(st.lists(st.floats(width=64), min_size=k * (1 + 3 * n), max_size=k * (1 + 3 * n)))
     rows = np.array(numbers[k:]).reshape(3, k, n)
     commanded = np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n)))

@@ -12,7 +12,9 @@ from twind.config.robot_file import load_robot
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 
-HEAD, TAIL, HAND = 0, 1, 3
+HEAD = 0
+TAIL = 1
+HAND = 3
 INSIDE = -1.5  # rad: the hand would be inside the torso
 SIMULATED = [Mode.SIM, Mode.MIRROR]
 

@@ -32,7 +32,8 @@ def found_on(robot: str = "h24", **more: float) -> Iterator[Rig]:
 
 def moved(rig: Rig, seconds: float) -> np.ndarray:
     """How far each joint was from where it began, at most, rad (n,)."""
-    began, most = rig.truth, np.zeros(len(rig.names))
+    began = rig.truth
+    most = np.zeros(len(rig.names))
     for _ in range(round(seconds / rig.loop.period)):
         rig.ticks(1)
         most = np.maximum(most, np.abs(rig.truth - began))

@@ -226,7 +226,8 @@ def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: BusPort) -
 def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(
     world: TwoBuses, port: BusPort
 ) -> None:
-    early, late = port.run(pings(1, 2)), port.run(pings(1))
+    early = port.run(pings(1, 2))
+    late = port.run(pings(1))
     urgent = port.run(pings(3), urgent=True)
     order = []
     for _ in range(10):
@@ -371,7 +372,8 @@ def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
 
 
 def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses, port: BusPort) -> None:
-    before, task = port.strays, port.run(pings(1), urgent=True)
+    before = port.strays
+    task = port.run(pings(1), urgent=True)
     world.virtual["left"].faults.corrupt(1, id=1)
     port.begin_rare(world.clock.now(), inf)
     assert port.reader is not None

@@ -44,7 +44,8 @@ def moving() -> Iterator[Rig]:
 def test_an_unplugged_bus_is_seen_within_50_ms_and_identified_a_second_after_it_is_back(
     moving: Rig, away: float
 ) -> None:
-    upper, begun = moving.virtual["upper"], moving.clock.now()
+    upper = moving.virtual["upper"]
+    begun = moving.clock.now()
     upper.faults.unplug()
     while not moving.events("PORT_LOST"):
         moving.ticks(1)
@@ -57,10 +58,12 @@ def test_an_unplugged_bus_is_seen_within_50_ms_and_identified_a_second_after_it_
 
 
 def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(moving: Rig) -> None:
-    upper, lower = moving.virtual["upper"], moving.virtual["lower"]
+    upper = moving.virtual["upper"]
+    lower = moving.virtual["lower"]
     upper.faults.unplug()
     moving.ticks(5)
-    goals, legs = upper_goals(moving), moving.counts[12:]
+    goals = upper_goals(moving)
+    legs = moving.counts[12:]
     moving.ticks(10)
     assert lower.servos["torque_enable"].all()
     assert np.abs(moving.counts[12:] - legs).max() <= 2
@@ -143,7 +146,8 @@ def test_a_power_blip_is_noticed_and_everybody_is_identified_a_second_after_they
     power_off(moving, "upper")
     moving.seconds(seconds)
     power_on(moving, "upper")
-    begun, first = moving.clock.now(), port.identification
+    begun = moving.clock.now()
+    first = port.identification
     while not moving.events("HW_DISCONNECTED") or port.identification is first:
         moving.ticks(1)
         assert moving.clock.now() - begun < 1.0
@@ -238,7 +242,8 @@ def mute_readings(rig: Rig, place: int, count: int) -> None:
     opened = rig._open
 
     def opener(name: str) -> BusReader:
-        reader, left = opened(name), [count]
+        reader = opened(name)
+        left = [count]
         finish = reader.finish
 
         def finished(now: float) -> BusSample:

@@ -123,8 +123,11 @@ def test_both_directions_of_a_bus_are_there_byte_for_byte(
     ring: FlightRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = Rig(ring=ring)
-    bus, out, back = rig.virtual["main"], [], []
-    receive, take = bus.receive, bus.take
+    bus = rig.virtual["main"]
+    out = []
+    back = []
+    receive = bus.receive
+    take = bus.take
 
     def took(now: float) -> bytes:
         back.append(take(now))
@@ -253,8 +256,12 @@ class Wire:
     """A transport in our hands."""
 
     def __init__(self) -> None:
-        self.name, self.warning, self.holds = "wire", "", True
-        self.left, self.broken, self.last = b"", False, 4096
+        self.name = "wire"
+        self.warning = ""
+        self.holds = True
+        self.left = b""
+        self.broken = False
+        self.last = 4096
 
     def fileno(self) -> int:
         return 5
@@ -268,11 +275,14 @@ class Wire:
     def read_into(self, buffer: memoryview) -> int:
         self._check()
         count = min(len(buffer), len(self.left))
-        buffer[:count], self.left = self.left[:count], self.left[count:]
+        buffer[:count] = self.left[:count]
+        self.left = self.left[count:]
         return count
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        count, gone, self.left = len(self.left), self.left[-self.last :], b""
+        count = len(self.left)
+        gone = self.left[-self.last :]
+        self.left = b""
         if thrown is not None:
             thrown[:] = gone if len(gone) < count else thrown + gone
         return count
@@ -294,7 +304,8 @@ class Wire:
 @pytest.mark.parametrize("last", [4096, 10])
 @pytest.mark.parametrize("before", [b"", b"late"])
 def test_a_taped_port_answers_as_the_one_inside(ring: FlightRing, last: int, before: bytes) -> None:
-    plain, inside = Wire(), Wire()
+    plain = Wire()
+    inside = Wire()
     plain.last = inside.last = last
     taped = TappedTransport(inside, RecordingBusTap(ring, 0, FakeClock(1.0)))
     assert (taped.name, taped.holds, taped.fileno(), taped.arrival(), taped.backlog()) == (
@@ -313,7 +324,8 @@ def test_a_taped_port_answers_as_the_one_inside(ring: FlightRing, last: int, bef
     plain.left = inside.left = bytes(range(50))
     results = []
     for one in (plain, taped):
-        buffer, thrown = bytearray(20), bytearray(before)
+        buffer = bytearray(20)
+        thrown = bytearray(before)
         count = one.read_into(memoryview(buffer))
         results.append(
             (

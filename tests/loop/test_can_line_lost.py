@@ -16,7 +16,9 @@ from twind_drivers.bus import BusSample
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
-ACTIVE, PASSIVE, OFF = 0, 1, 2
+ACTIVE = 0
+PASSIVE = 1
+OFF = 2
 
 
 class Can(Rig):

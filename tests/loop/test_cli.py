@@ -66,7 +66,8 @@ def test_a_bus_without_a_port_stays_without() -> None:
 
 
 def test_the_settings_are_not_changed_by_being_read() -> None:
-    given, described = settings("/dev/ttyUSB0"), {"main": None}
+    given = settings("/dev/ttyUSB0")
+    described = {"main": None}
     bus_ports(given, ["main"], described)
     assert dict(given.ports) == {"": "/dev/ttyUSB0"}
     assert described == {"main": None}
@@ -240,7 +241,9 @@ def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
 ) -> None:
     class Child:
         def __init__(self, robot: str) -> None:
-            self.faults, self.calibration, self.ports = Path("/x/faults.sock"), Path("/x/none.yaml"), {}
+            self.faults = Path("/x/faults.sock")
+            self.calibration = Path("/x/none.yaml")
+            self.ports = {}
 
         def __enter__(self) -> Any:
             return self
@@ -310,7 +313,8 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As `twind@arm.service` starts it: user, folders and environment of the plain service."""
-    etc, state = tmp_path / "etc" / "twind", tmp_path / "state"
+    etc = tmp_path / "etc" / "twind"
+    state = tmp_path / "state"
     (etc / "robots").mkdir(parents=True)
     (state / "calibration").mkdir(parents=True)
     source = load_robot("h24").path.parent

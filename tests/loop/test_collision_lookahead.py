@@ -31,7 +31,8 @@ class World:
     """An executor and what looks ahead of it."""
 
     def __init__(self, binding: Binding, start: list[float] | None = None) -> None:
-        self.binding, self.bodies = binding, CollisionModel(binding, 0.02)
+        self.binding = binding
+        self.bodies = CollisionModel(binding, 0.02)
         self.executor = TrajectoryExecutor(binding.limits, PERIOD)
         self.executor.begin(np.array(binding.rest if start is None else start))
         self.look = CollisionLookahead(self.bodies, binding.limits, PERIOD)
@@ -140,7 +141,9 @@ def test_what_is_no_number_is_no_clearance(world: World, monkeypatch: pytest.Mon
 
 def chase(world: World, goals: np.ndarray) -> tuple[int, float]:
     """Stream `goals` (k, n), one a tick, as the loop does; how many were refused, least clearance - block."""
-    joints, least, refused = np.arange(goals.shape[1]), inf, 0
+    joints = np.arange(goals.shape[1])
+    least = inf
+    refused = 0
     for goal in goals:
         if world.look.refuses(world.executor, joints, goal, None):
             refused += 1

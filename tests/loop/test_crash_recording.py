@@ -6,7 +6,8 @@ from twind.loop.crash_recording import FRONTS, CrashRecording
 
 
 def wreck() -> tuple[CrashRecording, list[str]]:
-    made, told = CrashRecording(os.memfd_create("wreck")), list[str]()
+    made = CrashRecording(os.memfd_create("wreck"))
+    told = list[str]()
     made.then = lambda: told.append("done")
     return made, told
 
@@ -62,7 +63,8 @@ def test_closed_here_it_stays_where_it_is_kept() -> None:
 
 
 def test_where_nothing_was_left_there_is_nothing_to_tell() -> None:
-    one, told = CrashRecording(None), list[str]()
+    one = CrashRecording(None)
+    told = list[str]()
     one.then = lambda: told.append("done")
     one.taken()
     one.done()

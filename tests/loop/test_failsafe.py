@@ -89,7 +89,8 @@ def test_a_robot_that_is_whole_is_lowered_to_its_rest_pose_and_let_go(support: s
 
 def test_it_goes_down_at_a_quarter_of_every_limit_where_there_is_time_for_it() -> None:
     with given_up() as rig:
-        safe, fastest = FailsafeRun(rig.loop), np.zeros(24)
+        safe = FailsafeRun(rig.loop)
+        fastest = np.zeros(24)
         safe.begin()
         before = rig.loop.written
         while not rig.loop.finished:
@@ -267,7 +268,8 @@ def test_what_comes_last_to_everything_ends_within_the_longest_time() -> None:
     """A bus that is there just in time, twice; a way that is long; the bus gone shortly before its end."""
     with given_up() as rig:
         slow_down(rig, SHARE)
-        faults, began = rig.virtual["main"].faults, rig.clock.now()
+        faults = rig.virtual["main"].faults
+        began = rig.clock.now()
         faults.unplug()
         safe = FailsafeRun(rig.loop)
         safe.begin()

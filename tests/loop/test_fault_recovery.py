@@ -234,7 +234,8 @@ def test_what_was_queued_before_an_unplug_is_gone_when_the_adapter_is_back(armed
     written = armed.register("profile_velocity").copy()
     armed.virtual["main"].faults.replug(renamed=True)
     armed.seconds(0.3)  # the watchdogs have stopped what moved
-    goals, places = armed.register("goal_position").copy(), armed.counts.copy()
+    goals = armed.register("goal_position").copy()
+    places = armed.counts.copy()
     armed.seconds(3.0)
     assert armed.loop.state == "fault"
     assert not armed.loop.armed

@@ -21,7 +21,10 @@ class Front:
         self.said: list[str] = []
         self.socket: socket.socket | None = None
         self.outer: socket.socket | None = None
-        self.is_due, self.is_overdue, self.has_ended, self.cannot_start = False, False, False, False
+        self.is_due = False
+        self.is_overdue = False
+        self.has_ended = False
+        self.cannot_start = False
         self.fate = "(7) ended with signal 9"
         self.start(0.0)
         self.said.clear()
@@ -41,7 +44,8 @@ class Front:
         self.said.append("end")
         if self.socket is not None:
             self.socket.close()
-        self.socket, self.is_overdue = None, False
+        self.socket = None
+        self.is_overdue = False
 
     def finish(self) -> None:
         self.said.append("finish")
@@ -59,7 +63,8 @@ class Front:
         return self.is_overdue
 
     def reap(self) -> bool:
-        ended, self.has_ended = self.has_ended, False
+        ended = self.has_ended
+        self.has_ended = False
         return ended
 
     def due(self, now: float) -> bool:
@@ -367,7 +372,8 @@ def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_o
     assert capfd.readouterr().err == (  # once a reason: nobody else could tell it
         "twind: no client can be served, the front cannot be started: no process to be had\n"
     )
-    front.is_due, front.cannot_start = True, False
+    front.is_due = True
+    front.cannot_start = False
     end.supervise_front(3.0)
     assert end.no_front == ""
 

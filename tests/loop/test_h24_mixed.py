@@ -156,7 +156,8 @@ def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(nam
     rig.arm()
     path = demonstration(rig, name)
     ticket = rig.submit(path, more=True)
-    worst, before = np.zeros(len(rig.names)), None
+    worst = np.zeros(len(rig.names))
+    before = None
     for _ in range(round((path.time[-1] + 1.0) / rig.loop.period)):
         rig.ticks(1)
         reference = rig.loop.executor.reference

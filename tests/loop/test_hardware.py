@@ -272,7 +272,8 @@ def test_arming_scripts_go_to_every_bus_and_torque_off_does_not_wait() -> None:
         assert [task.error for task in script] == [None, None]
         assert all(task.done for task in script)
     assert all(bus.servos["torque_enable"].tolist() == [1, 1, 1] for bus in world.virtual.values())
-    slow, off = world.hardware.prepare(np.zeros(6)), world.hardware.torque(False)
+    slow = world.hardware.prepare(np.zeros(6))
+    off = world.hardware.torque(False)
     world.tick()
     assert all(bus.servos["torque_enable"].tolist() == [0, 0, 0] for bus in world.virtual.values())
     assert not any(task.done for task in slow)

@@ -126,7 +126,8 @@ def test_nobody_arms_and_no_other_search_begins_meanwhile() -> None:
 def test_goals_keep_inside_the_window_on_the_wire() -> None:
     with homed(truth={"stops_rad": (-2.6, 1.6)}) as made:
         made.ready()
-        ticket, goals = made.find(speed=0.5), []
+        ticket = made.find(speed=0.5)
+        goals = []
         while not [reply for reply in made.replies(ticket) if not reply.continues]:
             made.ticks(1)
             if made.get("torque_enable"):

@@ -46,7 +46,8 @@ WRONG: dict[str, Order] = {
 def suffered(rig: Any, order: Order, ticks: int) -> Counter[str]:
     """What the servos' bus had of it, tick by tick; the motion must go on."""
     found: Counter[str] = Counter()
-    hardware, motion = rig.loop.hardware, rig.loop.executor.motion
+    hardware = rig.loop.hardware
+    motion = rig.loop.executor.motion
     errors = hardware.ports[0].counts.errors
     for tick in range(ticks):
         order(rig.virtual["main"].faults, tick)
@@ -88,7 +89,8 @@ def test_no_servo_loses_a_reading_and_the_motion_goes_on(wrong: str, rig: Standi
 def test_one_that_babbles_unasked_costs_nobody_anything(rig: Standing) -> None:
     """Between the readings, and in the middle of the servos' joint answer."""
     move(rig)
-    bus, said = rig.virtual["main"], status(200, 0, bytes(12))
+    bus = rig.virtual["main"]
+    said = status(200, 0, bytes(12))
 
     def babble(faults: Any, tick: int) -> None:
         bus._wire.interject(rig._deadline + 0.0002 + 0.0001 * (tick % 90), said)

@@ -151,8 +151,10 @@ def test_a_silent_imu_costs_no_servo_a_reading_and_keeps_its_last_with_its_time(
     rig.arm()
     rig.seconds(0.5)
     bus = rig.virtual["main"]
-    before, errors = rig.imu, rig.loop.hardware.ports[0].counts.errors
-    exchanges, missed = rig.loop.hardware.ports[0].counts.exchanges, rig.loop.figures.missed
+    before = rig.imu
+    errors = rig.loop.hardware.ports[0].counts.errors
+    exchanges = rig.loop.hardware.ports[0].counts.exchanges
+    missed = rig.loop.figures.missed
     bus.faults.silence(rig.spec.id)
     rig.seconds(5.0)
     assert rig.imu.time == before.time and (rig.imu.quaternion == before.quaternion).all()
@@ -173,7 +175,8 @@ def test_a_noisy_imu_costs_no_servo_a_reading(fault: str, rigs: Made) -> None:
     rig = rigs(Standing, Mode.LIVE)
     rig.arm()
     rig.seconds(0.3)
-    errors, given = rig.loop.hardware.ports[0].counts.errors, {"count": 40, "id": rig.spec.id}
+    errors = rig.loop.hardware.ports[0].counts.errors
+    given = {"count": 40, "id": rig.spec.id}
     given |= {"cut": {"bytes": 9}, "noise": {"seconds": 0.0005}}.get(fault, {})
     getattr(rig.virtual["main"].faults, fault)(**given)
     for _ in range(60):
@@ -205,7 +208,9 @@ def test_an_accelerometer_that_feels_nothing_at_all_is_no_reading(told: str, zer
     rig = rigs(Standing, acceleration=force, **({"quaternion": None} if told == "filter" else {}))
     rig.connect()
     rig.seconds(0.1)
-    sensor, last, registers = rig.virtual["main"].sensor, rig.imu.time, []
+    sensor = rig.virtual["main"].sensor
+    last = rig.imu.time
+    registers = []
     for felt in (np.zeros(3), np.full(3, -zero * force.lsb)):
         numbers = [np.zeros(3), felt, np.array([1.0, 0.0, 0.0, 0.0])][: len(sensor._cells)]
         sensor._tell = lambda numbers=numbers: numbers
@@ -235,7 +240,8 @@ def test_any_bytes_are_a_reading_that_a_body_can_have_or_none(data: bytes) -> No
 def test_a_quaternion_that_is_none_is_no_reading(wrong: str, rigs: Made) -> None:
     rig = rigs(Standing)
     rig.connect()
-    sensor, last = rig.virtual["main"].sensor, rig.imu.time
+    sensor = rig.virtual["main"].sensor
+    last = rig.imu.time
     told = sensor._tell
     sensor._tell = lambda: [*told()[:2], np.zeros(4) if wrong == "zero" else 1.3 * told()[2]]
     rig.seconds(0.5)
@@ -263,7 +269,8 @@ def test_where_there_is_never_room_it_is_asked_now_and_then(rigs: Made) -> None:
     """Answers that are late every time leave no room in any tick: it is heard all the same."""
     rig = rigs(Standing)
     rig.connect()
-    inertial, asked = rig.loop.hardware.inertial, []
+    inertial = rig.loop.hardware.inertial
+    asked = []
     begin = inertial.begin
     inertial.begin = lambda port, now, end: begin(port, now, now)
     for _ in range(90):
@@ -299,7 +306,8 @@ def test_noise_and_bias_of_the_virtual_one_are_what_was_ordered(rigs: Made) -> N
     rig = rigs(Standing, quaternion=None)
     rig.connect()
     rig.virtual["main"].sensor.err(gyro_noise=0.02, acceleration_noise=0.2, gyro_bias=0.03)
-    gyro, force = [], []
+    gyro = []
+    force = []
     for _ in range(400):
         rig.ticks(1)
         gyro.append(rig.imu.gyro)

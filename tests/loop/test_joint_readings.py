@@ -64,13 +64,15 @@ def sample(position: int, heard: list[bool], at: float, error: int = 0) -> BusSa
 
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=12))
 def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None:
-    readings, bus = JointReadings(JOINTS, PERIOD), JOINTS.buses[0]
+    readings = JointReadings(JOINTS, PERIOD)
+    bus = JOINTS.buses[0]
     last = np.full(3, np.nan)
     stamp = np.full(3, -np.inf)
     for turn, heard in enumerate(rows):
         at = 10.0 + turn * PERIOD
         assert readings.take(0, sample(turn, heard, at)).tolist() == heard
-        last[heard], stamp[heard] = turn, at + 0.002
+        last[heard] = turn
+        stamp[heard] = at + 0.002
         assert readings.position[bus.joints] == pytest.approx(last * bus.scale, nan_ok=True)
         assert readings.heard_at[bus.joints].tolist() == stamp.tolist()
     others = JOINTS.buses[1].joints
@@ -78,7 +80,8 @@ def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None
 
 
 def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
-    readings, all_three = JointReadings(JOINTS, PERIOD), [True] * 3
+    readings = JointReadings(JOINTS, PERIOD)
+    all_three = [True] * 3
     row = [
         (0x04, all_three),
         (0x80, [True, False, True]),

@@ -270,7 +270,8 @@ def test_a_file_of_the_same_inode_number_cannot_follow_while_the_socket_is_open(
     tmp_path: Path, keep: ExitStack
 ) -> None:
     bound = keep.enter_context(listen(tmp_path, "control"))
-    listener, path = Listener.of(bound, own=True), tmp_path / "control.sock"
+    listener = Listener.of(bound, own=True)
+    path = tmp_path / "control.sock"
     for _ in range(50):
         path.unlink()
         listen(tmp_path, "control").close()

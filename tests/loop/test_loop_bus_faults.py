@@ -121,7 +121,8 @@ def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed:
 
 
 def test_r09_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
-    slow, joint = armed.loop.hardware.slow, 8
+    slow = armed.loop.hardware.slow
+    joint = 8
     armed.virtual["main"].faults.damage(9, OVERLOAD)
     armed.ticks(1)
     slow.fault[joint] = 0  # as if there had been no room for the question in this tick

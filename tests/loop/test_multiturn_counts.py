@@ -38,7 +38,9 @@ def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> 
 def test_a_joint_stands_where_its_count_and_its_turns_say(
     off: np.ndarray, later: np.ndarray, place: np.ndarray
 ) -> None:
-    readings, here, before = JointReadings(JOINTS, PERIOD), place * LEFT.scale, NONE
+    readings = JointReadings(JOINTS, PERIOD)
+    here = place * LEFT.scale
+    before = NONE
     for shift, at in ((NONE, 10.0), (off, 10.01), (later, 10.02)):
         readings.turn(0, shift)
         if at > 10.0:  # what was read before goes along

@@ -56,7 +56,8 @@ def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
 ) -> None:
     """A firmware that counts otherwise than the manual says."""
     rig = plant(PLAIN, PLAIN)
-    power, row = rig.virtual["main"].servos.power, rig.names.index(KNEE)
+    power = rig.virtual["main"].servos.power
+    row = rig.names.index(KNEE)
     collapse = power.collapse
 
     def odd(at: int, *, slip: int = 0) -> None:
@@ -122,7 +123,8 @@ def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str
     truth = JointTruth(zero_ticks=0, seam_seed=0)
     rig = plant(truth, truth, floating)
     rig.connect()
-    row, seen = rig.names.index(KNEE), set()
+    row = rig.names.index(KNEE)
+    seen = set()
     for _ in range(4):
         rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
         rig.seconds(0.7)
@@ -146,7 +148,8 @@ def test_a_joint_moves_across_the_seam_of_its_encoder(plant: Any, floating: str,
     assert entry.seam_margin_ticks == 0
     rig.arm()
     row = rig.names.index(KNEE)
-    before, steps = rig.loop.measured.position[row], []
+    before = rig.loop.measured.position[row]
+    steps = []
     rig.submit(rig.path(KNEE, [0.6], [1.0]))
     for _ in range(160):
         rig.ticks(1)

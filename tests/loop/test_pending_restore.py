@@ -90,7 +90,8 @@ def test_a_watchdog_that_is_another_than_was_set_ends_it() -> None:
 def test_without_readings_nothing_gets_torque(moves: float, monkeypatch: pytest.MonkeyPatch) -> None:
     with homed() as made:
         made.ready()
-        deaf, take = [False], JointReadings.take
+        deaf = [False]
+        take = JointReadings.take
 
         def lost(self: JointReadings, number: int, sample: BusSample) -> Any:
             heard = sample.heard & ~(deaf[0] & (np.arange(len(sample.heard)) == made.row))

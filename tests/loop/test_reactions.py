@@ -24,7 +24,9 @@ from twind_drivers.dynamixel.damping import SHARE, SOFT
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
 WHY = (Finding(ReasonCode.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
-P, PWM = 1600, 885  # of the h24
+# of the h24
+P = 1600
+PWM = 885
 
 
 @contextmanager
@@ -357,7 +359,8 @@ def test_a_joint_beyond_its_hard_limit_is_held_at_that(armed: Rig) -> None:
     with said(armed, reaction=Reaction.HOLD, here=(place,)):
         react(armed.loop, armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
     track = steps(armed, 100)
-    hard, tick = armed.loop.limits.hard_upper[place], armed.loop.hardware.resolution[place]
+    hard = armed.loop.limits.hard_upper[place]
+    tick = armed.loop.hardware.resolution[place]
     assert hard - tick <= track[-1][place] <= hard, "the last place that a goal may have"
     assert armed.loop.state == "armed", "and every goal left"
 

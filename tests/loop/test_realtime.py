@@ -81,7 +81,8 @@ def test_what_is_reported_is_what_the_kernel_says() -> None:
 
 def test_it_stays_on_the_core_that_it_was_given_and_else_goes_anywhere() -> None:
     cores = sorted(os.sched_getaffinity(0))
-    free, pinned = entered(), entered(cpu=str(cores[-1]))
+    free = entered()
+    pinned = entered(cpu=str(cores[-1]))
     assert (free["got"]["cpu"], free["cores"]) == ("any", cores)
     assert (pinned["got"]["cpu"], pinned["cores"]) == (f"pinned to {cores[-1]}", [cores[-1]])
 

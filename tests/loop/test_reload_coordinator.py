@@ -37,7 +37,8 @@ def codes(reply: link.Reply) -> list[str]:
 
 def held(rig: Rig) -> tuple[Any, ...]:
     """Everything that a change replaces, as objects: the same ones mean that nothing was changed."""
-    loop, guard = rig.loop, rig.loop.parts.guard
+    loop = rig.loop
+    guard = rig.loop.parts.guard
     rules = (guard._goals, guard._readings, guard._tracking)
     ports = [each for port in loop.hardware.ports for each in (port.writer, port.enabler)]
     return (loop.parts, loop.limits, loop.joints, loop.executor.limits, loop.outlook, *rules, *ports)
@@ -58,10 +59,12 @@ def kept(thing: object, depth: int = 0) -> Iterator[np.ndarray]:
 
 def test_limits_that_were_shrunk_are_those_of_everybody_who_keeps_limits(quiet: Rig) -> None:
     loop = quiet.loop
-    old, old_reach = loop.limits, [ends.copy() for ends in loop.hardware.reach]
+    old = loop.limits
+    old_reach = [ends.copy() for ends in loop.hardware.reach]
     reply = quiet.adopt(NARROW)
     assert (reply.error, reply.parameters["applied"]) == (None, sorted(NARROW))
-    joint, new = quiet.names.index("head_yaw"), loop.limits
+    joint = quiet.names.index("head_yaw")
+    new = loop.limits
     assert (new.lower[joint], new.upper[joint], new.velocity[joint]) == (-0.3, 0.3, 0.5)
     assert (new.hard_lower[joint], new.hard_upper[joint]) == pytest.approx((-0.35, 0.35), abs=0.01)
     others = np.arange(len(quiet.names)) != joint

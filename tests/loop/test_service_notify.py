@@ -125,7 +125,8 @@ class Told:
     """A daemon under a fake clock, and all that it told its manager: the kernel keeps but a few datagrams."""
 
     def __init__(self, folder: Path) -> None:
-        self.manager, self.rig = Manager(str(folder / "notify")), Rig()
+        self.manager = Manager(str(folder / "notify"))
+        self.rig = Rig()
         self.notifier = self.manager.notifier(WATCHDOG_USEC="400000")
         self.messages: list[str] = []
         self.listen()
@@ -159,7 +160,8 @@ def telling(tmp_path: Path) -> Iterator[Told]:
 
 def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: Told) -> None:
     twin = telling.rig.loop.twin
-    healthy, twin.update = twin.update, lambda *_: 1 / 0
+    healthy = twin.update
+    twin.update = lambda *_: 1 / 0
     telling.rig.ticks(2)  # the third in a row would end the daemon
     assert {"READY=1", "WATCHDOG=1"}.isdisjoint(telling.manager.told())
     twin.update = healthy

@@ -15,7 +15,10 @@ from twind import link
 from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 
-HEALTH, LOOK, SLACK = 20, 5, 2  # ticks
+# ticks
+HEALTH = 20
+LOOK = 5
+SLACK = 2
 VOTES = 3 * HEALTH + HEALTH  # three readings, and the register's own 0.1 s behind them
 
 
@@ -149,7 +152,8 @@ def test_r18_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Ri
     nod(rig)
     crossed: dict[float, int] = {}
     seen: dict[float, int] = {}
-    celsius, tick = 57.0, 0
+    celsius = 57.0
+    tick = 0
     while rig.loop.state is RobotState.ARMED and tick < 1500:
         if tick % HEALTH == 0:
             celsius += 1.0
@@ -204,7 +208,8 @@ def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig
     nod(rig)
     supply = rig.virtual["main"].faults.supply
     register = rig.virtual["main"].servos.memory.column("present_input_voltage", 2)
-    volts, tick = 11.6, 0
+    volts = 11.6
+    tick = 0
     crossed: dict[float, int] = {}
     seen: dict[float, int] = {}
     while rig.loop.state is RobotState.ARMED and tick < 1000:
@@ -296,10 +301,14 @@ def test_a_gap_of_a_disarmed_robot_is_no_fault(rig: Rig) -> None:
 
 def full_speed(rig: Rig, joint: int) -> Trajectory:
     """One joint there and back, with all the acceleration and speed it may have."""
-    limits, here = rig.loop.limits, rig.loop.executor.reference.position
-    up, down = limits.upper[joint] - 0.1 - here[joint], here[joint] - limits.lower[joint] - 0.1
+    limits = rig.loop.limits
+    here = rig.loop.executor.reference.position
+    up = limits.upper[joint] - 0.1 - here[joint]
+    down = here[joint] - limits.lower[joint] - 0.1
     far = min(1.0, up) if up >= down else -min(1.0, down)
-    speed, accel, size = float(limits.velocity[joint]), float(limits.acceleration[joint]), abs(far)
+    speed = float(limits.velocity[joint])
+    accel = float(limits.acceleration[joint])
+    size = abs(far)
     top = min(0.999 * speed, (0.999 * accel * size) ** 0.5)
     ramp = top / (0.999 * accel)
     cruise = max(size / top - ramp, 0.0)
@@ -349,7 +358,8 @@ def test_a_joint_at_full_speed_trips_nothing(rig: Rig, joints: tuple[int, ...]) 
 def test_a_built_in_motion_as_fast_as_it_may_be_trips_nothing(rig: Rig, name: str) -> None:
     """Three times as fast as it stands in its file, and slowed down by the gate to what the limits allow."""
     motion = json.loads((rig.robot.motions / f"{name}.json").read_text())
-    points, places = motion["points"], [rig.names.index(joint) for joint in motion["joint_names"]]
+    points = motion["points"]
+    places = [rig.names.index(joint) for joint in motion["joint_names"]]
     position = np.zeros((len(points), len(rig.names)))
     position[:, places] = [point["positions"] for point in points]
     velocity = np.zeros_like(position) if "velocities" in points[0] else None

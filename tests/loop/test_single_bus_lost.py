@@ -44,7 +44,9 @@ def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_where_nothing_carr
 @pytest.mark.parametrize("support", ["fixed", "gantry"])
 def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(support: str) -> None:
     rig = one_bus_lost(support)
-    knee, upper, lower = rig.names.index("l_knee"), rig.virtual["upper"], rig.virtual["lower"]
+    knee = rig.names.index("l_knee")
+    upper = rig.virtual["upper"]
+    lower = rig.virtual["lower"]
     assert 0.1 < rig.truth[knee] < 0.5  # where it came to rest on its way
     held = np.asarray(lower.servos["goal_position"]).copy()
     rig.seconds(12.0)
@@ -70,7 +72,8 @@ def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(s
 
 def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold() -> None:
     rig = one_bus_lost("gantry")
-    upper, lower = rig.virtual["upper"], rig.virtual["lower"]
+    upper = rig.virtual["upper"]
+    lower = rig.virtual["lower"]
     for row in range(len(upper.servos.registers.ids())):
         upper.servos.torque(row, False)
     upper.servos.muscles.position[:] += 700.0
@@ -140,7 +143,8 @@ def test_a_bus_that_goes_again_while_it_is_taken_over_holds_nobody_up(again: str
     else:
         for id in upper.servos["id"]:
             upper.faults.silence(int(id))
-    torque, knee = rig.virtual["lower"].servos, rig.names.index("l_knee")
+    torque = rig.virtual["lower"].servos
+    knee = rig.names.index("l_knee")
     for _ in range(900):
         rig.ticks(1)
         if not any(torque["torque_enable"]):

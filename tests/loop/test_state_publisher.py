@@ -40,7 +40,8 @@ def test_every_tick_is_told_once_and_numbered(live: Rig) -> None:
 
 def test_the_arrays_of_a_tick_are_the_loops_own_in_joint_order(armed: Rig) -> None:
     armed.ticks(5)
-    tick, loop = of(armed, link.Tick)[-1], armed.loop
+    tick = of(armed, link.Tick)[-1]
+    loop = armed.loop
     assert floats(tick.position).tolist() == loop.measured.position.tolist()
     assert floats(tick.velocity).tolist() == loop.measured.velocity.tolist()
     assert floats(tick.effort).tolist() == loop.measured.effort.tolist()
@@ -55,7 +56,8 @@ def test_the_skew_of_two_buses_is_told_every_tick_and_its_worst_in_the_overview(
     rig = Rig("h24-split")
     rig.connect()
     rig.ticks(20)
-    tick, overview = of(rig, link.Tick)[-1], of(rig, link.Overview)[-1]
+    tick = of(rig, link.Tick)[-1]
+    overview = of(rig, link.Overview)[-1]
     assert tick.skew == rig.loop.hardware.skew >= 0.0
     assert overview.skew_ms is not None
     assert overview.skew_max_ms == pytest.approx(rig.loop.hardware.worst_skew * 1e3)
@@ -75,7 +77,8 @@ def test_without_a_goal_the_goal_is_unknown_and_not_zero(live: Rig) -> None:
 
 def test_in_sim_the_position_is_the_simulated_one_and_no_latency_is_made_up(sim: Rig) -> None:
     sim.ticks(20)
-    tick, overview = of(sim, link.Tick)[-1], of(sim, link.Overview)[-1]
+    tick = of(sim, link.Tick)[-1]
+    overview = of(sim, link.Overview)[-1]
     assert tick.position == tick.simulated
     assert (overview.latency_ms, overview.hw_connected) == (None, False)
     assert overview.torque == bytes([255] * N)  # -1: unknown

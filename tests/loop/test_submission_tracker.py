@@ -104,7 +104,8 @@ def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(armed: Rig
 
 
 def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:
-    count, n = 2000, len(armed.names)
+    count = 2000
+    n = len(armed.names)
     noise = np.random.default_rng(1).uniform(-9.0, 9.0, (3, count, n)) * [[[1.0]], [[50.0]], [[900.0]]]
     worst = Trajectory(np.arange(count) * 0.02 + 0.02, noise[0], np.ones(n, np.bool_), noise[1], noise[2])
     (reply,) = last(armed, armed.submit(worst))
@@ -114,7 +115,8 @@ def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:
 
 
 def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
-    old, fresh = armed.clock.now() - 0.6, armed.clock.now() - 0.4
+    old = armed.clock.now() - 0.6
+    fresh = armed.clock.now() - 0.4
     (reply,) = last(armed, armed.submit(path(armed, 0.05), front_checked=old))
     assert (reply.error, codes(reply)) == ("Refused", ["CMD_EXPIRED"])
     assert armed.loop.executor.motion == "holding"
@@ -123,10 +125,12 @@ def test_a_verdict_of_the_front_that_is_old_is_refused(armed: Rig) -> None:
 
 
 def test_while_one_is_judged_another_is_refused_as_busy(armed: Rig) -> None:
-    count, n = 2000, len(armed.names)
+    count = 2000
+    n = len(armed.names)
     rows = np.tile(armed.loop.measured.position, (count, 1))
     long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
-    first, second = armed.submit(long), armed.submit(path(armed, 0.05))
+    first = armed.submit(long)
+    second = armed.submit(path(armed, 0.05))
     (reply,) = last(armed, second)
     assert reply.error == "Refused"
     assert "BUSY" in codes(reply)
@@ -134,7 +138,8 @@ def test_while_one_is_judged_another_is_refused_as_busy(armed: Rig) -> None:
 
 
 def test_what_changes_while_a_long_one_is_judged_is_judged_again(armed: Rig) -> None:
-    count, n = 2000, len(armed.names)
+    count = 2000
+    n = len(armed.names)
     rows = np.tile(armed.loop.measured.position, (count, 1))
     long = Trajectory(np.arange(count) * 0.02 + 0.02, rows, np.ones(n, np.bool_))
     ticket = armed.submit(long)

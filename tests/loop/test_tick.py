@@ -163,7 +163,8 @@ def test_mirror_writes_nothing_and_moves_only_the_simulation() -> None:
     rig = Rig(mode=Mode.MIRROR)
     rig.connect()
     rig.lease()
-    goals, truth = rig.register("goal_position"), rig.truth
+    goals = rig.register("goal_position")
+    truth = rig.truth
     ticket = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
     rig.seconds(2.0)
     assert last(rig, ticket).parameters["phase"] == "succeeded"
@@ -349,7 +350,8 @@ def test_at_500_hz_every_slow_register_is_still_read_in_time(tmp_path: Path) -> 
     rig = Rig(str(four_buses(tmp_path / "h24-four.yaml")), rate_hz=500.0)
     rig.connect()
     rig.seconds(0.5)
-    slow, now = rig.loop.hardware.slow, rig.clock.now()
+    slow = rig.loop.hardware.slow
+    now = rig.clock.now()
     assert (now - slow.status_time <= 0.1).all()
     assert (now - slow.health_time <= 0.4).all()
     rig.close()

@@ -44,7 +44,8 @@ def shafts(rig: Rig) -> dict[str, float]:
 def test_the_counts_are_the_servos_own_whatever_the_zero(robot: str, mode: Mode) -> None:
     rig = Rig(robot, mode)
     rig.connect()
-    raw, truth = last(rig), shafts(rig)
+    raw = last(rig)
+    truth = shafts(rig)
     assert raw["names"] == list(rig.names)
     for name, count, age in zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True):
         assert count == pytest.approx(truth[name], abs=1.0)
@@ -68,7 +69,8 @@ def test_who_falls_silent_keeps_the_last_count_with_a_growing_age(live: Rig) -> 
     before = last(live)
     live.virtual["main"].faults.silence(id=5)
     live.ticks(20)
-    now, row = last(live), next(place for place, joint in enumerate(live.robot.joints) if joint.id == 5)
+    now = last(live)
+    row = next(place for place, joint in enumerate(live.robot.joints) if joint.id == 5)
     assert now["ticks"][row] == before["ticks"][row]
     assert now["age_ms"][row] > 150.0
     assert max(age for place, age in enumerate(now["age_ms"]) if place != row) < 30.0

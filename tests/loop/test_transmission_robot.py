@@ -18,7 +18,8 @@ from twind.robot.trajectory import Trajectory
 from twind.virtual.truth import random_truth
 from twind.virtual.virtual_robot_spec import buses
 
-WAIST, ANKLE = ("waist_roll", "waist_yaw"), ("ankle_roll", "ankle_pitch")
+WAIST = ("waist_roll", "waist_yaw")
+ANKLE = ("ankle_roll", "ankle_pitch")
 
 
 class Body(Rig):
@@ -57,7 +58,8 @@ def move(rig: Rig, goal: Floats, seconds: float = 2.5) -> float:
     rig.lease()
     both = np.stack([rig.loop.measured.position, goal])
     path = Trajectory(np.array([0.0, seconds]), both, np.ones(len(goal), np.bool_))
-    ticket, worst = rig.submit(path), 0.0
+    ticket = rig.submit(path)
+    worst = 0.0
     for tick in range(round((seconds + 1.0) * 100)):
         rig.ticks(1)
         worst = max(worst, float(np.abs(rig.truth - rig.loop.measured.position).max()))
@@ -174,7 +176,8 @@ def test_limp_joints_beyond_their_table_are_known_and_keep_everybody_from_arming
     for actuator in (5, 6):  # both rods pushed 1.3 rad, where the table ends at 1.15
         rig.virtual["leg"].faults.hand(id=actuator, rad=1.3, speed=3.0)
     rig.seconds(1.0)
-    state, pitch = rig.loop.measured, rig.names.index("ankle_pitch")
+    state = rig.loop.measured
+    pitch = rig.names.index("ankle_pitch")
     assert state.heard.all()
     assert state.position[pitch] > linked.ankle(1.15, 1.15)[0]
     rig.lease()
@@ -209,7 +212,8 @@ def test_one_motor_that_is_blocked_stops_each_joint_that_it_turns_where_it_is(ri
     )
     rig.seconds(1.6)
     assert rig.loop.state == "fault"
-    goal, place = rig.loop.written, rig.loop.measured.position
+    goal = rig.loop.written
+    place = rig.loop.measured.position
     for joint in WAIST:
         at = rig.names.index(joint)
         assert goal[at] == pytest.approx(place[at], abs=0.02), joint

@@ -18,7 +18,8 @@ def test_the_simulation_begins_inside_the_limits_and_stays_sound() -> None:
     rig.loop = rig.born(Mode.MIRROR)
     rig.connect()
     rig.seconds(1.0)
-    loop, limits = rig.loop, rig.loop.limits
+    loop = rig.loop
+    limits = rig.loop.limits
     beyond = np.abs(loop.measured.position - np.clip(loop.measured.position, limits.lower, limits.upper))
     assert beyond.max() > 15.0
     assert loop.twin.resets == 0

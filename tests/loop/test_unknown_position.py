@@ -62,7 +62,8 @@ def gone(row: int) -> Callable[[Rig], None]:
 def let_go(rig: Rig, what: Any) -> np.ndarray:
     """The way (3,) that each joint made until torque was ordered off, rad."""
     rig.send(what)
-    before, far = rig.truth.copy(), np.zeros(3)
+    before = rig.truth.copy()
+    far = np.zeros(3)
     for _ in range(700):
         rig.ticks(1)
         far = np.maximum(far, np.abs(rig.truth - before))
@@ -159,7 +160,8 @@ def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
-    take, until = JointReadings.take, 0.3
+    take = JointReadings.take
+    until = 0.3
 
     def odd(self: JointReadings, number: int, sample: Any) -> Any:
         if rig.clock.now() - began < until:

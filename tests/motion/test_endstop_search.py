@@ -67,7 +67,8 @@ class Joint:
 
 def run(course: EndstopSearch, joint: Joint, seconds: float = 120.0, begin: float = 0.0) -> list[float]:
     """Until it is over; the goals."""
-    goals, now = [], begin
+    goals = []
+    now = begin
     while not course.done and now < begin + seconds:
         now += TICK
         goals.append(course.step(joint.look(now), now))
@@ -138,7 +139,8 @@ def test_captures_that_differ_are_refused() -> None:
             if self.place > self.stop - 1.0:
                 self.away = False
             elif self.place < self.stop - 30.0 and not self.away:
-                self.away, self.stop = True, self.stop + SPREAD + 2.0
+                self.away = True
+                self.stop = self.stop + SPREAD + 2.0
 
     found = failing(Loose(2900.0, 3000.0))
     assert found.value is not None and found.value > SPREAD and found.bound == SPREAD
@@ -182,7 +184,8 @@ def test_a_joint_that_does_not_come_back_ends_it() -> None:
 
 
 def test_it_takes_no_longer_than_it_is_given() -> None:
-    course, now = EndstopSearch(SEARCH, 2900.0, 0.0), 0.0
+    course = EndstopSearch(SEARCH, 2900.0, 0.0)
+    now = 0.0
     while not course.done:
         now += TICK
         course.step(HomingSample(now - 0.05, 2900, 0.0), now)  # readings too old to go on by, and not lost
@@ -200,11 +203,14 @@ def test_a_joint_too_slow_for_its_goals_is_held_back() -> None:
 
 
 def test_a_goal_does_not_advance_on_an_old_reading_and_ends_on_a_lost_one() -> None:
-    course, joint, now = EndstopSearch(SEARCH, 2500.0, 0.0), Joint(2500.0, 3000.0), 0.0
+    course = EndstopSearch(SEARCH, 2500.0, 0.0)
+    joint = Joint(2500.0, 3000.0)
+    now = 0.0
     for _ in range(10):
         now += TICK
         joint.follow(course.step(joint.look(now), now))
-    last, goals = joint.look(now), [course.goal]
+    last = joint.look(now)
+    goals = [course.goal]
     while course.failed is None:
         now += TICK
         goals.append(course.step(last, now))
@@ -223,7 +229,8 @@ def test_a_gap_in_time_ends_it(gap: float) -> None:
 
 
 def test_standing_without_effort_or_effort_in_motion_is_no_stop() -> None:
-    course, now = EndstopSearch(SEARCH, 2950.0, 0.0), 0.0
+    course = EndstopSearch(SEARCH, 2950.0, 0.0)
+    now = 0.0
     for tick in range(100):
         now += TICK
         moving = tick % 40 < 20
@@ -235,7 +242,9 @@ def test_standing_without_effort_or_effort_in_motion_is_no_stop() -> None:
 
 def test_progress_grows_to_one() -> None:
     joint = Joint(2000.0, 3000.0)
-    course, told, now = EndstopSearch(SEARCH, 2000.0, 0.0), [], 0.0
+    course = EndstopSearch(SEARCH, 2000.0, 0.0)
+    told = []
+    now = 0.0
     while not course.done:
         now += TICK
         joint.follow(course.step(joint.look(now), now))
@@ -245,7 +254,8 @@ def test_progress_grows_to_one() -> None:
 
 @given(st.lists(st.integers(-50, 50), min_size=1, max_size=60))
 def test_quiet_is_so_many_readings_that_agree(jitter: list[int]) -> None:
-    quiet, now = StandstillCheck(0.0), 0.0
+    quiet = StandstillCheck(0.0)
+    now = 0.0
     for place, each in enumerate(jitter):
         now += TICK
         answer = quiet.step(HomingSample(now, each, 0.0), now)
@@ -258,7 +268,8 @@ def test_quiet_ends_where_nobody_answers_or_it_swings() -> None:
     assert quiet.step(HomingSample(0.0, 5, 0.0), 2.9) is False
     silent = quiet.step(HomingSample(0.0, 5, 0.0), 3.0)
     assert isinstance(silent, Finding) and silent.code is ReasonCode.STOP_NOT_FOUND
-    swinging, now = StandstillCheck(0.0), 0.0
+    swinging = StandstillCheck(0.0)
+    now = 0.0
     answer: bool | Finding = False
     while answer is False:
         now += TICK

@@ -39,7 +39,8 @@ def code(made: EndstopSearch) -> ReasonCode | None:
 
 @pytest.mark.parametrize(("last", "agree"), [(3, True), (4, False), (-3, True), (-4, False)])
 def test_ten_readings_agree_within_three_counts(last: int, agree: bool) -> None:
-    quiet, now = StandstillCheck(0.0), 0.0
+    quiet = StandstillCheck(0.0)
+    now = 0.0
     for count in [0] * 8 + [last]:
         now += TICK
         assert quiet.step(HomingSample(now, count, 0.0), now) is False

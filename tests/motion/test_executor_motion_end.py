@@ -159,14 +159,16 @@ def test_a_cancel_brakes_with_the_acceleration_limit_and_then_holds() -> None:
 
 
 def test_stopping_again_while_braking_changes_nothing() -> None:
-    once, often = holding(), holding()
+    once = holding()
+    often = holding()
     for executor in (once, often):
         executor.submit("a", smooth([1.0, -1.0]))
         run(executor, 0.5)
         executor.stop()
     for _ in range(30):
         often.stop()
-        first, second = once.goal(0.0), often.goal(0.0)
+        first = once.goal(0.0)
+        second = often.goal(0.0)
         assert first is not None
         assert second is not None
         assert (first.position == second.position).all()
@@ -260,7 +262,8 @@ def test_a_setpoint_that_is_no_number_is_refused_and_changes_nothing(bad: float)
 
 
 def test_a_stream_replaces_the_goals_and_leaves_other_joints_their_path() -> None:
-    executor, alone = holding(), holding()
+    executor = holding()
+    alone = holding()
     for it in (executor, alone):
         it.submit("a", smooth([1.0, 1.0]))
     run(executor, 0.5)

@@ -21,7 +21,8 @@ PACES = st.lists(st.tuples(SHARES, st.integers(1, 40)), max_size=12)
 
 def fast(seconds_scale: float = 1.0) -> Trajectory:
     """A way there and back that takes nearly all that the limits allow, as one smooth curve."""
-    a, v = float(LIMITS.acceleration[0]), float(LIMITS.velocity[0])
+    a = float(LIMITS.acceleration[0])
+    v = float(LIMITS.velocity[0])
     step = min(0.6, 0.8 * float(LIMITS.upper[0]))
     seconds = seconds_scale * max(1.875 * step / v, np.sqrt(5.774 * step / a)) / 0.98
     zero = [[0.0, 0.0]]
@@ -89,7 +90,8 @@ def test_the_pace_comes_down_and_up_again_as_fast_as_the_acceleration_allows() -
 
 
 def test_an_unslowed_motion_is_bit_for_bit_what_it_was() -> None:
-    one, other = holding(), holding()
+    one = holding()
+    other = holding()
     for executor in (one, other):
         executor.submit("a", smooth([0.5, -0.5]))
     other.pace = 1.0
@@ -127,7 +129,8 @@ def test_a_pace_that_is_none_stands(share: float) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7])
 def test_a_stop_is_never_slower_for_it(share: float) -> None:
-    slowed, free = holding(), holding()
+    slowed = holding()
+    free = holding()
     for executor in (slowed, free):
         executor.submit("a", fast(1.0))
         run(executor, 0.2)

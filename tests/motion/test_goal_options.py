@@ -91,7 +91,8 @@ def test_when_every_waypoint_is_past_it_is_refused(start_in: float) -> None:
 
 
 def test_a_path_that_begins_later_or_where_the_robot_is_stays_as_it_is() -> None:
-    later, here = path([0.1, 1.0], [0.5, 1.0]), path([0.0, 1.0], [0.5, 1.0])
+    later = path([0.1, 1.0], [0.5, 1.0])
+    here = path([0.0, 1.0], [0.5, 1.0])
     assert led_in(later, at_rest([0.0]), limits(1), PERIOD) is later
     assert led_in(here, at_rest([0.5]), limits(1), PERIOD) is here
 

@@ -32,7 +32,9 @@ class World:
     """An executor whose robot follows at once, or stands still; `track` keeps every reference."""
 
     def __init__(self, *, follows: bool = True, period: float = 0.01) -> None:
-        self.executor, self.follows, self.period = TrajectoryExecutor(LIMITS, period), follows, period
+        self.executor = TrajectoryExecutor(LIMITS, period)
+        self.follows = follows
+        self.period = period
         self.executor.begin(START)
         self.track: list[Reference] = [at_rest(START)]
         self.outcomes: list[GoalOutcome] = []
@@ -46,7 +48,8 @@ class World:
             self.track.append(reference)
             there = reference.position if self.follows else START
             speed = reference.velocity if self.follows else np.zeros(3)
-            effort, age = np.full(3, np.nan), np.zeros(3)
+            effort = np.full(3, np.nan)
+            age = np.zeros(3)
             self.executor.observe(JointState(self.now, there, speed, effort, age, np.ones(3, bool)))
             self.outcomes += self.executor.outcomes()
         return self.track[-1]
@@ -256,7 +259,8 @@ def path_tolerance(case: dict) -> None:
 def goal_tolerance(case: dict) -> None:
     """As above: S18 refuses the jump; the executor leads in, waits for `goal_time`, and returns."""
     world = World(follows=False)
-    bound, goal_time = case["settings"]["goal"], case["settings"]["goal_time"]
+    bound = case["settings"]["goal"]
+    goal_time = case["settings"]["goal_time"]
     tolerances = GoalTolerances.from_entries(3, [(i, None, bound) for i in range(3)])
     world.submit("a", case["points"], tolerances=tolerances, goal_time=goal_time)
     end = world.run(6.0)

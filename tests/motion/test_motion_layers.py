@@ -42,7 +42,8 @@ def test_a_path_of_one_point_at_zero_has_come_all_the_way_at_once() -> None:
 
 
 def test_joints_leave_a_layer_and_one_that_all_have_left_is_gone() -> None:
-    first, second = layer([1, 1, 1], [True, True, False]), layer([2, 2, 2], [False, False, True])
+    first = layer([1, 1, 1], [True, True, False])
+    second = layer([2, 2, 2], [False, False, True])
     left = without([first, second], np.array([True, False, True]))
     assert [one.joints.tolist() for one in left] == [[False, True, False]]
     assert not left[0].whole

@@ -10,7 +10,9 @@ from twind.motion.stop_profiles import LimitedFollower, StopRamp, still, stoppin
 from twind.robot.trajectory import Reference
 
 PERIOD = 0.01
-FLOOR, MARGIN = 0.05, 0.2  # rad/s, of the gate's brake rule (S21)
+# rad/s, of the gate's brake rule (S21)
+FLOOR = 0.05
+MARGIN = 0.2
 
 
 def moving(position: list[float], velocity: list[float]) -> Reference:

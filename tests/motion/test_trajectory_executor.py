@@ -102,14 +102,16 @@ def test_the_reference_carries_velocity_and_acceleration_of_the_curve(shape: int
 
 
 def test_late_and_missed_ticks_re_time_the_motion_and_change_nothing_else() -> None:
-    punctual, late = holding(), holding()
+    punctual = holding()
+    late = holding()
     rng = np.random.default_rng(7)
     now = 0.0
     for executor in (punctual, late):
         executor.submit("a", smooth([1.0, -1.0]))
     for tick in range(120):
         now += float(rng.choice([0.01, 0.012, 0.5, 3.0]))
-        first, second = punctual.goal(tick * PERIOD), late.goal(now)
+        first = punctual.goal(tick * PERIOD)
+        second = late.goal(now)
         assert first is not None
         assert second is not None
         assert (first.position == second.position).all()
@@ -142,7 +144,8 @@ def test_numbers_that_are_none_never_leave_and_end_in_a_hold() -> None:
 
 
 def test_joints_that_a_goal_does_not_name_keep_their_old_path() -> None:
-    old, both = holding(), holding()
+    old = holding()
+    both = holding()
     for executor in (old, both):
         executor.submit("old", smooth([1.0, 1.0], 2.0))
         run(executor, 0.5)
@@ -167,7 +170,8 @@ def test_the_motion_is_active_until_the_last_old_path_has_ended() -> None:
 
 
 def test_a_goal_whose_start_lies_ahead_waits_and_the_old_one_goes_on() -> None:
-    executor, alone = holding(), holding()
+    executor = holding()
+    alone = holding()
     for it in (executor, alone):
         it.submit("old", smooth([1.0, 1.0]))
     executor.submit("new", smooth([0.0, 0.0]), start_in=0.5)
@@ -279,7 +283,9 @@ def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
 def test_whatever_passes_the_gate_no_goal_steps_further_than_the_velocity_limit_allows(
     operations: list[tuple],
 ) -> None:
-    executor, tick, track = holding(), 0, [np.zeros(2)]
+    executor = holding()
+    tick = 0
+    track = [np.zeros(2)]
     ended: list[str] = []
     for operation in operations:
         perform(executor, operation, tick)

@@ -18,8 +18,12 @@ from twind.observe.replaying.device_timeline import (
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import number_of
 
-ID, MODEL = 5, number_of("XM430-W350")
-TORQUE, FAULT, DOG, POSITION = 64, 70, 98, 132
+ID = 5
+MODEL = number_of("XM430-W350")
+TORQUE = 64
+FAULT = 70
+DOG = 98
+POSITION = 132
 
 
 def asked(time: float, address: int, data: bytes, *, error: int = 0) -> list[FlightEntry]:
@@ -95,10 +99,8 @@ def test_a_hardware_error_holds_since_the_first_alert() -> None:
 
 
 def test_a_port_is_gone_between_its_loss_and_shortly_before_it_was_opened() -> None:
-    lost, opened = (
-        FlightEntry(2.0, EntryKind.PORT, 0, b"lost: gone"),
-        FlightEntry(3.0, EntryKind.PORT, 0, b"opened /dev/ttyX"),
-    )
+    lost = FlightEntry(2.0, EntryKind.PORT, 0, b"lost: gone")
+    opened = FlightEntry(3.0, EntryKind.PORT, 0, b"opened /dev/ttyX")
     made = told(WHO, asked(1.99, POSITION, b"abcd"), [lost], [opened], asked(3.1, POSITION, b"abcd"))
     assert made.plugged(1.995) and not made.plugged(2.0) and not made.plugged(2.9) and made.plugged(2.98)
 

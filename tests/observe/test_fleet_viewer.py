@@ -82,7 +82,8 @@ def test_a_robot_that_says_what_nobody_understands_is_grey_and_counted_as_such()
 
 
 def test_a_stop_has_a_thread_once_somebody_asks_for_it(tmp_path: Path) -> None:
-    before, outcomes = threading.active_count(), queue.Queue[StopOutcome]()
+    before = threading.active_count()
+    outcomes = queue.Queue[StopOutcome]()
     stops = [StopThreads(local(str(tmp_path))) for _ in range(50)]
     assert threading.active_count() == before
     stops[0].estop.ask(outcomes.put)
@@ -161,7 +162,8 @@ class Heard:
 
 
 def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answered() -> None:
-    robots, outcomes = {name: Heard() for name in ("a", "b", "c")}, list[StopOutcome]()
+    robots = {name: Heard() for name in ("a", "b", "c")}
+    outcomes = list[StopOutcome]()
     Broadcast("stop", lambda: robots).ask(outcomes.append)
     assert all(each.tell is not None for each in robots.values())
     robots["b"].answer(done=True)
@@ -173,7 +175,8 @@ def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answere
 
 
 def test_that_all_did_it_is_told_once() -> None:
-    robots, outcomes = {name: Heard() for name in ("a", "b")}, list[StopOutcome]()
+    robots = {name: Heard() for name in ("a", "b")}
+    outcomes = list[StopOutcome]()
     Broadcast("e-stop", lambda: robots).ask(outcomes.append)
     for each in robots.values():
         each.answer(done=True)

@@ -62,7 +62,8 @@ def test_any_way_to_write_one_is_read(tmp_path: Path, compression: CompressionTy
 
 def test_cut_at_any_byte_it_gives_all_that_is_whole_before_and_says_where_it_ends(tmp_path: Path) -> None:
     whole = write(tmp_path / "c.mcap", 1.0)
-    data, all_of_it = whole.read_bytes(), messages(whole)[1]
+    data = whole.read_bytes()
+    all_of_it = messages(whole)[1]
     cut = tmp_path / "cut.mcap"
     counts = set()
     for end in [*range(8, len(data), 97), *range(len(data) - 40, len(data))]:
@@ -124,7 +125,8 @@ def chunk(compression: bytes, data: bytes, size: int) -> bytes:
 
 def bombs() -> dict[str, bytes]:
     much = bytes(4 * LARGEST)
-    zstd, lz4 = zstandard.compress(much), frame.compress(much)
+    zstd = zstandard.compress(much)
+    lz4 = frame.compress(much)
     silent = zstandard.ZstdCompressor(write_content_size=False).compress(b"x")
     return {
         "zstd that says so": chunk(b"zstd", zstd, len(much)),

@@ -29,7 +29,8 @@ from twind.observe.measuring.metrics_ledger import STALE, MetricsLedger
 from twind.robot.finding import ReasonCode
 
 FILES = Path(__file__).parents[2] / "packaging" / "metrics"
-NOW, WALL = 100.0, 1_800_000_000.0
+NOW = 100.0
+WALL = 1_800_000_000.0
 
 Samples = Mapping[tuple[str, frozenset[tuple[str, str]]], float]
 
@@ -39,7 +40,8 @@ class Told:
 
     def __init__(self, ledger: MetricsLedger, now: float = NOW) -> None:
         self.registry = CollectorRegistry()
-        self.ledger, self.now = ledger, now
+        self.ledger = ledger
+        self.now = now
         self.registry.register(self)  # type: ignore[arg-type]
 
     def collect(self) -> Any:

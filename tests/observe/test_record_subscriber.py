@@ -26,7 +26,9 @@ class Robot:
 
     def __init__(self) -> None:
         self.robot: dict[str, Any] = {"name": "two", "limit": 1}
-        self.joints, self.connections, self.over = list(JOINTS), 0, threading.Event()
+        self.joints = list(JOINTS)
+        self.connections = 0
+        self.over = threading.Event()
         self.says: dict[str, list[Any]] = {}
 
     def client(self, _options: Any) -> "Robot":

@@ -273,7 +273,8 @@ def test_an_episode_is_over_though_its_end_is_in_no_file(tmp_path: Path) -> None
 
 
 def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path) -> None:
-    years, minute = 5 * 365 * 86_400 * 10**9, DiskQuota(1 << 40, 0, 1 << 40, longest=60.0)
+    years = 5 * 365 * 86_400 * 10**9
+    minute = DiskQuota(1 << 40, 0, 1 << 40, longest=60.0)
 
     def clocks() -> ClockPair:
         at = told.time

@@ -8,7 +8,8 @@ from twind_drivers.dynamixel import packet
 
 ASK = packet.sync_read((1, 2), 128, 4)
 FAST = packet.fast_sync_read((1, 2), 128, 4)
-ONE, TWO = packet.status(1, 0, b"abcd"), packet.status(2, 0x80, b"efgh")
+ONE = packet.status(1, 0, b"abcd")
+TWO = packet.status(2, 0x80, b"efgh")
 GOALS = packet.sync_write(116, {1: b"\x01\0\0\0", 2: b"\x02\0\0\0"})
 
 

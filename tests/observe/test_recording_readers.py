@@ -140,7 +140,8 @@ def test_of_several_foreign_topics_the_usual_one_is_what_was_measured(tmp_path: 
 
 
 def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
-    text, empty = tmp_path / "a.txt", tmp_path / "b.mcap"
+    text = tmp_path / "a.txt"
+    empty = tmp_path / "b.mcap"
     text.write_text("hello")
     empty.write_bytes(b"\x89MCAP0\r\n")
     for path, why in (
@@ -200,7 +201,8 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
 ) -> None:
     out = tmp_path / "a.mcap"
     assert export(flight_file, out) > 100
-    before, after = open_recording(flight_file), open_recording(out)
+    before = open_recording(flight_file)
+    after = open_recording(out)
     later = (after.start_ns - before.start_ns) / 1e9
     rows = np.isin(np.round(before.time, 6), np.round(after.time + later, 6))
     assert rows.sum() == after.time.size >= before.time.size - 15  # before the first overview nothing is told

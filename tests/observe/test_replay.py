@@ -166,11 +166,13 @@ def test_what_is_not_told_to_its_end_is_compared_as_far_as_it_goes() -> None:
     def same(then: ReplayOutcome, now: ReplayOutcome) -> bool:
         return not list(differences(then, now, 0.1))
 
-    running, ended = with_answer(phase="running"), with_answer(phase="succeeded")
+    running = with_answer(phase="running")
+    ended = with_answer(phase="succeeded")
     assert same(running, ended) and same(with_answer(answered=False), ended)
     assert not same(ended, running) and not same(running, with_answer(error="Refused"))
     assert not same(ended, with_answer(answered=False))
-    aborted, refused = with_answer(phase="aborted"), with_answer(error="Refused")
+    aborted = with_answer(phase="aborted")
+    refused = with_answer(error="Refused")
     assert "running" in next(uncompared(running, aborted))
     assert "Refused" in next(uncompared(with_answer(answered=False), refused))
     assert not list(uncompared(ended, ended)) and not list(uncompared(running, running))
@@ -282,7 +284,8 @@ def test_who_hung_up_with_all_answers_waits_for_them_where_they_come_later(tmp_p
     while not any(not each.continues for each in rig.replies(ticket)):
         rig.ticks(1)
     hang_up(rig)
-    recorded, later = flight(rig, tmp_path), 2.0 * rig.loop.period
+    recorded = flight(rig, tmp_path)
+    later = 2.0 * rig.loop.period
     rig.close()
     asked = score(recorded)
     assert asked.recorded.answers[-1].phase == "succeeded" and asked.heard[CLIENT][ticket]

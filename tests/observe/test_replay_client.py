@@ -22,7 +22,9 @@ BEGIN = 100.0  # s, of the recording
 MOTION = 1.0  # s from the call to the last answer
 SOON = 0.004  # s to any other answer
 STATUS = {"state": "armed", "mode": "live", "armed": True, "faults": [], "loop": {"missed": 0}}
-ONE, OTHER = 3, 4  # clients
+# clients
+ONE = 3
+OTHER = 4
 PATH = Trajectory(np.array([MOTION]), np.zeros((1, 1)), np.ones(1, np.bool_))
 SCENE = (
     (0.000, link.AcquireLease(ticket=1, client=ONE)),
@@ -58,13 +60,16 @@ class Line:
     """A connection to it."""
 
     def __init__(self, daemon: Daemon) -> None:
-        self._daemon, self.open, self._free = daemon, True, 0.0
+        self._daemon = daemon
+        self.open = True
+        self._free = 0.0
 
     def send(
         self, method: str, parameters: Mapping[str, Any], take: Callable[[Reply], None], *, more: bool = False
     ) -> None:
         """A call, answered in its turn."""
-        daemon, now = self._daemon, self._daemon.clock.now()
+        daemon = self._daemon
+        now = self._daemon.clock.now()
         if method == "Monitor":
             take(({"status": STATUS, "time": now}, None, True))
             return

@@ -35,7 +35,8 @@ def told(
 ) -> tuple[int, str]:
     """What the verb makes of a replay in which nothing differs."""
     asked = score(load(HERE / "limit.flight"))
-    verbatim, missed = changes.pop("verbatim", 0.7), changes.pop("missed", 0)
+    verbatim = changes.pop("verbatim", 0.7)
+    missed = changes.pop("missed", 0)
     asked = replace(asked, **changes)
     outcome = expected("limit")
     monkeypatch.setattr(
@@ -226,7 +227,8 @@ def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None
     times = [each["time"] for _, each in seen]
     assert times == sorted(times)
     assert {each["topic"] for _, each in seen} >= {"state", "status", "events", "verdicts"}
-    first, last = seen[0], seen[-1]
+    first = seen[0]
+    last = seen[-1]
     assert last[0] - first[0] == pytest.approx((last[1]["time"] - first[1]["time"]) / 2.0)
     state = next(each for _, each in seen if each["topic"] == "state")
     assert [row["name"] for row in state["joints"]][:1] == ["head_yaw"]
@@ -235,7 +237,8 @@ def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None
 
 def test_the_last_seconds_can_be_played_alone() -> None:
     recorded = load(HERE / "limit.flight")
-    whole, last = score(recorded), score(recorded, 1.5)
+    whole = score(recorded)
+    last = score(recorded, 1.5)
     assert last.begin > whole.begin
     assert len(last.commands) < len(whole.commands)
 

@@ -33,7 +33,8 @@ def test_no_word_of_anybody_becomes_markup() -> None:
 
 
 def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     known.take(state(robot, 1.0))
     assert np.isnan(live_plots.tracking(known)[1]).all() and live_plots.worst(known) is None
     known.take(state(robot, 2.0, l_knee={"position": 0.1, "goal": 0.15}, r_knee={"goal": 0.01}))
@@ -48,7 +49,8 @@ def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:
 
 
 def test_in_mirror_the_tracking_error_is_that_of_the_simulation() -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     held = {"position": 0.5, "goal": 0.1, "simulated": 0.09}
     for time, mode in enumerate(("live", "mirror", "sim")):
         known.take(status(mode=mode))
@@ -58,7 +60,8 @@ def test_in_mirror_the_tracking_error_is_that_of_the_simulation() -> None:
 
 @pytest.mark.parametrize("place", [37, 700, 1999])
 def test_a_peak_of_one_sample_is_in_the_plots(place: int) -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     for step in range(2000):
         off = 0.3 if step == place else 0.0
         known.take(state(robot, 0.005 * step, l_knee={"position": off, "goal": 0.0}))

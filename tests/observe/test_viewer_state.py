@@ -12,7 +12,8 @@ from twind_drivers.clock import FakeClock
 
 
 def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     seen: list[tuple[str | None, bool]] = []
 
     def news() -> Iterator[News]:
@@ -30,7 +31,8 @@ def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
 
 def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
     clock = FakeClock()
-    known, robot = ViewerState(clock.now), h24()
+    known = ViewerState(clock.now)
+    robot = h24()
     assert "s ago" not in status_html.page(known.now(), None, None, 0)
     known.take(state(robot))
     clock.time = 0.9
@@ -43,7 +45,8 @@ def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
 
 
 def test_what_is_known_is_the_latest_and_no_older_than_its_window() -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     known.take(RobotAnnounced(robot))
     for step in range(40):
         known.take(state(robot, 0.5 * step, head_yaw=0.01 * step))
@@ -71,7 +74,8 @@ def test_only_refusals_warnings_and_errors_are_kept() -> None:
 
 
 def test_a_joint_is_old_where_its_age_says_so_or_is_not_known() -> None:
-    known, robot = ViewerState(), h24()
+    known = ViewerState()
+    robot = h24()
     silent = {"heard": False, "age_ms": 900.0}
     known.take(state(robot, head_yaw={"age_ms": 90.0}, head_pitch={"age_ms": None}, l_elbow=silent))
     now = known.now()

@@ -249,8 +249,11 @@ def test_an_environment_is_switched_when_it_is_whole_and_what_still_runs_keeps_i
     tmp_path: Path, usable: str
 ) -> None:
     """A daemon that was not restarted starts its fronts from where it came from."""
-    tree, one, two = tmp_path / "tree", wheel(tmp_path / "one", "1.0.0"), wheel(tmp_path / "two", "2.0.0")
-    bin_, versions = tree / "opt/twind/bin", tree / "opt/twind/versions"
+    tree = tmp_path / "tree"
+    one = wheel(tmp_path / "one", "1.0.0")
+    two = wheel(tmp_path / "two", "2.0.0")
+    bin_ = tree / "opt/twind/bin"
+    versions = tree / "opt/twind/versions"
     install(tree, "install", WHEELS=str(one))
     first = bin_.readlink()
     assert str(first).startswith("versions/1.0.0-")
@@ -265,7 +268,8 @@ def test_an_environment_is_switched_when_it_is_whole_and_what_still_runs_keeps_i
     install(tree, "install", fails=True, WHEELS=str(broken))
     assert bin_.readlink() == first
     assert [path.name for path in versions.iterdir()] == [first.parent.name]
-    old, extra = tree / "opt/twind" / first.parent, f"lib/python{usable}/site-packages/twind_more.py"
+    old = tree / "opt/twind" / first.parent
+    extra = f"lib/python{usable}/site-packages/twind_more.py"
     assert not (old / extra).exists()
     mapped = old / "lib" / f"python{usable}" / "mapped"
     mapped.write_bytes(bytes(4096))

@@ -52,7 +52,8 @@ def test_a_constant_tilt_is_known_from_the_first_reading(roll: float, pitch: flo
 @given(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4))
 def test_a_wrong_tilt_is_forgotten(roll: float, pitch: float) -> None:
     """It was told another one, and no gyro told that the body turned: 10 time constants later it is right."""
-    filter, stands = fed(Attitude(), pose(0.5, -0.4, 0.0), 0.1), pose(roll, pitch, 0.0)
+    filter = fed(Attitude(), pose(0.5, -0.4, 0.0), 0.1)
+    stands = pose(roll, pitch, 0.0)
     fed(filter, stands, 30.0, since=0.1)
     assert astray(filter.quaternion, stands) < radians(1.0)
 
@@ -63,7 +64,9 @@ def test_the_drift_of_the_tilt_is_bounded_and_the_bias_learnt(
     bias: tuple[float, float, float], roll: float, pitch: float
 ) -> None:
     """A gyro that tells 3 degrees a second at rest: without correction a minute would be half a turn."""
-    stands, filter, worst = pose(roll, pitch, 0.3), Attitude(), 0.0
+    stands = pose(roll, pitch, 0.3)
+    filter = Attitude()
+    worst = 0.0
     for part in range(60):
         fed(filter, stands, 1.0, since=float(part), gyro=np.array(bias))
         worst = max(worst, astray(filter.quaternion, stands))

@@ -54,7 +54,8 @@ def at(position: Floats) -> Reference:
 
 def clearance(binding: Binding, pose: Floats) -> float:
     """Smallest distance (m) of two geoms that may collide, the floor apart."""
-    model, data = binding.model, mujoco.MjData(binding.model)
+    model = binding.model
+    data = mujoco.MjData(binding.model)
     data.qpos[binding.qpos] = pose
     mujoco.mj_kinematics(model, data)
     excluded = {int(pair) for pair in model.exclude_signature}
@@ -104,7 +105,8 @@ def test_the_body_is_one_that_xm430_can_carry() -> None:
 
 
 def test_left_and_right_are_mirror_images() -> None:
-    model, data = BINDING.model, mujoco.MjData(BINDING.model)
+    model = BINDING.model
+    data = mujoco.MjData(BINDING.model)
     mujoco.mj_kinematics(model, data)
     for number in range(model.nbody):
         name = model.body(number).name
@@ -203,7 +205,8 @@ def test_a_motion_keeps_clear_of_the_body_and_within_the_servos_strength(path: P
         reference = curve.sample(float(t))
         assert reference is not None
         assert clearance(BINDING, reference.position) > CLEARANCE
-        data.qpos[:], data.qvel[:] = reference.position, reference.velocity
+        data.qpos[:] = reference.position
+        data.qvel[:] = reference.velocity
         data.qacc[:] = reference.acceleration
         mujoco.mj_inverse(mirror.model, data)
         assert np.abs(data.qfrc_inverse).max() < 0.5 * STALL

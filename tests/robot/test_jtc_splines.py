@@ -56,7 +56,8 @@ def test_every_group_of_curves_is_run_here() -> None:
 
 @named("interpolate_segment")
 def test_a_segment_follows_its_polynomial(case: dict[str, Any]) -> None:
-    before, T = reference(case["start"]), case["t1"] - case["t0"]
+    before = reference(case["start"])
+    T = case["t1"] - case["t0"]
     end = case["end"]  # its acceleration is ignored: the other end has none
     path = Trajectory(
         np.array([T]), np.array([[float(end["p"])]]), np.ones(1, np.bool_), np.array([[float(end["v"])]])
@@ -116,7 +117,8 @@ def test_accelerations_alone_are_summed_up_twice() -> None:
 
 
 def test_what_has_no_way_to_a_position_is_an_error() -> None:
-    before, time = w.at_rest([0.0]), np.array([1.0, 2.0])
+    before = w.at_rest([0.0])
+    time = np.array([1.0, 2.0])
     nothing = np.array([[0.1], [np.nan]])
     with pytest.raises(ValueError, match="neither"):
         integrate(time, before, nothing)
@@ -139,7 +141,8 @@ def test_a_position_chunk_is_filled_smoothly(case: dict[str, Any]) -> None:
     if case["id"] == "smooth_not_staircase":
         return _smooth(case)
     position = np.array(case["p"], np.float64)[:, None]
-    time, untouched = case.get("dt", 0.1) * np.arange(len(position)), position.copy()
+    time = case.get("dt", 0.1) * np.arange(len(position))
+    untouched = position.copy()
     if case.get("ok", True):
         assert fill(time, position)[:, 0] == pytest.approx(case["expect_v"], abs=case["tol"])
     else:
@@ -152,11 +155,14 @@ def test_a_position_chunk_is_filled_smoothly(case: dict[str, Any]) -> None:
 def _smooth(case: dict[str, Any]) -> None:
     """In the case's words: peak second difference at 2 ms < 2 analytic + 1; the unfilled one > 3 filled."""
     s = np.arange(case["n"]) / (case["n"] - 1)
-    time, position = case["dt"] * np.arange(case["n"]), (0.1 + 0.5 * np.sin(np.pi * s) ** 2)[:, None]
-    both, before = np.ones(1, np.bool_), w.at_rest(position[0])
+    time = case["dt"] * np.arange(case["n"])
+    position = (0.1 + 0.5 * np.sin(np.pi * s) ** 2)[:, None]
+    both = np.ones(1, np.bool_)
+    before = w.at_rest(position[0])
 
     def peak(path: Trajectory) -> float:
-        spline, step = interpolate(path, before), 0.002
+        spline = interpolate(path, before)
+        step = 0.002
         row = [spline.sample(t).position[0] for t in np.arange(0.0, time[-1], step)]
         return float(np.abs(np.diff(row, 2)).max() / step**2)
 
@@ -169,7 +175,8 @@ def _smooth(case: dict[str, Any]) -> None:
 
 def test_a_fill_has_no_step_in_acceleration_and_rests_at_both_ends() -> None:
     rng = np.random.default_rng(7)
-    time, position = np.cumsum(rng.uniform(0.05, 0.5, 9)), rng.uniform(-1.0, 1.0, (9, 3))
+    time = np.cumsum(rng.uniform(0.05, 0.5, 9))
+    position = rng.uniform(-1.0, 1.0, (9, 3))
     velocity = fill(time, position)
     spline = interpolate(
         Trajectory(time - time[0], position, np.ones(3, np.bool_), velocity), w.at_rest(position[0])
@@ -257,7 +264,8 @@ def test_a_last_velocity_below_what_counts_as_rest_passes_here_and_not_upstream(
 
 
 def test_what_upstream_does_not_check_is_refused_here() -> None:
-    nan, good = float("nan"), [0.1, 0.1, 0.1]
+    nan = float("nan")
+    good = [0.1, 0.1, 0.1]
     assert answers([PointRow(1.0, [nan, 0.0, 0.0])], TrajectoryRequest()) == {ReasonCode.NONFINITE}
     assert answers([PointRow(1.0, [10.0, 0.0, 0.0])], TrajectoryRequest()) >= {ReasonCode.POS_LIMIT}
     assert answers([PointRow(-1.0, good)], TrajectoryRequest()) == {ReasonCode.TIME_ORDER}

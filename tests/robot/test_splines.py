@@ -35,7 +35,8 @@ def test_the_bernstein_form_is_the_same_curve(path: Trajectory, before: Referenc
     through = knots(path, before)
     if through.velocity is None or len(through.time) < 2:
         return
-    spline, form = curve(through), smooth(through, through.velocity, 0, len(through.time) - 1)
+    spline = curve(through)
+    form = smooth(through, through.velocity, 0, len(through.time) - 1)
     for u in (0.0, 0.25, 0.7, 1.0):
         for i in range(len(through.time) - 1):
             at = spline.inside(i, spline.time[i] + u * (spline.time[i + 1] - spline.time[i]))

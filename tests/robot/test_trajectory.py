@@ -15,12 +15,14 @@ from twind.robot.trajectory import Reference, Trajectory
 def test_a_stretched_path_passes_the_same_places_slower(path: Trajectory, factor: float, u: float) -> None:
     start = path.position[0]
     rest = Reference(start, np.zeros_like(start), np.zeros_like(start))
-    quick, slow = interpolate(path, rest), interpolate(path.stretched(factor), rest)
+    quick = interpolate(path, rest)
+    slow = interpolate(path.stretched(factor), rest)
     assert slow.duration == pytest.approx(quick.duration * factor)
     for index in range(len(quick.coefficients)):
         begin, end = quick.time[index : index + 2]
         t = float(begin + u * (end - begin))
-        fast, late = quick.inside(index, t), slow.inside(index, t * factor)
+        fast = quick.inside(index, t)
+        late = slow.inside(index, t * factor)
         T = float(end - begin)
         scale = max(1.0, *np.abs(path.position).ravel())
         assert late.position == pytest.approx(fast.position, abs=1e-6 * scale)

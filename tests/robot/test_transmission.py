@@ -29,8 +29,11 @@ def test_there_and_back_is_where_it_was(case: tuple[Transmission, np.ndarray]) -
 @given(placed(), st.lists(st.floats(-5.0, 5.0), min_size=6, max_size=6))
 def test_no_power_is_lost(case: tuple[Transmission, np.ndarray], numbers: list[float]) -> None:
     law, place = case
-    count, jacobian = place.size, law.jacobian(place)
-    torque, speed = np.array(numbers[:count]), np.array(numbers[-count:])  # of the actuators
+    count = place.size
+    jacobian = law.jacobian(place)
+    # of the actuators
+    torque = np.array(numbers[:count])
+    speed = np.array(numbers[-count:])
     joints = np.linalg.solve(jacobian.T, torque)
     assert joints @ (jacobian @ speed) == pytest.approx(torque @ speed, abs=1e-6)
 
@@ -66,7 +69,8 @@ def test_all_joints_at_their_fair_bounds_ask_no_actuator_for_too_much(
 ) -> None:
     law, place = case
     count = place.size
-    bound, own = np.array(numbers[:count]), np.array(numbers[-count:])
+    bound = np.array(numbers[:count])
+    own = np.array(numbers[-count:])
     speed = fair(back(law), bound, own)
     assert (speed > 0.0).all() and (speed <= own).all()
     inverse = np.linalg.inv(law.jacobian(place))
@@ -165,8 +169,11 @@ def test_a_place_of_a_large_table_is_sought_in_a_few_cells(monkeypatch: pytest.M
     """64 x 64 places are as quick as 8 x 8, also where the cells are long and lie askew."""
     axis = np.linspace(-1.0, 1.0, 64).tolist()
     rows = [[(a + b) / 2 + 0.01 * math.sin(a), 0.03 * (a - b) / 2] for a in axis for b in axis]
-    law, tried, solved = LinkageTable([axis, axis], rows), [], []
-    hold, solve = TableCell.may_hold, TableCell.solve
+    law = LinkageTable([axis, axis], rows)
+    tried = []
+    solved = []
+    hold = TableCell.may_hold
+    solve = TableCell.solve
     monkeypatch.setattr(TableCell, "may_hold", lambda cell, wanted: tried.append(cell) or hold(cell, wanted))
     monkeypatch.setattr(TableCell, "solve", lambda cell, wanted: solved.append(cell) or solve(cell, wanted))
     for place in np.random.default_rng(0).uniform(-0.9, 0.9, (50, 2)):

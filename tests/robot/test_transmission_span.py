@@ -42,7 +42,8 @@ def edges(lower: np.ndarray, upper: np.ndarray, count: int) -> np.ndarray:
 def test_the_span_of_a_box_holds_whatever_lies_in_it(case: tuple[Transmission, np.ndarray]) -> None:
     law, place = case
     centre = law.forward(place)
-    lower, upper = centre - 0.01, centre + 0.01
+    lower = centre - 0.01
+    upper = centre + 0.01
     low, high = span(law, lower, upper)
     assume(np.isfinite(low).all() and np.isfinite(high).all())
     assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
@@ -53,8 +54,10 @@ def test_no_pose_of_the_box_leads_an_actuator_beyond_its_span(
     case: tuple[Transmission, np.ndarray], half: list[float], data: st.DataObject
 ) -> None:
     law, place = case
-    centre, sizes = law.forward(place), np.array(half[: place.size])
-    lower, upper = centre - sizes, centre + sizes
+    centre = law.forward(place)
+    sizes = np.array(half[: place.size])
+    lower = centre - sizes
+    upper = centre + sizes
     low, high = span(law, lower, upper)
     assume(np.isfinite(low).all() and np.isfinite(high).all())
     shares = np.array(data.draw(st.lists(SHARES, min_size=place.size, max_size=place.size)))
@@ -82,7 +85,9 @@ def test_the_ends_of_a_span_are_where_the_joints_are_in_the_box(
 def test_kinks_of_a_table_between_any_two_places_of_an_edge_count(
     law: Callable[[float, float], tuple[float, float]], places: int
 ) -> None:
-    table, lower, upper = squared(places, law), np.array([-0.4, -0.1]), np.array([0.37, 0.1])
+    table = squared(places, law)
+    lower = np.array([-0.4, -0.1])
+    upper = np.array([0.37, 0.1])
     angles = np.array([table.inverse(place) for place in edges(lower, upper, 401)])
     low, high = span(table, lower, upper)
     if np.isnan(angles).any():
@@ -93,7 +98,9 @@ def test_kinks_of_a_table_between_any_two_places_of_an_edge_count(
 
 @pytest.mark.parametrize(("top", "known"), [(0.344, True), (0.346, False), (0.36, False)])
 def test_a_box_whose_edge_leaves_the_table_between_its_corners_has_no_span(top: float, known: bool) -> None:
-    table, lower, upper = squared(7, pushed), np.array([-0.4, 0.3]), np.array([0.4, top])
+    table = squared(7, pushed)
+    lower = np.array([-0.4, 0.3])
+    upper = np.array([0.4, top])
     assert np.isfinite([table.inverse(np.array([pitch, top])) for pitch in (-0.4, 0.4)]).all()
     assert np.isfinite(span(table, lower, upper)).all() == known
 

@@ -136,7 +136,8 @@ def test_a_definition_means_to_rosbags_what_its_own_does(kind: str) -> None:
 @given(st.lists(st.lists(st.floats(width=64), min_size=3, max_size=3), min_size=3, max_size=3), st.data())
 def test_a_patched_message_is_the_encoded_one(columns: list[list[float]], data: st.DataObject) -> None:
     names = data.draw(st.lists(words, min_size=3, max_size=3))
-    velocity, effort = data.draw(st.booleans()), data.draw(st.booleans())
+    velocity = data.draw(st.booleans())
+    effort = data.draw(st.booleans())
     time = data.draw(st.integers(-(10**18), 2 * 10**18))
     buffer = JointStateBuffer(names, velocity=velocity, effort=effort)
     buffer.fill(7, *[[9.0] * 3] * (1 + velocity + effort))
@@ -231,7 +232,8 @@ def test_the_definitions_of_others_are_read_too() -> None:
 def test_who_takes_part_is_told_in_gids_as_wide_as_the_distribution_has_them(
     store: Stores, width: int
 ) -> None:
-    peer, gid = get_typestore(store), bytes(range(width))
+    peer = get_typestore(store)
+    gid = bytes(range(width))
     node = {"node_namespace": "/", "node_name": "twind", "writer_gid_seq": [{"data": gid}] * 2}
     kind = participant_entities(width)
     data = encode(kind, {"gid": {"data": gid}, "node_entities_info_seq": [node]})

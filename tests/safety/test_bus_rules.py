@@ -28,7 +28,8 @@ class Watch:
 
     def __init__(self, period: float = PERIOD) -> None:
         self.guard = Guard(LIMITS, buses=("left", "right"))
-        self.now, self.period = 10.0, period
+        self.now = 10.0
+        self.period = period
         self.told: list[ReasonCode] = []
 
     def see(self, left: BusTraffic, right: BusTraffic = GOOD, **over: object) -> GuardDecision:
@@ -53,7 +54,8 @@ def test_a_good_bus_says_nothing() -> None:
 @pytest.mark.parametrize("rate", [100.0, 200.0, 500.0, 1000.0])
 def test_r06_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None:
     watch = Watch(1.0 / rate)
-    warn, most = round(0.01 * rate), round(0.05 * rate)
+    warn = round(0.01 * rate)
+    most = round(0.05 * rate)
     for count in range(1, most + 1):
         judgement = watch.see(BAD)
         watch.see(GOOD)  # never two in a row

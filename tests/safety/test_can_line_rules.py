@@ -11,7 +11,9 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import BusTraffic, Guard, GuardDecision, Reaction
 
-ACTIVE, PASSIVE, OFF = 0, 1, 2
+ACTIVE = 0
+PASSIVE = 1
+OFF = 2
 SERIAL = BusTraffic(asked=True, answered=True)
 NOBODY = BusTraffic(asked=True)
 FULL = BusTraffic(full=1)
@@ -31,7 +33,8 @@ class Watch:
     def __init__(self, period: float = PERIOD, support: str = "gantry") -> None:
         can = {"arm": [1], "leg": [2]}
         self.guard = Guard(LIMITS, buses=("spine", "arm", "leg"), can=can, support=support)
-        self.now, self.period = 10.0, period
+        self.now = 10.0
+        self.period = period
         self.told: list[ReasonCode] = []
 
     def see(
@@ -166,7 +169,8 @@ def test_r24_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
 @pytest.mark.parametrize("rate", [50.0, 100.0, 200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("lost", [NOBODY, FULL])
 def test_r24_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) -> None:
-    watch, most = Watch(1.0 / rate), round(0.1 * rate)
+    watch = Watch(1.0 / rate)
+    most = round(0.1 * rate)
     found = watch.all([lost] * most)
     assert [bool(one.gone) for one in found] == [False] * (most - 1) + [True]
     last = next(one for one in found[-1].findings if one.code is ReasonCode.CAN_BUS_STATE)

@@ -13,7 +13,8 @@ from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import MOVING, REACTING, Reaction
 from twind.safety.guard_types import ClearanceAhead
 
-BLOCK, WARN = 0.002, 0.010
+BLOCK = 0.002
+WARN = 0.010
 TINY = 1e-9
 
 
@@ -66,7 +67,8 @@ def test_r20_no_hold_no_stop_and_no_way_down_is_touched(
     clearance: float, state: RobotState, motion: Motion
 ) -> None:
     over = {"state": state, "motion": motion, "mode": Mode.SIM, "setpoint_age": 0.0}
-    without, found = judge(**over), judge(**over, outlook=outlook(clearance))
+    without = judge(**over)
+    found = judge(**over, outlook=outlook(clearance))
     if motion in MOVING and state not in REACTING:
         assert ReasonCode.LOOKAHEAD_COLLISION in codes(found)
     else:

@@ -78,7 +78,8 @@ def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: in
     )
     if not values.size:
         return
-    top, low = values.max(axis=1), values.min(axis=1)
+    top = values.max(axis=1)
+    low = values.min(axis=1)
     slack = 1e-3 * (1.0 + np.abs(values).max(axis=(0, 1)))  # of looking at 101 places per segment only
     fast = np.maximum(np.abs(top), np.abs(low)) + slack
     wide = w.limits(
@@ -195,7 +196,8 @@ def test_the_last_line_ends_at_rest() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_speed_towards_a_limit_must_leave_room_to_stop(sign: float) -> None:
-    end, v = 1.5, 2.0
+    end = 1.5
+    v = 2.0
     path = w.path([10.0, 11.0], [sign * (end - v), sign * end])
     for hard, passes in ((end + 2.2**2 / 40.0 + 1e-9, True), (end + 2.2**2 / 40.0 - 1e-9, False)):
         limit = w.limits(1, hard_upper=hard, hard_lower=-hard)
@@ -279,7 +281,8 @@ def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, s
 
 
 def test_a_path_that_is_wrong_everywhere_names_each_joint_once_per_rule_at_its_worst() -> None:
-    n, k = 5, 400
+    n = 5
+    k = 400
     time = np.arange(1, k + 1) * 0.05
     wave = np.sin(time[:, None] * 2.0 + np.arange(n)) * np.linspace(2.5, 3.5, k)[:, None]
     path = Trajectory(time, wave, np.ones(n, np.bool_))
@@ -330,8 +333,10 @@ def test_any_limits_get_a_verdict(path: Trajectory, value: float) -> None:
 def test_the_parts_are_pure_functions_of_their_arguments() -> None:
     from twind.robot.splines import knots
 
-    path, before = w.path([1.0, 2.0], [3.0, 0.0]), w.at_rest([0.0])
-    limit, th = some(w.limits(3), np.array([1])), GateThresholds()
+    path = w.path([1.0, 2.0], [3.0, 0.0])
+    before = w.at_rest([0.0])
+    limit = some(w.limits(3), np.array([1]))
+    th = GateThresholds()
     subject = CurveSubject(knots(path, before), np.array([1]), limit, before.velocity, 1)
     assert {spot.finding.joint for spot in judge(subject, 0, 2, limit, th)} == {1}
     assert start(subject, th) == []
@@ -360,6 +365,8 @@ def test_a_cubic_is_held_to_its_acceleration_at_either_end(
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_a_cubic_is_warned_of_by_its_jerk(sign: float, share: float) -> None:
-    h, T = share * 5000.0 * 0.05**3 / 12.0, 0.05  # from rest to rest the jerk is 12 h / T³
+    # from rest to rest the jerk is 12 h / T³
+    h = share * 5000.0 * 0.05**3 / 12.0
+    T = 0.05
     judged = w.ask(w.path([T], [[sign * h]], [[0.0]]), w.limits(1, acceleration=1e4), w.at_rest([0.0]))
     assert any(f.code is ReasonCode.JERK_LIMIT for f in judged.verdict.warnings) is (share > 1.0)

@@ -158,7 +158,9 @@ class Clocks:
     """Servos whose clocks are read; joint 1 is the one that may restart."""
 
     def __init__(self, start: int, **over: object) -> None:
-        self.guard, self.over, self.now = guard(), over, 100.0
+        self.guard = guard()
+        self.over = over
+        self.now = 100.0
         self.ticks = np.full(N, start, np.int64)
         self.read()
 
@@ -193,7 +195,8 @@ def test_r11_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
     start: int, gap: float, share: float
 ) -> None:
     clocks = Clocks(start)
-    expected, uptime = (start + gap * 1e3) % CLOCK, gap * share * 1e3
+    expected = (start + gap * 1e3) % CLOCK
+    uptime = gap * share * 1e3
     off = abs((uptime - expected + CLOCK / 2) % CLOCK - CLOCK / 2)
     assume(off > 52.0 + 0.05 * gap * 1e3)
     judgement = clocks.restart(gap, gap * share)
@@ -283,7 +286,8 @@ def test_r11_an_armed_watchdog_that_reads_zero_is_a_restart(watchdog: int, resta
 
 
 def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
-    judge, zero = guard(), at(0, 0, 5, np.int16)
+    judge = guard()
+    zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
     assert judge.judge(facts(watchdog=zero)) == FINE  # read at the same time as before
     assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.1), torque_settled=False)) == FINE
@@ -291,7 +295,8 @@ def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> No
 
 
 def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
-    judge, zero = guard(), at(0, 0, 5, np.int16)
+    judge = guard()
+    zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
     anew = np.full(N, 9.99)
     anew[1] = 10.1
@@ -303,7 +308,8 @@ def test_r11_r12_a_watchdog_read_before_the_arming_says_nothing_though_the_torqu
     value: int,
 ) -> None:
     """A status is as old as its older half: the torque's new half may be all that makes its time move."""
-    judge, watchdog = guard(), at(0, value, 5, np.int16)
+    judge = guard()
+    watchdog = at(0, value, 5, np.int16)
     judge.judge(facts(now=10.0, watchdog=watchdog, status_time=np.full(N, 9.8), **DISARMED))
     assert judge.judge(facts(now=10.01, watchdog=watchdog, status_time=np.full(N, 9.9))) == FINE
     assert judge.judge(facts(now=10.01, watchdog=watchdog, status_time=np.full(N, 10.0))) == FINE
@@ -312,7 +318,8 @@ def test_r11_r12_a_watchdog_read_before_the_arming_says_nothing_though_the_torqu
 
 @pytest.mark.parametrize("between", [DISARMED, {"torque": np.ones(N, np.int8)}])
 def test_r10_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
-    judge, off = guard(), at(1, 0, 1, np.int8)
+    judge = guard()
+    off = at(1, 0, 1, np.int8)
     rows = [{"torque": off}, {"torque": off} | between, {"torque": off}, {"torque": off}]
     found = [
         judge.judge(
@@ -336,5 +343,6 @@ def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> N
 
 
 def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
-    off, zero = at(0, 0, 1, np.int8), at(0, 0, 5, np.int16)
+    off = at(0, 0, 1, np.int8)
+    zero = at(0, 0, 5, np.int16)
     assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [ReasonCode.SERVO_REBOOTED]

@@ -352,7 +352,8 @@ def test_the_check_pauses_between_slices_and_only_there() -> None:
 
 def test_the_same_question_gets_the_same_answer_and_nothing_is_written_to() -> None:
     path = w.path([0.0, 0.5, 1.0], [[0.3, 0.0], [2.5, 0.0], [0.0, 0.0]], [[0.0, 0.0], [8.0, 0.0], [5.0, 0.0]])
-    snapshot, limits = w.snapshot(2), w.limits()
+    snapshot = w.snapshot(2)
+    limits = w.limits()
     for array in (path.time, path.position, path.velocity, path.commanded, snapshot.age, limits.upper):
         array.setflags(write=False)
     answers = [

@@ -27,7 +27,9 @@ def of(code: ReasonCode, judged: GateResult) -> list[Finding]:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_a_quintic_is_warned_of_by_its_jerk(sign: float, share: float) -> None:
-    T, jerk = 0.004, sign * share * 5000.0  # the same all the way
+    # the same all the way
+    T = 0.004
+    jerk = sign * share * 5000.0
     path = w.path([0.0, T], [0.0, jerk * T**3 / 6.0], [0.0, jerk * T**2 / 2.0], [0.0, jerk * T])
     judged = w.ask(path, w.limits(1, acceleration=1e4), w.at_rest([0.0]))
     found = [(finding.value, finding.bound) for finding in warned(judged)]
@@ -35,7 +37,8 @@ def test_a_quintic_is_warned_of_by_its_jerk(sign: float, share: float) -> None:
 
 
 def test_a_quintic_of_one_acceleration_has_no_jerk() -> None:
-    T, a = 0.004, 10.0
+    T = 0.004
+    a = 10.0
     path = w.path([0.0, T], [0.0, a * T**2 / 2.0], [0.0, a * T], [a, a])
     assert not warned(w.ask(path, w.limits(1), w.at_rest([0.0])))
 
@@ -121,14 +124,16 @@ def test_room_to_stop_is_looked_for_on_either_side_of_zero() -> None:
     path = w.path([13.0 / 3.0], [0.6])  # down at 0.3 rad/s: 0.21 rad to stop in, of which 0.15 are left
     limit = w.limits(1, lower=0.5, acceleration=0.6)
     assert ReasonCode.BRAKE_DISTANCE in w.codes(w.ask(path, limit, w.at_rest([1.9])))
-    up, limit = w.path([13.0 / 3.0], [-0.6]), w.limits(1, upper=-0.5, acceleration=0.6)
+    up = w.path([13.0 / 3.0], [-0.6])
+    limit = w.limits(1, upper=-0.5, acceleration=0.6)
     assert ReasonCode.BRAKE_DISTANCE in w.codes(w.ask(up, limit, w.at_rest([-1.9])))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_room_to_stop_counts_at_each_moment(sign: float) -> None:
     u = np.linspace(0.0, 1.0, 100_001)
-    place, speed = 3.0 * u**2 - 2.0 * u**3, 6.0 * u * (1.0 - u)
+    place = 3.0 * u**2 - 2.0 * u**3
+    speed = 6.0 * u * (1.0 - u)
     furthest = (place + (speed + 0.2) ** 2 / 20.0).max()
     path = w.path([1.0], [sign], [0.0])
     for more, passes in ((1e-6, True), (-1e-6, False)):

@@ -28,7 +28,8 @@ def judge(
 @st.composite
 def tightened(draw: st.DrawFn, limits: JointLimits) -> JointLimits:
     """Every bound as it is, or stricter."""
-    lower, upper = limits.lower * draw(SHARES), limits.upper * draw(SHARES)
+    lower = limits.lower * draw(SHARES)
+    upper = limits.upper * draw(SHARES)
     return replace(
         limits,
         lower=lower,

@@ -43,7 +43,8 @@ def test_r21_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: st
 
 
 def test_r21_the_bound_follows_the_period() -> None:
-    guard, goal = Guard(LIMITS), at_rest([0.0, STEP, 0.0])
+    guard = Guard(LIMITS)
+    goal = at_rest([0.0, STEP, 0.0])
     assert guard.judge(facts(goal=goal)) == FINE
     assert guard.judge(facts(goal=goal, period=0.005)).goal_refused
 

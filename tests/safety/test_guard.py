@@ -260,7 +260,8 @@ def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
     guard = Guard(LIMITS)
 
     def read(time: float, settled: bool = True) -> GuardDecision:
-        off, when = np.zeros(N, np.int8), np.full(N, time)
+        off = np.zeros(N, np.int8)
+        when = np.full(N, time)
         return guard.judge(facts(now=time, torque=off, status_time=when, torque_settled=settled))
 
     for time in (10.0, 10.005, 10.01):

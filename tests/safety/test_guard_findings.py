@@ -118,7 +118,8 @@ def test_a_second_fault_is_latched_beside_the_first(state: RobotState) -> None:
     there = {"watchdog": watchdog, "previous": joints(0.0, 2.1, 0.0), "goal": at_rest([0.0, 2.1, 0.0])}
     guard.judge(facts(**there, measured=reading([0.0, 2.05, 0.0])))
     both = {**there, "measured": reading([0.0, 2.1, 0.0]), "state": state}
-    first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
+    first = guard.judge(facts(**both))
+    second = guard.judge(facts(**both))
     assert (first.latches, codes(first)) == (True, [ReasonCode.OUT_OF_LIMIT])
     assert (second.latches, second.findings) == (False, ())
 
@@ -174,7 +175,8 @@ def test_limits_that_are_replaced_count_from_the_next_tick_and_what_was_told_is_
     assert guard.judge(there) == FINE
     late = facts(lateness=0.01)
     assert codes(guard.judge(late)) == [ReasonCode.LOOP_LATE]
-    upper, hard = LIMITS.upper - 0.5, LIMITS.hard_upper - 0.5
+    upper = LIMITS.upper - 0.5
+    hard = LIMITS.hard_upper - 0.5
     guard.limit(replace(LIMITS, upper=upper, hard_upper=hard, velocity=LIMITS.velocity / 2))
     assert codes(guard.judge(late)) == [], "told already"
     assert codes(guard.judge(there)) == [ReasonCode.OUT_OF_LIMIT]

@@ -25,10 +25,8 @@ def refused(
     condition: JointCondition | None, chosen: np.ndarray = BOTH
 ) -> list[tuple[ReasonCode, int | None]]:
     """By arming and by a motion alike."""
-    armed, connected = (
-        w.snapshot(condition=condition),
-        w.snapshot(state=RobotState.CONNECTED, condition=condition),
-    )
+    armed = w.snapshot(condition=condition)
+    connected = w.snapshot(state=RobotState.CONNECTED, condition=condition)
     found = [(finding.code, finding.joint) for finding in admit(armed, chosen, w.TH).refusals]
     assert found == [(finding.code, finding.joint) for finding in arming(connected, w.TH, chosen).refusals]
     return found
@@ -64,7 +62,8 @@ def test_a_reading_that_is_old_or_of_no_age_refuses(age: float, fine: bool) -> N
 
 
 def test_a_joint_moves_with_all_the_motors_that_turn_it() -> None:
-    hot, first = w.condition(temperature=second(35.0, 90.0)), np.array([True, False])
+    hot = w.condition(temperature=second(35.0, 90.0))
+    first = np.array([True, False])
     pair = replace(hot, together=(np.array([0, 1]),))
     assert refused(hot, first) == []
     assert refused(pair, first) == [(ReasonCode.THERMAL_HEADROOM, 1)]

@@ -14,7 +14,8 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import Guard, GuardDecision, Reaction
 
-SETTLE, NONE = Reaction.SETTLE, Reaction.NONE
+SETTLE = Reaction.SETTLE
+NONE = Reaction.NONE
 RATED = replace(
     ActuatorRatings.unknown(N),
     warm=np.full(N, 60.0),
@@ -28,7 +29,9 @@ class Watch:
     """A guard on a gantry whose temperatures are read five times a second."""
 
     def __init__(self, **usual: object) -> None:
-        self.guard, self.now, self.usual = Guard(LIMITS, support="gantry", ratings=RATED), 10.0, usual
+        self.guard = Guard(LIMITS, support="gantry", ratings=RATED)
+        self.now = 10.0
+        self.usual = usual
 
     def read(self, *celsius: float, dt: float = 0.2, **over: object) -> GuardDecision:
         self.now += dt

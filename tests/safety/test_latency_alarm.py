@@ -8,9 +8,13 @@ from hypothesis import strategies as st
 
 from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
 
-CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/reason-codes.md says
+# of the bound; s: as docs/reason-codes.md says
+CALM = 0.8
+CALM_FOR = 1.0
 BOUND = 0.05
-LOW, MIDDLE, HIGH = 0.01, 0.045, 0.06
+LOW = 0.01
+MIDDLE = 0.045
+HIGH = 0.06
 
 
 def told(*values: tuple[float, float], bound: float = BOUND) -> list[tuple[float, bool]]:
@@ -75,7 +79,10 @@ steps = st.tuples(
 def test_whatever_comes_too_slow_and_calm_take_turns_and_calm_was_earned(
     steps: list[tuple[float, float]],
 ) -> None:
-    alarm, now, last, wrong_at = LatencyAlarm("reply"), 0.0, True, -inf
+    alarm = LatencyAlarm("reply")
+    now = 0.0
+    last = True
+    wrong_at = -inf
     for wait, value in steps:
         now += wait
         alert = alarm.judge(value, BOUND, now)

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from twind.safety.lease import STREAMING, TRAJECTORY, Lease, LeaseHolder
 
-A, B = 1, 2
+A = 1
+B = 2
 
 
 def held(now: float = 10.0, client: int = A) -> Lease:
@@ -146,7 +147,10 @@ calls = st.one_of(
 
 @given(st.lists(calls, max_size=40))
 def test_whatever_is_called_at_most_one_holds_it_and_the_epoch_never_shrinks(history: list[tuple]) -> None:
-    lease, now, epoch, before = Lease(), 5.0, 0, 0
+    lease = Lease()
+    now = 5.0
+    epoch = 0
+    before = 0
     for call in history:
         match call:
             case ("acquire", client, take):
@@ -175,7 +179,8 @@ def test_whatever_is_called_at_most_one_holds_it_and_the_epoch_never_shrinks(his
         assert lease.epoch >= epoch
         if [before] != (holders or [0]):
             assert lease.epoch > epoch
-        epoch, before = lease.epoch, lease.holder_client(now)
+        epoch = lease.epoch
+        before = lease.holder_client(now)
 
 
 def test_a_refusal_is_a_plain_no() -> None:

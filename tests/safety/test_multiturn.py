@@ -12,7 +12,10 @@ from twind.robot.finding import ReasonCode
 from twind.robot.turn_range import TurnRange
 from twind.safety.multiturn import chosen, expected, inside, strayed, unfit
 
-WHOLE, FIRST, LAST, SLACK = 4096, 1500, 2600, 98
+WHOLE = 4096
+FIRST = 1500
+LAST = 2600
+SLACK = 98
 MANY = 1_048_575
 
 
@@ -47,7 +50,8 @@ def told(raw: int, of: TurnRange, *, on: bool = False) -> str:
 
 @given(st.integers(FIRST - SLACK, LAST + SLACK), st.integers(-200, 200))
 def test_a_reading_any_turns_off_is_put_right(count: int, off: int) -> None:
-    of, raw = turns(), count + off * WHOLE
+    of = turns()
+    raw = count + off * WHOLE
     shift = chosen(np.array([raw]), of)
     assert raw + shift[0] == count
     assert told(raw, of) == ""
@@ -68,7 +72,8 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
     assert shift % whole == 0
     assert of.band[0] <= count < of.band[0] + whole
     if told(raw, of) == "":
-        least, most = first - SLACK, first + span + SLACK
+        least = first - SLACK
+        most = first + span + SLACK
         assert span < whole
         assert least <= count <= most
         assert not least <= count - whole <= most
@@ -135,7 +140,8 @@ def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
 
 
 def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
-    shift, told = np.array([4096]), np.array([True])
+    shift = np.array([4096])
+    told = np.array([True])
     assert not strayed(np.array([2000 - 4096]), shift, turns(), told)
     assert not strayed(np.array([0]), shift, turns(), ~told)
     [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)

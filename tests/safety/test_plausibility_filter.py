@@ -11,11 +11,14 @@ from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import Guard, Reaction
 from twind.safety.plausibility_filter import PlausibilityFilter
 
-FASTEST, PERIOD = 3000.0, 0.01  # ticks/s, s
+# ticks/s, s
+FASTEST = 3000.0
+PERIOD = 0.01
 TRIP = 0.0021  # s, from the question to the end of the answer
 STEP = 1.5 * FASTEST * (PERIOD + TRIP) + 3.0  # ticks: the bound between two readings
 TURN = 4096
-YES, NO = np.array([True, True]), np.array([False, False])
+YES = np.array([True, True])
+NO = np.array([False, False])
 
 
 class World:
@@ -56,7 +59,8 @@ def test_a_step_is_believed_up_to_what_the_motor_can_do(step: float, fits: bool,
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=60), st.lists(st.booleans(), max_size=60))
 def test_no_motion_that_the_motor_can_do_is_ever_dropped(speeds: list[float], deaf: list[bool]) -> None:
-    world, place = World(), 0.0
+    world = World()
+    place = 0.0
     for number, speed in enumerate(speeds):
         place += speed * FASTEST * PERIOD
         heard = not (number < len(deaf) and deaf[number])
@@ -129,7 +133,8 @@ def test_the_short_way_needs_its_time_and_somebody_who_was_heard() -> None:
 
 
 def test_the_short_way_needs_its_time_and_no_more() -> None:
-    senses, zero = PlausibilityFilter(np.full(2, FASTEST), 1.25 / 64), np.array([0, 0])
+    senses = PlausibilityFilter(np.full(2, FASTEST), 1.25 / 64)
+    zero = np.array([0, 0])
     assert senses.believe(zero, YES, 5.0, 5.0, NO).all()
     assert senses.usual(zero, 5.0 + 1 / 64, 5.0 + 1 / 64) is True
 
@@ -149,7 +154,8 @@ def test_right_at_the_bound_it_fits_and_agrees(step: int, fits: bool) -> None:
     assert senses.believe(np.array([0, step]), YES, 5.0 + 1 / 64, 5.0 + 1 / 64, NO).tolist() == [True, fits]
     senses = first(1024.0, 5.0, 5.0)
     for count in range(1, 4):
-        now, place = 5.0 + count / 64, 1000 + step * count
+        now = 5.0 + count / 64
+        place = 1000 + step * count
         believed = senses.believe(np.array([0, place]), YES, now, now, NO)
     assert believed.tolist() == [True, fits]
 
@@ -168,9 +174,11 @@ def test_who_changes_its_mind_must_agree_three_times_anew() -> None:
 @pytest.mark.parametrize(("gap", "fits"), [(0.001, False), (0.0058, False), (0.0061, True), (0.010, True)])
 def test_readings_that_come_close_upon_each_other_may_lie_less_apart(gap: float, fits: bool) -> None:
     """A late tick is followed by one in time: the full step of a period is too much between them."""
-    senses, ears = PlausibilityFilter(np.full(2, FASTEST), PERIOD), np.array([True, True])
+    senses = PlausibilityFilter(np.full(2, FASTEST), PERIOD)
+    ears = np.array([True, True])
     senses.believe(np.array([0, 0]), ears, 5.0, 5.0 + TRIP, NO)
-    place, at = np.array([0, int(1.5 * FASTEST * 0.008 + 3.0)]), 5.0 + gap
+    place = np.array([0, int(1.5 * FASTEST * 0.008 + 3.0)])
+    at = 5.0 + gap
     usual = senses.usual(place, at, at + TRIP)
     believed = ears if usual else senses.believe(place, ears, at, at + TRIP, NO)
     assert believed.tolist() == [True, fits]

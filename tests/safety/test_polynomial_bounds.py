@@ -72,8 +72,10 @@ def test_a_touch_between_the_ends_is_decided_within_rounding() -> None:
 
 
 def test_one_alternative_is_enough_at_each_point_but_not_elsewhere() -> None:
-    falling, rising = np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]])
-    enough, short = np.array([0.5]), np.array([0.49])
+    falling = np.array([[1.0], [0.0]])
+    rising = np.array([[0.0], [1.0]])
+    enough = np.array([0.5])
+    short = np.array([0.49])
     assert np.isnan(exceeds([(falling, enough), (rising, enough)])[0])
     assert exceeds([(falling, short), (rising, short)])[0] == 0.5
 
@@ -86,7 +88,8 @@ def test_nothing_known_is_above_every_bound() -> None:
 
 
 def test_a_place_that_halving_never_isolates_counts_as_above() -> None:
-    falling, rising = np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]])
+    falling = np.array([[1.0], [0.0]])
+    rising = np.array([[0.0], [1.0]])
     third = exceeds([(falling, np.array([2.0 / 3.0])), (rising, np.array([1.0 / 3.0]))])[0]
     assert third == pytest.approx(1.0 / 3.0, abs=1e-7)
 

@@ -13,7 +13,10 @@ from twind.robot.modes import Mode, RobotState
 from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 from twind.safety.power_rules import VoltageRules
 
-HOLD, SETTLE, DAMP, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.NONE
+HOLD = Reaction.HOLD
+SETTLE = Reaction.SETTLE
+DAMP = Reaction.DAMP
+NONE = Reaction.NONE
 RATED = replace(
     ActuatorRatings.unknown(N),
     low_warn=np.full(N, 11.1),
@@ -36,7 +39,9 @@ class Watch:
     """A guard on a gantry, tick by tick."""
 
     def __init__(self, **usual: object) -> None:
-        self.guard, self.now, self.usual = Guard(LIMITS, support="gantry", ratings=RATED), 10.0, usual
+        self.guard = Guard(LIMITS, support="gantry", ratings=RATED)
+        self.now = 10.0
+        self.usual = usual
 
     def tick(self, dt: float = PERIOD, **over: object) -> GuardDecision:
         self.now += dt
@@ -151,8 +156,11 @@ def tire(load: float, seconds: float) -> list[GuardDecision]:
 def test_r17_what_tires_is_the_square_beyond_what_is_borne(load: float) -> None:
     rate = load**2 - 0.35**2  # a second
     for amount, reaction, bound in ((0.25, NONE, 0.25), (0.5, HOLD, 0.5), (0.8, SETTLE, 0.8)):
-        before, after = (amount - 0.001) / rate - 0.06, amount / rate + 0.07  # a look, and a tick
-        short, full = tire(load, before), tire(load, after)
+        # a look, and a tick
+        before = (amount - 0.001) / rate - 0.06
+        after = amount / rate + 0.07
+        short = tire(load, before)
+        full = tire(load, after)
         assert bound not in [finding.bound for one in short for finding in one.findings]
         said = [finding for one in full for finding in one.findings]
         assert (said[-1].code, said[-1].joint, said[-1].bound) == (ReasonCode.OVERCURRENT, 1, bound)
@@ -355,7 +363,8 @@ def test_r19_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
     start = watch.now
     read = joints(start, start, start)
     assert watch.tick(0.01, voltage=joints(12.0, 12.0, 12.0), health_time=read) == FINE
-    one, two = joints(start + 0.1, start, start), joints(start + 0.1, start + 0.1 + apart, start)
+    one = joints(start + 0.1, start, start)
+    two = joints(start + 0.1, start + 0.1 + apart, start)
     assert watch.tick(0.1, voltage=joints(10.4, 12.0, 12.0), health_time=one).reaction is NONE
     assert watch.tick(apart, voltage=joints(10.4, 10.3, 12.0), health_time=two).reaction is reaction
 

@@ -14,11 +14,9 @@ from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import TrajectoryRequest
 from twind.safety.retime import changed, needed
 
-RETIME, STOP, BOTH = (
-    TrajectoryRequest("retime"),
-    TrajectoryRequest(append_stop=True),
-    TrajectoryRequest("retime", append_stop=True),
-)
+RETIME = TrajectoryRequest("retime")
+STOP = TrajectoryRequest(append_stop=True)
+BOTH = TrajectoryRequest("retime", append_stop=True)
 
 
 def factor(judged: object) -> float:
@@ -30,7 +28,8 @@ def factor(judged: object) -> float:
 @settings(max_examples=100, deadline=None)
 @given(w.paths(most=4))
 def test_a_retimed_path_passes_the_same_gate_and_hardly_a_faster_one_does(path: Trajectory) -> None:
-    limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
+    limit = w.limits(velocity=1.5, acceleration=8.0)
+    before = w.at_rest(path.position[0])
     judged = w.ask(path, limit, before, RETIME)
     plain = w.ask(path, limit, before)
     if ReasonCode.RETIMED not in {change.code for change in judged.verdict.changes}:
@@ -95,7 +94,8 @@ def test_a_path_that_would_take_more_than_a_minute_is_refused_as_it_is() -> None
 
 
 def test_a_moving_reference_is_allowed_for() -> None:
-    moving, limit = Reference(np.array([0.0]), np.array([0.9]), np.zeros(1)), w.limits(1, velocity=1.0)
+    moving = Reference(np.array([0.0]), np.array([0.9]), np.zeros(1))
+    limit = w.limits(1, velocity=1.0)
     for hurried in (w.path([0.3, 0.6], [0.5, 0.9]), w.path([0.3, 0.6], [0.5, 0.9], [2.0, 0.0])):
         judged = w.ask(hurried, limit, moving, RETIME)
         assert judged.verdict.accepted
@@ -104,10 +104,8 @@ def test_a_moving_reference_is_allowed_for() -> None:
 
 
 def test_a_corner_from_a_moving_reference_gets_softer_too() -> None:
-    backwards, limit = (
-        Reference(np.array([0.0]), np.array([-2.0]), np.zeros(1)),
-        w.limits(1, acceleration=1.0),
-    )
+    backwards = Reference(np.array([0.0]), np.array([-2.0]), np.zeros(1))
+    limit = w.limits(1, acceleration=1.0)
     judged = w.ask(w.path([1.0], [0.5]), limit, backwards, RETIME)
     assert judged.verdict.accepted
     assert not w.oracle_faults(judged.path, backwards, limit)
@@ -116,7 +114,9 @@ def test_a_corner_from_a_moving_reference_gets_softer_too() -> None:
 def test_a_reference_that_no_slower_path_can_follow_ends_in_a_refusal() -> None:
     outwards = Reference(np.array([1.9]), np.array([1.0]), np.zeros(1))
     racing = Reference(np.array([0.0]), np.array([1.2]), np.zeros(1))
-    cubic, wide, slow = w.path([0.1], [1.9], [0.0]), w.limits(1, acceleration=5.0), w.limits(1, velocity=1.0)
+    cubic = w.path([0.1], [1.9], [0.0])
+    wide = w.limits(1, acceleration=5.0)
+    slow = w.limits(1, velocity=1.0)
     for path, limit, before in ((cubic, wide, outwards), (w.path([1.0], [0.6], [0.0]), slow, racing)):
         judged = w.ask(path, limit, before, RETIME)
         assert judged.verdict.refusals == w.ask(path, limit, before).verdict.refusals != ()
@@ -219,7 +219,8 @@ def same(one: Trajectory, other: Trajectory) -> bool:
 @settings(max_examples=150, deadline=None)
 @given(w.paths(most=4))
 def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
-    limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
+    limit = w.limits(velocity=1.5, acceleration=8.0)
+    before = w.at_rest(path.position[0])
     for demand in (TrajectoryRequest(), RETIME, STOP, BOTH):
         judged = w.ask(path, limit, before, demand)
         assert same(changed(path, judged.verdict.changes), judged.path)

@@ -14,7 +14,9 @@ from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import Guard, GuardDecision, Reaction
 
 PERIOD = 0.01
-HOLD, SETTLE, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.NONE
+HOLD = Reaction.HOLD
+SETTLE = Reaction.SETTLE
+NONE = Reaction.NONE
 
 
 def after(gap: float, *, slept: float = 0.0, period: float = PERIOD, **over: object) -> GuardDecision:
@@ -108,7 +110,8 @@ class Held:
     """A robot that is held, tick by tick of a second."""
 
     def __init__(self, support: str) -> None:
-        self.guard, self.now = Guard(LIMITS, support=support), 10.0
+        self.guard = Guard(LIMITS, support=support)
+        self.now = 10.0
 
     def second(self, **over: object) -> GuardDecision:
         self.now += 1.0

@@ -18,7 +18,8 @@ from twind.safety.state_machine import (
     step,
 )
 
-S, E = RobotState, RobotEvent
+S = RobotState
+E = RobotEvent
 NO = None  # not allowed
 
 # What every event does in every state. Columns in the order of `State`.
@@ -88,7 +89,8 @@ def test_torque_off_is_never_refused_where_there_is_torque(state: RobotState) ->
 
 def walk() -> set[StateLatch]:
     """Every latch that can ever be reached."""
-    reached, open_ = set(), {StateLatch()}
+    reached = set()
+    open_ = {StateLatch()}
     while open_:
         latch = open_.pop()
         reached.add(latch)
@@ -125,7 +127,8 @@ def test_after_a_fault_or_an_e_stop_there_is_no_torque_without_reset_and_then_ar
     events: list[RobotEvent],
 ) -> None:
     """X1, along any history."""
-    latch, since_stop = StateLatch(), [RobotEvent.RESET, RobotEvent.ARM]
+    latch = StateLatch()
+    since_stop = [RobotEvent.RESET, RobotEvent.ARM]
     for event in events:
         try:
             latch = latch.after(event)

@@ -12,7 +12,10 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.guard import Guard, GuardDecision, Reaction
 
-HOLD, SETTLE, DAMP, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.NONE
+HOLD = Reaction.HOLD
+SETTLE = Reaction.SETTLE
+DAMP = Reaction.DAMP
+NONE = Reaction.NONE
 LEGS = replace(
     ActuatorRatings.unknown(N), leg=np.array([True, False, False])
 )  # joint 0 alone carries the robot
@@ -28,7 +31,8 @@ def guard(support: str) -> Guard:
 
 
 def torque(support: str, joint: int, value: int) -> GuardDecision:
-    watch, read = guard(support), np.ones(N, np.int8)
+    watch = guard(support)
+    read = np.ones(N, np.int8)
     read[joint] = value
     for time in (1.0, 1.1):
         last = watch.judge(facts(torque=read, status_time=np.full(N, time)))
@@ -36,7 +40,8 @@ def torque(support: str, joint: int, value: int) -> GuardDecision:
 
 
 def restart(support: str, joint: int) -> GuardDecision:
-    watch, ticks = guard(support), np.full(N, 9000, np.int32)
+    watch = guard(support)
+    ticks = np.full(N, 9000, np.int32)
     watch.judge(facts(tick=ticks, health_time=np.full(N, 9.8)))
     again = ticks + 200
     again[joint] = 7

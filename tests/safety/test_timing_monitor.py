@@ -147,7 +147,8 @@ def test_a_slow_stream_has_not_recovered_because_a_trajectory_is_never_late() ->
 
 
 def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> None:
-    health, silent = TimingMonitor(2), Exchange()
+    health = TimingMonitor(2)
+    silent = Exchange()
     silent.hops = (nan, nan)
     for tick in range(3):
         health.update(reading(1.0 + tick * 0.01), silent, 1.0 + tick * 0.01, live=True)

@@ -13,14 +13,18 @@ from twind.robot.trajectory import Reference
 from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 
 BOUNDS = GuardThresholds()
-HOLD, DAMP, NONE = Reaction.HOLD, Reaction.DAMP, Reaction.NONE
+HOLD = Reaction.HOLD
+DAMP = Reaction.DAMP
+NONE = Reaction.NONE
 
 
 class Watch:
     """A guard on a gantry, tick by tick."""
 
     def __init__(self, **usual: object) -> None:
-        self.guard, self.now, self.usual = Guard(LIMITS, support="gantry"), 10.0, usual
+        self.guard = Guard(LIMITS, support="gantry")
+        self.now = 10.0
+        self.usual = usual
 
     def tick(
         self,
@@ -154,7 +158,8 @@ def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> No
 def test_r15_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_either(
     alert: int, watchdog: int, torque: int, soft: bool
 ) -> None:
-    alerts, limp = np.array([alert, 0, 0], np.uint8), np.array([torque, 1, 1], np.int8)
+    alerts = np.array([alert, 0, 0], np.uint8)
+    limp = np.array([torque, 1, 1], np.int8)
     dogs = np.array([watchdog, 5, 5], np.int16)
     watch = Watch(torque_settled=False, state=RobotState.FAULT, torque=limp, alerts=alerts, watchdog=dogs)
     assert (ReasonCode.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
@@ -241,7 +246,10 @@ def test_without_a_goal_to_write_the_last_one_is_what_counts() -> None:
 
 def servo(lag: float, dead: int, speed: float = 4.0, accel: float = 10.0) -> tuple[np.ndarray, ...]:
     """Goals to and fro at full speed, and a servo that follows them `dead` ticks and `lag` s behind."""
-    goal, place, v, rows = 0.0, 0.0, 0.0, []
+    goal = 0.0
+    place = 0.0
+    v = 0.0
+    rows = []
     way = 1.0
     past = [0.0] * (dead + 1)
     for _ in range(600):
@@ -369,7 +377,8 @@ def test_one_count_of_flicker_is_no_frozen_encoder_and_who_rests_has_none() -> N
 
 @pytest.mark.parametrize("place", [1.0, -1.0])
 def test_who_rests_elsewhere_has_no_frozen_encoder_either(place: float) -> None:
-    watch, there = Watch(), [place] * N
+    watch = Watch()
+    there = [place] * N
     assert all(watch.tick(there, there, speed=[0.5, 0.5, 0.5]) == FINE for _ in range(60))
 
 

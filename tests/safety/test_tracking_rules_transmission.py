@@ -28,10 +28,14 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
     their encoders show."""
     away = np.full(2, np.inf)
     linked = MappedTransmission(np.array([0, 2]), law, -away, away)
-    guard, told = Guard(LIMITS, support="gantry", linked=[linked]), []
+    guard = Guard(LIMITS, support="gantry", linked=[linked])
+    told = []
     guard.limit(LIMITS)
     for tick in range(ticks):
-        now, goal, place, speed = 10.0 + tick * PERIOD, np.zeros(3), np.zeros(3), np.zeros(3)
+        now = 10.0 + tick * PERIOD
+        goal = np.zeros(3)
+        place = np.zeros(3)
+        speed = np.zeros(3)
         goal[[0, 2]] = law.forward(tick * PERIOD * speeds)
         place[[0, 2]] = law.forward(tick * PERIOD * speeds * read)
         speed[[0, 2]] = law.jacobian(tick * PERIOD * speeds * read) @ speeds

@@ -91,7 +91,9 @@ def test_a_point_of_the_wrong_shape_or_kind_is_refused(row: tuple) -> None:
 
 
 def test_points_are_all_as_rich_as_the_first() -> None:
-    plain, fast, full = PointRow(1.0, [0.0]), PointRow(2.0, [0.0], [0.0]), PointRow(3.0, [0.0], [0.0], [0.0])
+    plain = PointRow(1.0, [0.0])
+    fast = PointRow(2.0, [0.0], [0.0])
+    full = PointRow(3.0, [0.0], [0.0], [0.0])
     for rows in ((plain, fast), (fast, PointRow(2.5, [0.0])), (fast, full)):
         findings = form(["l_hip"], rows, NAMES)[1]
         assert [(f.code, f.point) for f in findings] == [(ReasonCode.BAD_SHAPE, 1)]
@@ -169,7 +171,9 @@ def test_any_message_gets_a_path_or_findings(names: list[str], rows: list[tuple]
 
 
 def test_arrays_that_do_not_fit_together_are_named() -> None:
-    time, rows, both = np.array([1.0, 2.0]), np.zeros((2, 2)), np.ones(2, np.bool_)
+    time = np.array([1.0, 2.0])
+    rows = np.zeros((2, 2))
+    both = np.ones(2, np.bool_)
     for path, word in (
         (Trajectory(time[:, None], rows, both), "time"),
         (Trajectory(time, np.zeros((2, 3)), both), "position"),

@@ -141,7 +141,8 @@ def test_a_setpoint_that_has_expired_is_held_against_now() -> None:
 
 
 def test_a_stretch_to_the_very_longest_is_let_in() -> None:
-    path, snapshot = w.path([0.05, 0.1], [[0.05], [0.0]]), w.snapshot(1)
+    path = w.path([0.05, 0.1], [[0.05], [0.0]])
+    snapshot = w.snapshot(1)
     [factor] = [
         f.value for f in check(path, snapshot, w.limits(1), TrajectoryRequest("retime"), w.TH).verdict.changes
     ]

@@ -62,7 +62,8 @@ class Port(Loopback):
 
     def __init__(self, bus: VirtualBus, clock: FakeClock) -> None:
         super().__init__(bus, clock)
-        self.wire, self.clock = bus, clock
+        self.wire = bus
+        self.clock = clock
         self.left: float = np.inf
         self.after = False  # die after the write instead
         self.writes: list[tuple[int, int]] = []  # id, address
@@ -139,7 +140,8 @@ class Bench:
 
     def killed(self, writes: int, name: str, *, after: bool) -> bool:
         """Begin, and end this program at a write; False: it had come to its end before."""
-        self.port.left, self.port.after = writes, after
+        self.port.left = writes
+        self.port.after = after
         try:
             self.adopt(name)
         except Killed:

@@ -96,12 +96,14 @@ def picture(page: Any, clip: dict[str, int] | None = None) -> Any:
     def look() -> Any:
         data = page.screenshot(clip=clip or MIDDLE, timeout=90_000)
         pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(np.float64)
-        rows, columns = pixels.shape[0] // CELL, pixels.shape[1] // CELL
+        rows = pixels.shape[0] // CELL
+        columns = pixels.shape[1] // CELL
         cells = pixels[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL, 3)
         return cells.mean(axis=(1, 3))
 
     page.wait_for_timeout(400)
-    before, deadline = look(), time.monotonic() + SETTLED
+    before = look()
+    deadline = time.monotonic() + SETTLED
     while time.monotonic() < deadline:
         page.wait_for_timeout(150)
         now = look()

@@ -59,7 +59,8 @@ def package(below: Path) -> Path:
     """The package, in a folder below that one. Skips where it cannot be built."""
     if shutil.which("dpkg-deb") is None:
         pytest.skip("no dpkg-deb here")
-    of, folder = wheels(below), below / "package"
+    of = wheels(below)
+    folder = below / "package"
     with _first(folder) as mine:
         if mine:
             build(folder, of)

@@ -80,7 +80,8 @@ def swept(rig: Rig, beyond: float = 1.0) -> SweepTracker:
 
 def moved(rig: Rig, travels: SweepTracker, beyond: float = 1.0) -> list[SweepEvent]:
     """What is told while hands do that."""
-    every, news = slots(rig.robot), []
+    every = slots(rig.robot)
+    news = []
     for side, way in (("upper", beyond), ("lower", -beyond)):
         hands(rig, {slot.joint.name: getattr(slot, side) + way for slot in every})
         for _ in range(200):
@@ -108,7 +109,8 @@ def measured(
 ) -> Calibration:
     """The file that sweep and zero would have written."""
     found = {(port.name, device.id): device for port in rig.loop.hardware.ports for device in port.devices}
-    angles, entries = slot_angles(rig.robot, pose), []
+    angles = slot_angles(rig.robot, pose)
+    entries = []
     for slot in slots(rig.robot):
         record = make_device_record(found[slot.joint.bus, slot.joint.id])
         travel = travels.travel(slot.name)

@@ -72,7 +72,8 @@ class CanRig(DriverRig):
             )
             for each in self.actuators
         ]
-        self.rate_hz, self.clock = rate_hz, FakeClock()
+        self.rate_hz = rate_hz
+        self.clock = FakeClock()
         self.muscles = FirstOrderCanPhysics(np.full(len(nodes), 0.25))
         self.bus = VirtualCanBus("arm", nodes, self.muscles, bitrate=BITRATE, adapter=adapter)
         self.faults = self.bus.faults
@@ -81,7 +82,8 @@ class CanRig(DriverRig):
             family in ("damiao", "robstride") if watchdog is None else watchdog for family in families
         ]
         self.first = 1.1 if "cubemars" in families else 0.0
-        self.lower, self.upper = np.full(len(nodes), -EDGE), np.full(len(nodes), EDGE)
+        self.lower = np.full(len(nodes), -EDGE)
+        self.upper = np.full(len(nodes), EDGE)
         self.open()
 
     def open(self) -> None:

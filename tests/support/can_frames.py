@@ -44,7 +44,9 @@ def same(message: can.Message, wanted: can.Message) -> bool:
 
 def heard(channel: CanChannel, count: int) -> Frames:
     """What a channel hears until `count` frames are there, in real time."""
-    clock, parts, total = MonotonicClock(), [cycle(0)], 0
+    clock = MonotonicClock()
+    parts = [cycle(0)]
+    total = 0
     deadline = clock.now() + 5.0
     while total < count and clock.now() < deadline:
         clock.wait([channel], deadline)

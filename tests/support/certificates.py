@@ -17,7 +17,8 @@ class Authority:
             pytest.skip("no openssl here: it makes the certificates")
         folder.mkdir()
         self._folder = folder
-        self.certificate, self._key = folder / "ca.pem", folder / "ca.key"
+        self.certificate = folder / "ca.pem"
+        self._key = folder / "ca.key"
         usage = ("-addext", "basicConstraints=critical,CA:TRUE", "-addext", "keyUsage=critical,keyCertSign")
         self._openssl(
             *("req", "-x509", "-days", "1", "-subj", "/CN=authority", *usage, *self._new(self._key)),

@@ -82,7 +82,8 @@ def line(*points: Floats | list[float], seconds: float = 1.0) -> Spline:
 
 def wander(random: np.random.Generator, binding: Binding, share: float) -> Spline:
     """At most three joints through at most five points, of any degree, within `share` of the ranges."""
-    n, k = len(binding.rest), int(random.integers(1, 6))
+    n = len(binding.rest)
+    k = int(random.integers(1, 6))
     joints = random.choice(n, int(random.integers(1, 4)), replace=False)
     commanded = np.isin(np.arange(n), joints)
     wide = share * (binding.limits.upper - binding.limits.lower)
@@ -105,7 +106,8 @@ class Oracle:
     """The least distance of every pair along a way, by brute force."""
 
     def __init__(self, binding: Binding, pairs: list[tuple[int, int]]) -> None:
-        self.binding, self.pairs = binding, pairs
+        self.binding = binding
+        self.pairs = pairs
         self.data = mujoco.MjData(binding.model)
 
     def distance(self, position: Floats, pair: tuple[int, int]) -> float:
@@ -116,7 +118,8 @@ class Oracle:
     def row(self, position: Floats) -> Floats:
         self.data.qpos[self.binding.qpos] = position
         mujoco.mj_kinematics(self.binding.model, self.data)
-        model, data = self.binding.model, self.data
+        model = self.binding.model
+        data = self.data
         return np.array([mujoco.mj_geomDistance(model, data, a, b, 1.0, None) for a, b in self.pairs])
 
     def least(self, curve: Spline, samples: int = SAMPLES) -> Floats:
@@ -126,13 +129,15 @@ class Oracle:
         least = rows.min(axis=0)
         step = times[1] - times[0]
         for place in np.flatnonzero(least < 0.03):
-            middle, reach = times[rows[:, place].argmin()], step
+            middle = times[rows[:, place].argmin()]
+            reach = step
             for _ in range(3):
                 zoom = np.clip(np.linspace(middle - reach, middle + reach, 21), 0.0, curve.duration)
                 found = [self.distance(at(curve, t), self.pairs[place]) for t in zoom]
                 best = int(np.argmin(found))
                 least[place] = min(least[place], found[best])
-                middle, reach = zoom[best], reach / 8.0
+                middle = zoom[best]
+                reach = reach / 8.0
         return least
 
 

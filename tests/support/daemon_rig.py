@@ -104,7 +104,8 @@ class Rig:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
             self.robot = replace(self.robot, support=support)
-        self.made, self._stops = specimen(self.robot, truth=truth), truth is not None
+        self.made = specimen(self.robot, truth=truth)
+        self._stops = truth is not None
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
@@ -160,12 +161,14 @@ class Rig:
         if self.robot.bus(bus).kind == CAN:
             shafts = unloaded(ticks, now=self.clock.now())
             fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
-            rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
+            rate = self.robot.bus(bus).baud
+            nodes = self.made.nodes[bus]
             return can_bus(bus, nodes, shafts, BusTiming(), bitrate=rate, now=self.clock.now())
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
         if self._stops:  # a body of MuJoCo has its own
             fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
-        baud, now = self.robot.bus(bus).baud, self.clock.now()
+        baud = self.robot.bus(bus).baud
+        now = self.clock.now()
         sensor = sensor_of(self.robot, bus, None)
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
 

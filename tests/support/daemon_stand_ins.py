@@ -21,7 +21,8 @@ class Daemon:
     def __init__(self, path: Path, answers: Answers) -> None:
         self.asked: list[str] = []
         self.ended: queue.Queue[str] = queue.Queue()  # a connection was closed
-        self._answers, self._socket = answers, socket.socket(socket.AF_UNIX)
+        self._answers = answers
+        self._socket = socket.socket(socket.AF_UNIX)
         self._socket.bind(str(path))
         self._socket.listen()
         threading.Thread(target=self._accept, daemon=True).start()

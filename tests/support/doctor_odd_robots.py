@@ -23,7 +23,9 @@ class Loose(Virtual):
     """Servos as from the factory, but for their rate, on a bus `main`: nobody made them for a robot."""
 
     def __init__(self, folder: Path, robot: str, servos: Iterable[str]) -> None:
-        self.folder, self.robot, self.calibration = folder, robot, folder / "none.yaml"
+        self.folder = folder
+        self.robot = robot
+        self.calibration = folder / "none.yaml"
         command = [
             sys.executable,
             "-m",

@@ -26,7 +26,8 @@ def options(*words: str, socket: object = "/nowhere/at/all") -> argparse.Namespa
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     found = parser.parse_args(words)
-    found.socket, found.json = str(socket), False
+    found.socket = str(socket)
+    found.json = False
     return found
 
 
@@ -79,7 +80,8 @@ def wrong(outcome: DoctorReport) -> set[str]:
 @contextmanager
 def nobody(*groups: int) -> Iterator[None]:
     """Everything inside is done as the user nobody, with these groups. Needs root."""
-    before, home = (os.getgroups(), os.getegid()), os.environ["HOME"]
+    before = (os.getgroups(), os.getegid())
+    home = os.environ["HOME"]
     os.environ["HOME"] = "/nonexistent"
     os.setgroups(list(groups))
     os.setegid(NOBODY)

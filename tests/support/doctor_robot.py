@@ -46,7 +46,8 @@ class Vendor:
     """The vendor's client on a port that nobody else has, for as long as the block lasts."""
 
     def __init__(self, port: str, baud: int = BAUD) -> None:
-        self.port, self.talk = sdk.PortHandler(port), sdk.PacketHandler(2.0)
+        self.port = sdk.PortHandler(port)
+        self.talk = sdk.PacketHandler(2.0)
         assert self.port.openPort()
         assert self.port.setBaudRate(baud)
 

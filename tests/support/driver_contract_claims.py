@@ -207,7 +207,8 @@ class DriverContract:
     def test_a_register_of_an_unknown_name_or_id_lists_what_there_is(self, rig: DriverRig) -> None:
         with pytest.raises(UnknownRegister, match="temprature limt") as caught:
             rig.perform(rig.reader.read(rig.reader.ids[0], "temprature limt"))
-        near, text = caught.value.near, str(caught.value)
+        near = caught.value.near
+        text = str(caught.value)
         assert all(each in text for each in near) and (near or "cubemars has no register" in text)
         with pytest.raises(KeyError, match=str(rig.reader.ids[0])):
             rig.perform(rig.reader.read(99, "hardware_error_status"))

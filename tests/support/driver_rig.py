@@ -79,7 +79,9 @@ class DriverRig:
 
     def missed(self) -> BusSample:
         """A reading that was not asked for."""
-        now, nothing, nobody = self.clock.now(), np.zeros(self.m, np.int64), np.zeros(self.m, np.bool_)
+        now = self.clock.now()
+        nothing = np.zeros(self.m, np.int64)
+        nobody = np.zeros(self.m, np.bool_)
         error = np.zeros(self.m, np.uint8)
         return BusSample(now, now, nothing, nothing, nothing, error, nobody, ~nobody, 0, 0)
 

@@ -62,7 +62,8 @@ class Servos:
     def _single(self, each: Packet) -> bytes:
         if each.id not in self.memory or each.id in self.silent:
             return b""
-        memory, error = self.memory[each.id], self.error.get(each.id, 0)
+        memory = self.memory[each.id]
+        error = self.error.get(each.id, 0)
         if each.instruction == Instruction.PING:
             if self.deaf_until.get(each.id, 0) > 0:
                 self.deaf_until[each.id] -= 1

@@ -14,7 +14,8 @@ from twind_drivers.dynamixel.packet import Framer, Instruction, Packet
 from twind_drivers.run_script import perform
 
 IDS = (1, 2, 3)
-SYNC, FAST = Instruction.SYNC_WRITE, Instruction.FAST_SYNC_READ
+SYNC = Instruction.SYNC_WRITE
+FAST = Instruction.FAST_SYNC_READ
 LIMITS = {36: 885, 38: 1193, 44: 1023}  # PWM, current, velocity limit: address -> value
 XM430 = 1020
 

@@ -32,9 +32,14 @@ class FakeDaemon:
     """
 
     def __init__(self, robot: RobotFile, file: Path, known: Calibration, mode: str = "live") -> None:
-        self.robot, self.file, self.mode = robot, file, mode
-        self.state, self.now, self.tick = "connected", 100.0, 0.01
-        self.leased_until, self.connected = 0.0, False
+        self.robot = robot
+        self.file = file
+        self.mode = mode
+        self.state = "connected"
+        self.now = 100.0
+        self.tick = 0.01
+        self.leased_until = 0.0
+        self.connected = False
         self.asked: list[str] = []
         self.states: list[str] = []  # at each reading
         self.servos: dict[int, dict[str, int]] = {}
@@ -118,7 +123,8 @@ class FakeDaemon:
 
     def _settle(self) -> None:
         if self.leased_until and self.now > self.leased_until:
-            self.state, self.leased_until = "connected", 0.0
+            self.state = "connected"
+            self.leased_until = 0.0
 
     def _scan(self) -> Iterator[Any]:
         for id, held in self.servos.items():

@@ -64,7 +64,8 @@ class FastDds:
             pipe.close()
 
     def _records(self) -> Iterator[tuple[int, int, bytes]]:
-        data, at = self._samples.read_bytes(), 0
+        data = self._samples.read_bytes()
+        at = 0
         while at + _HEAD.size <= len(data):
             time, topic, length = _HEAD.unpack_from(data, at)
             at += _HEAD.size

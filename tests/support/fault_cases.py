@@ -11,9 +11,13 @@ from numpy.random import Generator
 
 Order = dict[str, Any]
 IDS = 24  # h24: 1..24
-STALE, BUS, FOREIGN = "STATE_STALE", "BUS_ERRORS", "FOREIGN_TRAFFIC"
+STALE = "STATE_STALE"
+BUS = "BUS_ERRORS"
+FOREIGN = "FOREIGN_TRAFFIC"
 GONE = ("TORQUE_MISMATCH", "SERVO_REBOOTED", "SERVO_ALERT", STALE)
-ARMED, FAULT, EITHER = "armed", "fault", "either"
+ARMED = "armed"
+FAULT = "fault"
+EITHER = "either"
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,8 @@ class Witness:
     )
 
     def __init__(self, bus: VirtualBus) -> None:
-        self.bus, memory = bus, bus.servos.memory
+        self.bus = bus
+        memory = bus.servos.memory
         self._readings = [memory.column(key, size, signed=True) for key, size in self.READINGS]
         self._slow = [memory.column(key, size, signed=sign) for key, size, sign in self.SLOW]
         self.readings: deque[tuple[float, NDArray[np.int64]]] = deque(maxlen=64)
@@ -115,7 +116,8 @@ class Judge:
     """
 
     def __init__(self, rig: Rig) -> None:
-        self.rig, self.wrong = rig, list[str]()
+        self.rig = rig
+        self.wrong = list[str]()
         self.fresh = self.stale = 0  # readings of joints judged so far
         self.witnesses = {name: Witness(bus) for name, bus in rig.virtual.items()}
         specs = {joint.name: joint for joint in rig.robot.joints}
@@ -148,7 +150,8 @@ class Judge:
 
     def verdict(self, said: str = "") -> None:
         """Raises AssertionError that names what was wrong and what was ordered (`said`)."""
-        wrong, self.wrong = self.wrong, []
+        wrong = self.wrong
+        self.wrong = []
         assert not wrong, "\n".join([said, *wrong[:20]])
 
     def _look(self) -> None:
@@ -163,7 +166,8 @@ class Judge:
     # ------------------------------------------------------------------------------- readings
 
     def _readings(self, state: JointState, begun: float) -> None:
-        last, now = self._last, self.rig.clock.now()
+        last = self._last
+        now = self.rig.clock.now()
         self._last = state
         stamp = state.time - state.age
         right = np.zeros(len(stamp), np.bool_)
@@ -207,7 +211,8 @@ class Judge:
 
     def _slow(self) -> None:
         """What is newly said of torque, error, watchdog, voltage, temperature was true when it was read."""
-        slow, now = self.rig.loop.hardware.slow, self.rig.clock.now()
+        slow = self.rig.loop.hardware.slow
+        now = self.rig.clock.now()
         volts = np.where(np.isnan(slow.voltage), -1.0, np.rint(slow.voltage * 10.0))
         warmth = np.where(np.isnan(slow.temperature), -1.0, slow.temperature)
         said = [np.asarray(each, np.float64) for each in (slow.torque, slow.fault, slow.watchdog)]
@@ -235,7 +240,9 @@ class Wire:
     """Every packet that leaves for the servos: well formed; in mirror no writes, in live goals in bounds."""
 
     def __init__(self, rig: Rig, *, writes: bool) -> None:
-        self.rig, self.wrong, self._writes = rig, list[str](), writes
+        self.rig = rig
+        self.wrong = list[str]()
+        self._writes = writes
         self._goals: dict[tuple[str, int], int] = {}
         self._limits = {
             bus.name: {
@@ -279,7 +286,8 @@ class Wire:
         for id, goal in goals:
             low, high, fastest = self._limits[name][id]
             step = fastest * self.rig.loop.period + 1.0
-            before, place = self._goals.get((name, id), goal), float(here[ids.index(id)])
+            before = self._goals.get((name, id), goal)
+            place = float(here[ids.index(id)])
             if not low <= goal <= high:
                 self.wrong.append(f"{name}/{id}: goal {goal} outside {low}..{high}")
             # Present is what was read up to 50 ms ago, of a joint that moved meanwhile.

@@ -118,7 +118,8 @@ def oracle_segments(
     if times[0] > 0:
         reference = (before.position, before.velocity, before.acceleration)
         first = [Fraction(float(row[joint])) for row in reference][: len(states[0])]
-        times, states = [Fraction(0), *times], [first, *states]
+        times = [Fraction(0), *times]
+        states = [first, *states]
     return [
         (t1 - t0, _hermite(t1 - t0, a, b))
         for t0, t1, a, b in zip(times, times[1:], states, states[1:], strict=False)
@@ -129,7 +130,8 @@ def _hermite(T: Fraction, start: list[Fraction], end: list[Fraction]) -> list[Fr
     """The polynomial with these derivatives at 0 and T: the low half is given, the high half solved for."""
     m = len(start)
     low = [value / _factorial(i) for i, value in enumerate(start)]
-    table, right = [], []
+    table = []
+    right = []
     for d in range(m):  # d-th derivative at T
         known = sum(low[i] * _falling(i, d) * T ** (i - d) for i in range(d, m))
         right.append(end[d] - known)
@@ -147,7 +149,8 @@ def _falling(i: int, d: int) -> Fraction:
 
 def _solve(table: list[list[Fraction]], right: list[Fraction]) -> list[Fraction]:
     """Gauss, in rationals."""
-    n, rows = len(right), [[*row, value] for row, value in zip(table, right, strict=True)]
+    n = len(right)
+    rows = [[*row, value] for row, value in zip(table, right, strict=True)]
     for i in range(n):
         pivot = next(r for r in range(i, n) if rows[r][i] != 0)
         rows[i], rows[pivot] = rows[pivot], rows[i]
@@ -182,7 +185,8 @@ def oracle_faults(
                 low = min(lower, coefficients[0])
                 high = max(upper, coefficients[0])
             else:
-                low, high = lower, upper
+                low = lower
+                high = upper
             for k in range(samples + 1):
                 s = T * k / samples
                 p, v, a = (_value(coefficients, s, d) for d in range(3))
@@ -218,7 +222,8 @@ def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fr
     Where there is none, it has no time at all: the change must be within what counts as rest.
     """
     entry = Fraction(0) if given.velocity is None else Fraction(float(given.velocity[0, joint]))
-    change, most = abs(entry - before), REST
+    change = abs(entry - before)
+    most = REST
     if len(given.time) > 1:
         most = strongest * (Fraction(float(given.time[1])) - Fraction(float(given.time[0]))) / 2
     return {ReasonCode.ACC_LIMIT} if change > most * (1 + CAREFUL) + CAREFUL else set()

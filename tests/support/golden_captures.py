@@ -42,7 +42,8 @@ class Hand:
     """Who commands the robot that is recorded: calls on one connection, each with all its answers."""
 
     def __init__(self, virtual: Virtual, running: Daemon) -> None:
-        self.virtual, self.running = virtual, running
+        self.virtual = virtual
+        self.running = running
         self._line = ReplayConnection(running.sockets / "control.sock")
 
     def say(self, method: str, *, more: bool = False, **parameters: Any) -> list[Any]:
@@ -203,7 +204,8 @@ def cut(flight: FlightFile, begin: float, end: float = float("inf")) -> FlightFi
 
 def _thinned(entries: Sequence[FlightEntry]) -> Iterator[FlightEntry]:
     """Most states tell what the last one told, and are half of all bytes."""
-    before, number = None, 0
+    before = None
+    number = 0
     last = max((place for place, each in enumerate(entries) if _tick(each)), default=-1)
     for place, each in enumerate(entries):
         tick = _tick(each)

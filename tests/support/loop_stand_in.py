@@ -120,7 +120,9 @@ class StandIn:
     ) -> None:
         """`binding`: handed over instead of h24's. `goal`: where the robot holds, float64 of 24 joints.
         `told`: the whole briefing, instead of one of joints without a robot."""
-        self.directory, self.rate, self.goal = directory, rate, goal
+        self.directory = directory
+        self.rate = rate
+        self.goal = goal
         self.commands: list[link.Inward] = []
         self.paths: list[bytes] = []
         self.answers: dict[type, Answer] = {}
@@ -176,7 +178,8 @@ class StandIn:
             self.inner.send(link.encode(message))
 
     def _run(self) -> None:
-        sequence, due = 0, time.monotonic()
+        sequence = 0
+        due = time.monotonic()
         while self._running:
             sequence += 1
             if not self.deaf:

@@ -19,8 +19,10 @@ from tests.support.terminal_cast import Terminal, load, rendered, save, shortene
 from twind.config.robot_file import load_robot
 
 ROOT = Path(__file__).parents[2]
-CAST, PAGE = ROOT / "docs" / "calibration.cast", ROOT / "calibration" / "README.md"
-BEGIN, END = "<!-- shown by make cast -->\n```text\n", "\n```\n"
+CAST = ROOT / "docs" / "calibration.cast"
+PAGE = ROOT / "calibration" / "README.md"
+BEGIN = "<!-- shown by make cast -->\n```text\n"
+END = "\n```\n"
 WHOLE = ("24 of 24 swept", "24 of 24 joints", "armed: 24 joints", "succeeded at 100%", "disarmed")
 JOB = re.compile(r"\[1\]")  # what the shell says of a program in the background: its number, its end
 MOST = 6  # lines that one command may say in the transcript

@@ -54,7 +54,8 @@ def side_by_side(file: Path, out: Path) -> None:
 def seen(env: Any, seed: int, act: Callable[[Any], Any]) -> tuple[list[Any], bool]:
     """What the robot looks like at each moment, lying where it fell; and whether it did."""
     observation, _ = env.reset(seed=seed)
-    pictures, fallen = [], False
+    pictures = []
+    fallen = False
     for step in range(max(MOMENTS) + 1):
         if step in MOMENTS:
             pictures.append(env.render()[MIDDLE])

@@ -55,7 +55,8 @@ class Planted(Rig):
         faults.hand(pose=pose, speed=3.0)
         self.seconds(1.5)
         faults.hand(off=True)
-        self._began, self.moved = None, 0.0
+        self._began = None
+        self.moved = 0.0
 
     def id_of(self, joint: str) -> int:
         return self.robot.joints[self.names.index(joint)].id

@@ -30,7 +30,8 @@ class BodyRig(Rig):
     """A daemon whose robot is `true`, whatever its robot file says, moved by MuJoCo."""
 
     def __init__(self, true: RobotFile = H24, *, truth: Truth | None = None) -> None:
-        self._true, self._made_buses = true, {}
+        self._true = true
+        self._made_buses = {}
         super().__init__("h24", truth=truth)
 
     def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
@@ -84,7 +85,8 @@ class BodyRig(Rig):
         """States as the front sends them, every second tick."""
         for _ in range(round(seconds / self.loop.period / 2)):
             self.ticks(2)
-            now, goal = self.loop.measured, self.loop.executor.reference.position
+            now = self.loop.measured
+            goal = self.loop.executor.reference.position
             rows = zip(
                 self.names,
                 now.position,

@@ -33,7 +33,9 @@ def network(
     card: PolicyCard, hidden: tuple[int, ...] = (16, 16), seed: int = 0, scale: float = 1.0
 ) -> list[NetworkLayer]:
     """Random weights, tanh between, as a PPO policy has them."""
-    rng, width, layers = np.random.default_rng(seed), card.observations, []
+    rng = np.random.default_rng(seed)
+    width = card.observations
+    layers = []
     for count in hidden:
         layers.append(_layer(rng, width, count, "tanh", scale))
         width = count

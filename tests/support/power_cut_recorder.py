@@ -91,13 +91,16 @@ class Recording:
 
     def _left(self, calls: tuple[Call, ...]) -> Iterator[Folder]:
         """Each unsynced name there or not, and of each unsynced file nothing, half or all of what is new."""
-        lasting, owed, content = dict(self.names), list[Call](), dict(self.files)
+        lasting = dict(self.names)
+        owed = list[Call]()
+        content = dict(self.files)
         unsynced: set[int] = set()
         for call in calls:
             if call.what in NAMING:
                 owed.append(call)
             elif call.what == "sync folder":
-                lasting, owed = _named(lasting, owed), []
+                lasting = _named(lasting, owed)
+                owed = []
             elif call.what == "sync":
                 unsynced.discard(call.inode)
             else:

@@ -114,7 +114,8 @@ class Virtual:
     """A `twind-virtual` with its calibration, its links to the ports and its order socket."""
 
     def __init__(self, folder: Path, robot: str = "h24", *options: str) -> None:
-        self.folder, self.robot = folder, robot
+        self.folder = folder
+        self.robot = robot
         self.calibration = folder / "calibration.yaml"
         command = [sys.executable, "-m", "twind.virtual", "--robot", robot, "--link", str(folder / "ports")]
         command += ["--calibration", str(self.calibration), "--faults", str(folder / "faults"), *options]
@@ -225,7 +226,9 @@ class Moving(threading.Thread):
 
     def __init__(self, running: Daemon, trajectory: dict[str, Any]) -> None:
         super().__init__(daemon=True)
-        self._running, self._trajectory, self.last = running, trajectory, ""
+        self._running = running
+        self._trajectory = trajectory
+        self.last = ""
         self.start()
 
     def run(self) -> None:

@@ -17,7 +17,9 @@ from twind_calibration.wiggling.posed_model import PosedModel
 from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans
 
 H24 = load_robot("h24")
-LSB, FRICTION = 0.0048, 0.1  # N·m
+# N·m
+LSB = 0.0048
+FRICTION = 0.1
 PLACES = np.linspace(-0.25, 0.25, 4)  # rad, around the pose
 BASES = ("upright", "back", "left")
 ANY = st.sampled_from([name for name in H24.names if not name.startswith("r_")])
@@ -50,7 +52,8 @@ def judged(
 
     `at` (rad): around which it is taken through its places; the others stand at nought.
     """
-    one, joint = body(), place(name)
+    one = body()
+    joint = place(name)
     one.lie(base)
     poses = at_places(np.zeros(len(H24.names)), joint, at + PLACES)
     true = poses.copy()
@@ -60,7 +63,8 @@ def judged(
     else:
         loads = np.array([one.torque(each)[joint] for each in true])
     rough = np.zeros(len(PLACES)) if noise is None else 0.98 * slack(FRICTION, LSB) * noise
-    told, expected = stretch * loads + rough, ExpectedLoads(one, poses, joint)
+    told = stretch * loads + rough
+    expected = ExpectedLoads(one, poses, joint)
     found = expected.loads_with_wrong_sign(mirror(H24.joints[joint], entry))
     return judge(told + rubs, told - rubs, expected.right(), found, FRICTION, LSB)
 

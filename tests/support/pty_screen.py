@@ -29,7 +29,8 @@ class Screen:
     def resize(self, columns: int, rows: int) -> None:
         """A window drawn larger or smaller: what was shown is cut, as terminals do."""
         before = getattr(self, "_cells", [])
-        self.columns, self.rows = columns, rows
+        self.columns = columns
+        self.rows = rows
         self._cells = [
             [*(before[row][:columns] if row < len(before) else []), *[" "] * columns][:columns]
             for row in range(rows)
@@ -37,7 +38,8 @@ class Screen:
 
     def show(self, text: str) -> None:
         """What a program writes."""
-        text, self._rest = self._rest + text, ""
+        text = self._rest + text
+        self._rest = ""
         begun = text.rfind("\x1b")
         if begun >= 0 and not re.match(r"\x1b\[\??[\d;]*[A-Za-z]", text[begun:]):
             text, self._rest = text[:begun], text[begun:]
@@ -68,7 +70,8 @@ class Screen:
             self.modes[numbers] = kind == "h"
         elif kind == "H":
             row, column = (int(each) for each in (numbers or "1;1").split(";"))
-            self._row, self._column = row - 1, column - 1
+            self._row = row - 1
+            self._column = column - 1
         elif kind == "J" and numbers == "2":
             self.emptied += 1
             self._cells = [[" "] * self.columns for _ in range(self.rows)]
@@ -88,7 +91,8 @@ class Run:
     """A program on a terminal of its own."""
 
     def __init__(self, command: Sequence[str], columns: int, rows: int, **environment: str) -> None:
-        self.screen, self.raw = Screen(columns, rows), b""
+        self.screen = Screen(columns, rows)
+        self.raw = b""
         self.pid, self.fd = pty.fork()
         if self.pid == 0:
             fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))

@@ -28,7 +28,9 @@ class FarRobot:
     """From its making to `close`. `asked`: when, which part, with what."""
 
     def __init__(self, name: str = "r1") -> None:
-        self.name, self.slow = name, 0.0  # s before each answer
+        # s before each answer
+        self.name = name
+        self.slow = 0.0
         self.asked: list[tuple[float, str, dict[str, Any]]] = []
         self.answers: dict[str, Answer] = {"lease": self.grant}
         self.place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))

@@ -180,7 +180,8 @@ class Replay:
             if self.score.holder:
                 self._send(link.RenewLease(ticket=0, client=client))
             self._tick()
-        waiting, half = list(self.score.asked), self.loop.period / 2.0
+        waiting = list(self.score.asked)
+        half = self.loop.period / 2.0
         while self.passage.moment(self._deadline) < self.score.end + AFTER:
             moment = self.passage.moment(self._deadline)
             while waiting and waiting[0].time <= moment + half and not self._stays(waiting[0], moment):

@@ -26,8 +26,10 @@ class Graph:
     """One domain and one interpreter. Skips where there is none."""
 
     def __init__(self, whose: str, folder: Path) -> None:
-        self._stack, self._begun = ExitStack(), 0
-        self.folder, self.whose = folder, whose
+        self._stack = ExitStack()
+        self._begun = 0
+        self.folder = folder
+        self.whose = whose
         self.python = ros_peer.python() if whose == REAL else interpreters.python(whose)
         domain = self._stack.enter_context(free_domain())
         self.environment = ros_peer.environment(folder, domain)

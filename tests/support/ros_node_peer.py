@@ -28,7 +28,10 @@ class Peer:
     def __init__(self):
         rclpy.init()
         self.node = rclpy.create_node("peer")
-        self.heard, self.writers, self.clients, self.actions = {}, {}, {}, None
+        self.heard = {}
+        self.writers = {}
+        self.clients = {}
+        self.actions = None
 
     def until(self, done, seconds=PATIENCE):
         end = time.monotonic() + seconds
@@ -103,7 +106,8 @@ class Peer:
 
     def race(self, slow, quick):
         """Ask the one, then the other: seconds until each was answered."""
-        begun, over = time.monotonic(), {}
+        begun = time.monotonic()
+        over = {}
         waiting = {name: self.begin(name, Trigger) for name in (slow, quick)}
         while len(over) < 2:
             rclpy.spin_once(self.node, timeout_sec=0.02)
@@ -192,7 +196,8 @@ def plain(message):
 
 
 def main():
-    peer, orders = Peer(), queue.Queue()
+    peer = Peer()
+    orders = queue.Queue()
 
     def read():
         for line in sys.stdin:

@@ -93,7 +93,8 @@ class FullDisk(BufferedFile):
 
     def __init__(self, path: Path, room: int) -> None:
         super().__init__(path)
-        self._room, self._poured = room, 0
+        self._room = room
+        self._poured = 0
 
     def pour(self, data: memoryview) -> None:
         part = data[: max(0, self._room - self._poured)]

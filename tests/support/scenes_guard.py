@@ -15,7 +15,8 @@ from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 
 @leads_to(ReasonCode.LOOP_LATE)
 def a_tick_is_late(made: Rig) -> None:
-    exchange, slow = made.loop.hardware.exchange, iter([0.025])
+    exchange = made.loop.hardware.exchange
+    slow = iter([0.025])
 
     def hindered(goal: Any, now: float) -> Any:
         made.clock.time += next(slow, 0.0)

@@ -38,7 +38,8 @@ class ToldDaemon:
 
     def answer(self, message: bytes) -> bytes:
         call = json.loads(message)
-        method, given = call["method"].rpartition(".")[2], call["parameters"]
+        method = call["method"].rpartition(".")[2]
+        given = call["parameters"]
         self.calls.append((method, given))
         self.meanwhile(method)
         if method in self.refuse:
@@ -63,7 +64,9 @@ class ToldLine:
     where = "told"
 
     def __init__(self, daemon: ToldDaemon) -> None:
-        self._daemon, self.is_open, self._answers = daemon, False, list[bytes]()
+        self._daemon = daemon
+        self.is_open = False
+        self._answers = list[bytes]()
         daemon.lines.append(self)
 
     def open(self, patience: float) -> None:

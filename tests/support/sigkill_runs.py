@@ -26,7 +26,9 @@ from twind.client import Client, ClientError, Disconnected, NoDaemon, Refused
 TRIP = 0.120  # s from the last packet, by the servo's own clock (W11)
 COUNTS = 2  # that a joint may move where nothing may move (X5)
 NEAR = 40  # counts between the goal of a motion that succeeded and the joint, with its load
-JOINT, PLACE = "head_pitch", 1  # who moves, and its place among the servos
+# who moves, and its place among the servos
+JOINT = "head_pitch"
+PLACE = 1
 TICKS_PER_RAD = 4096 / 6.283185307179586
 TRIES = 5
 PHASES = ("holding", "moving", "streaming", "arming", "settling", "stopping", "disarmed")
@@ -51,8 +53,11 @@ class Kills:
     """A virtual robot and one daemon after the other."""
 
     def __init__(self, virtual: Virtual, folder: Path, seed: int) -> None:
-        self.virtual, self.folder, self.random = virtual, folder, random.Random(seed)
-        self.middle, self.held = self.places()[PLACE], 0
+        self.virtual = virtual
+        self.folder = folder
+        self.random = random.Random(seed)
+        self.middle = self.places()[PLACE]
+        self.held = 0
         self.running = self._start()
 
     def _start(self) -> Daemon:
@@ -116,7 +121,8 @@ class Kills:
         """In the phase; what is under way then is ended by the kill, and counted."""
         if kill.phase not in ("disarmed", "arming"):
             self.arm(client)
-            kill.acknowledged, kill.told = kill.acknowledged + 1, kill.told + 1
+            kill.acknowledged = kill.acknowledged + 1
+            kill.told = kill.told + 1
         workers = {
             "moving": lambda: self._follow(kill, client),
             "streaming": lambda: self._stream(kill, client),
@@ -150,14 +156,16 @@ class Kills:
             while time.monotonic() < began + 5.0:
                 place = 0.1 * min(1.0, time.monotonic() - began)
                 client.call("Setpoint", joint_names=[JOINT], positions=[place])
-                kill.acknowledged, kill.told = kill.acknowledged + 1, kill.told + 1
+                kill.acknowledged = kill.acknowledged + 1
+                kill.told = kill.told + 1
                 time.sleep(0.015)
 
     def _answered(self, kill: Kill, client: Client, method: str) -> None:
         """A call that is answered, or cut off with its connection: never neither."""
         try:
             client.call(method)
-            kill.acknowledged, kill.told = kill.acknowledged + 1, kill.told + 1
+            kill.acknowledged = kill.acknowledged + 1
+            kill.told = kill.told + 1
         except (Disconnected, NoDaemon):
             kill.cut += 1
 
@@ -216,7 +224,8 @@ class Kills:
         self.running.reach(state="connected")
         with self.running.client() as client:
             self.arm(client)
-            cut, killed = False, 0.0
+            cut = False
+            killed = 0.0
             try:
                 for answer in client.stream("SubmitTrajectory", trajectory=self.path(0.8, 4.0)):
                     if not killed and answer["progress"] > 0.1:
@@ -242,7 +251,8 @@ class Kills:
 
 def killing(count: int, seed: int, phases: tuple[str, ...] = PHASES) -> tuple[list[Kill], list[float]]:
     """`count` kills of the loop, each fifth time the front before it. Raises AssertionError."""
-    kills, fronts = [], []
+    kills = []
+    fronts = []
     with robot() as (virtual, folder):
         killer = Kills(virtual, folder, seed)
         try:

@@ -140,7 +140,8 @@ def of_tick(tick: Tick, now: float) -> StateMessage:
 
 def truth(rig: StandingRig) -> BodyReading:
     """What a simulation would read of the body as it stands."""
-    base, reading = rig.base(), BodyReading.empty(len(rig.names))
+    base = rig.base()
+    reading = BodyReading.empty(len(rig.names))
     reading.base_velocity[...] = rotation(base["quaternion"]).T @ np.array(base["velocity"])
     return reading
 

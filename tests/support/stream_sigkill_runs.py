@@ -9,7 +9,8 @@ from tests.end_to_end.concurrent.test_stream_command import killed_at_random, si
 
 
 def main() -> int:
-    seconds, seed = float(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    seconds = float(sys.argv[1])
+    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     with tempfile.TemporaryDirectory() as name, simulated(Path(name) / "run") as daemon:
         kills, samples, told = killed_at_random(daemon.sockets, Path(name), seconds, seed, 4.0, 3.0)
     print(f"{kills} kills in {seconds:g} s: {samples} samples, each once; {told['failures']} failures")

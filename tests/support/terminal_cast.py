@@ -15,7 +15,8 @@ from pathlib import Path
 
 PROMPT = "$ "
 TYPING = 0.03  # s a key
-COLUMNS, ROWS = 110, 34
+COLUMNS = 110
+ROWS = 34
 _MOVES = re.compile(r"\x1b\[(\d*)([AKJhlm])|\x1b\[\?\d+[hl]|\r|\n|[^\x1b\r\n]+|\x1b")
 
 
@@ -35,7 +36,8 @@ class Terminal:
 
     def until(self, text: str, seconds: float = 60.0) -> None:
         """Until it has shown this, last of all."""
-        deadline, shown = time.monotonic() + seconds, ""
+        deadline = time.monotonic() + seconds
+        shown = ""
         while not shown.endswith(text):
             if time.monotonic() > deadline:
                 raise AssertionError(f"{text!r} not within {seconds} s of {shown!r}")
@@ -94,9 +96,13 @@ def load(path: Path) -> str:
 
 def rendered(shown: str) -> list[str]:
     """What is left on an endless terminal once all was shown: lines that were drawn over are gone."""
-    lines, row, column = [""], 0, 0
+    lines = [""]
+    row = 0
+    column = 0
     for found in _MOVES.finditer(shown):
-        text, count, what = found[0], int(found[1] or 1), found[2]
+        text = found[0]
+        count = int(found[1] or 1)
+        what = found[2]
         if text == "\r":
             column = 0
         elif text == "\n":

@@ -90,7 +90,8 @@ HEAD = "ank_in_rad,ank_out_rad,ankle_pitch_rad,ankle_roll_rad"
 
 def ankle(a: float, b: float) -> tuple[float, float]:
     """Pitch and roll of an ankle with two rods, of the angles of its cranks; smooth, and bent."""
-    push, twist = math.sin(a) + math.sin(b), math.sin(a) - math.sin(b)
+    push = math.sin(a) + math.sin(b)
+    twist = math.sin(a) - math.sin(b)
     return 0.45 * push + 0.03 * twist**2, 0.3 * twist + 0.02 * push**2
 
 

@@ -23,8 +23,10 @@ def differentials(draw: st.DrawFn) -> Differential:
 
 def warped(x: float, y: float, bend: float, turn: float) -> tuple[float, float]:
     """A smooth map of the plane that does not fold within |x|, |y| <= 1."""
-    u, v = x + bend * math.sin(y) * 0.3, y - bend * x * x * 0.2
-    c, s = math.cos(turn), math.sin(turn)
+    u = x + bend * math.sin(y) * 0.3
+    v = y - bend * x * x * 0.2
+    c = math.cos(turn)
+    s = math.sin(turn)
     return 0.6 * (c * u - s * v), 0.4 * (s * u + c * v)
 
 
@@ -39,7 +41,8 @@ def tables(draw: st.DrawFn) -> LinkageTable:
     way = draw(st.sampled_from([1.0, -1.0]))
     if len(grid) == 1:
         return LinkageTable(grid, [[way * (x + 0.3 * math.sin(2.0 * x))] for x in grid[0]])
-    bend, turn = draw(st.floats(0.0, 1.0)), draw(st.floats(0.0, 6.0))
+    bend = draw(st.floats(0.0, 1.0))
+    turn = draw(st.floats(0.0, 6.0))
     rows = [warped(x, y, bend, turn) for x in grid[0] for y in grid[1]]
     return LinkageTable(grid, [[a, way * b] for a, b in rows])
 

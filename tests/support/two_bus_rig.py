@@ -19,8 +19,11 @@ from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
 PERIOD = 0.01
-BAUD, BAUD_CODE = 1_000_000, 3
-LOWER, UPPER = 1000, 3000  # ticks that may ever be sent
+BAUD = 1_000_000
+BAUD_CODE = 3
+# ticks that may ever be sent
+LOWER = 1000
+UPPER = 3000
 IDS = {"left": (1, 2, 3), "right": (4, 5, 6)}
 FASTEST = 46.0 / 60.0 * 4096  # ticks/s: no-load speed at 12 V
 TURN = 2.0 * np.pi / 4096.0  # rad per tick without gear

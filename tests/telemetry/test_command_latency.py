@@ -14,10 +14,18 @@ from twind.safety.latency_alarm import LatencyAlert
 from twind.telemetry.command_latency import STREAM, CommandLatencyTracer
 from twind.telemetry.timing_monitor import COMMAND, TimingMonitor
 
-VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/reason-codes.md says
+# rad, rad/s, s: as docs/reason-codes.md says
+VISIBLE = 0.005
+STILL = 0.05
+PATIENCE = 1.0
 # Powers of two, so that sums of them are exact.
-TICK, ANSWER = 2.0**-7, 2.0**-8  # s
-CALLED, JUDGING, WAITING = 2.0**-8, 2.0**-10, 2.0**-11  # s
+# s
+TICK = 2.0**-7
+ANSWER = 2.0**-8
+# s
+CALLED = 2.0**-8
+JUDGING = 2.0**-10
+WAITING = 2.0**-11
 FAR = 2.0 * VISIBLE
 BOTH = np.array([True, True])
 
@@ -349,7 +357,8 @@ events = st.sampled_from(
 
 @given(st.lists(st.tuples(events, st.floats(-0.03, 0.03), st.floats(-0.03, 0.03)), max_size=60))
 def test_whatever_happens_there_are_no_more_figures_of_a_hop_than_of_the_one_before(happens: list) -> None:
-    world, gated = World(), 0
+    world = World()
+    gated = 0
     for event, goal, moved in happens:
         if event in ("one", "two", STREAM):
             world.command(event)

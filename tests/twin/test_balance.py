@@ -54,7 +54,8 @@ def test_inside_agrees_with_many_directions() -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 20_000)
     ways = np.stack([np.cos(turn), np.sin(turn)])
     for _ in range(50):
-        points, place = random.normal(size=(8, 2)), random.normal(size=2)
+        points = random.normal(size=(8, 2))
+        place = random.normal(size=2)
         sampled = ((points @ ways).max(axis=0) - place @ ways).min()
         found = inside(points, place)
         assert (found > 0) == (sampled > 0)

@@ -92,7 +92,8 @@ def test_two_buses_have_two_maps_with_ids_of_their_own() -> None:
 
 def test_factors_are_signed_and_geared() -> None:
     binding = bind(only(H24, "r_knee", ratio=1.5, lower=-0.1, upper=2.1), None)
-    bus, place = binding.joint_map.buses[0], H24.names.index("r_knee")
+    bus = binding.joint_map.buses[0]
+    place = H24.names.index("r_knee")
     assert bus.scale[place] == pytest.approx(-TICK / 1.5)
     assert bus.velocity_scale[place] == pytest.approx(-0.229 * 2 * math.pi / 60 / 1.5)
     assert bus.effort_scale[place] == pytest.approx(-1.5 * 1.78 * 0.00269)
@@ -121,7 +122,8 @@ def test_without_calibration_zero_is_mid_encoder_and_nothing_counts_as_calibrate
 
 
 def knee(binding: Binding) -> tuple[float, float, float, float]:
-    limits, place = binding.limits, H24.names.index("l_knee")
+    limits = binding.limits
+    place = H24.names.index("l_knee")
     found = (limits.hard_lower, limits.lower, limits.upper, limits.hard_upper)
     return tuple(float(each[place]) for each in found)  # type: ignore[return-value]
 
@@ -193,7 +195,8 @@ def test_every_goal_that_the_limits_allow_is_a_count_that_the_servo_takes(
         binding = bind(H24, calibrated(H24, zero, low, high))
     except BindingError:
         return
-    bus, limits = binding.joint_map.buses[0], binding.limits
+    bus = binding.joint_map.buses[0]
+    limits = binding.limits
     for bound in (limits.lower, limits.upper):
         ticks = np.rint(bus.zero + bound[bus.joints] / bus.scale)
         assert (ticks >= bus.lower).all()

@@ -71,7 +71,8 @@ def test_no_pair_comes_closer_than_its_levers_allow(robot: Binding) -> None:
     for one, other in zip(starts, ends, strict=True):
         for share in (1.0, 0.1, 0.01):
             there = one + share * (other - one)
-            first, last = oracle.row(one), oracle.row(there)
+            first = oracle.row(one)
+            last = oracle.row(there)
             outside = (first > 0.0) & (last > 0.0) & (first < 1.0) & (last < 1.0)
             bound = bodies.levers @ np.abs(there - one)
             assert (np.abs(first - last)[outside] <= bound[outside] + 1e-9).all()

@@ -99,8 +99,10 @@ def test_what_comes_near_is_told_and_not_refused(tmp_path: Path) -> None:
     """The tip goes straight at the base's top until 5 mm are left."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    start, far = np.array([0.0, 0.0, 0.0]), np.array([0.0, 2.9, 0.0])
-    low, high = 0.0, 1.0
+    start = np.array([0.0, 0.0, 0.0])
+    far = np.array([0.0, 2.9, 0.0])
+    low = 0.0
+    high = 1.0
     for _ in range(40):  # where 5 mm are left
         middle = 0.5 * (low + high)
         bodies.place(start + middle * (far - start))
@@ -116,7 +118,8 @@ def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> No
     """Dense around the bound: the way ends where the tip is `beyond` further into it than `block`."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    low, high = 0.0, 2.9
+    low = 0.0
+    high = 2.9
     for _ in range(50):
         middle = 0.5 * (low + high)
         bodies.place(np.array([0.0, middle, 0.0]))
@@ -131,7 +134,8 @@ def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> No
 def inside(bodies: CollisionModel, deep: float) -> np.ndarray:
     """A pose in which the tip is `deep` closer to the base than it may be."""
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
-    low, high = 0.0, 2.9
+    low = 0.0
+    high = 2.9
     for _ in range(50):
         middle = 0.5 * (low + high)
         bodies.place(np.array([0.0, middle, 0.0]))

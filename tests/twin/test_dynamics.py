@@ -76,7 +76,8 @@ def energy(binding: Binding, q: Floats) -> float:
 
 def test_torque_at_rest_is_the_slope_of_the_potential_energy(pinned: Binding) -> None:
     random = np.random.default_rng(5)
-    dynamics, step = Dynamics(pinned), 1e-5
+    dynamics = Dynamics(pinned)
+    step = 1e-5
     for _ in range(5):
         q = random.uniform(pinned.limits.lower, pinned.limits.upper)
         slope = [

@@ -51,7 +51,8 @@ def test_every_body_stands_where_forward_kinematics_puts_it(pose: Floats) -> Non
 
 def test_joints_are_found_by_name_not_by_place() -> None:
     pose = np.linspace(-0.5, 0.5, COUNT)
-    there, back = TwinMirror(BINDING), TwinMirror(BACKWARDS)
+    there = TwinMirror(BINDING)
+    back = TwinMirror(BACKWARDS)
     there.update(reading(pose))
     back.update(reading(pose[::-1].copy()))
     assert np.allclose(there.data.xpos, back.data.xpos)
@@ -118,7 +119,8 @@ def test_torque_of_a_joint_never_heard_is_unknown() -> None:
 def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> None:
     mirror = TwinMirror(BINDING)
     mirror.update(reading(np.full(COUNT, 0.1)))
-    position, velocity = np.full(COUNT, 0.2), np.zeros(COUNT)
+    position = np.full(COUNT, 0.2)
+    velocity = np.zeros(COUNT)
     (position if where == "position" else velocity)[KNEE] = bad * (1.0 if where == "position" else 10.0)
     mirror.update(reading(position, velocity))
     assert mirror.position[KNEE] == 0.1
@@ -144,8 +146,10 @@ def test_whatever_arrives_the_model_stays_finite(position: Floats, velocity: Flo
 
 
 def test_a_jump_of_the_pose_leaves_no_trace() -> None:
-    straight, bent = np.zeros(COUNT), np.full(COUNT, 0.4)
-    jumped, direct = TwinMirror(BINDING), TwinMirror(BINDING)
+    straight = np.zeros(COUNT)
+    bent = np.full(COUNT, 0.4)
+    jumped = TwinMirror(BINDING)
+    direct = TwinMirror(BINDING)
     for pose in (bent, straight, bent):
         jumped.update(reading(pose))
     direct.update(reading(bent))
@@ -153,7 +157,8 @@ def test_a_jump_of_the_pose_leaves_no_trace() -> None:
 
 
 def test_whoever_looks_between_two_readings_changes_nothing_for_whoever_looks_later() -> None:
-    looked, unseen = TwinMirror(BINDING), TwinMirror(BINDING)
+    looked = TwinMirror(BINDING)
+    unseen = TwinMirror(BINDING)
     for place in (0.3, -0.2, 0.1):
         looked.update(reading(np.full(COUNT, place)))
         unseen.update(reading(np.full(COUNT, place)))

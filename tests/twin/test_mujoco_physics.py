@@ -135,7 +135,8 @@ def test_without_torque_an_arm_hangs_down_and_friction_holds_it_there() -> None:
 def test_parts_of_one_body_share_its_time() -> None:
     muscles = arms()
     begun = muscles.data.time
-    first, second = muscles.part([0]), muscles.part([1])
+    first = muscles.part([0])
+    second = muscles.part([1])
     power(first)
     first.set_goals(np.array([2200.0]))
     first.advance(1.0)

@@ -44,7 +44,8 @@ def held(robot: RobotFile, support: str) -> RobotFile:
 
 def poses(binding: Binding, count: int) -> Floats:
     random = np.random.default_rng(5)
-    lower, upper = binding.limits.lower, binding.limits.upper
+    lower = binding.limits.lower
+    upper = binding.limits.upper
     drawn = lower + random.random((count, len(lower))) * (upper - lower)
     found: Floats = np.vstack([binding.rest, drawn])
     return found

@@ -166,7 +166,8 @@ def test_a_free_robot_starts_with_its_feet_on_the_floor() -> None:
     for pose in (binding.rest, BENT):
         simulation = Simulation(binding, 0.01)
         simulation.place(pose)
-        model, data = simulation.model, simulation.data
+        model = simulation.model
+        data = simulation.data
         mujoco.mj_kinematics(model, data)
         floor = model.geom("floor").id
         gaps = [
@@ -182,7 +183,8 @@ def test_a_free_robot_starts_with_its_feet_on_the_floor() -> None:
 
 
 def test_two_simulations_of_the_same_goals_are_the_same() -> None:
-    one, other = Simulation(BINDING, 0.01), Simulation(BINDING, 0.01)
+    one = Simulation(BINDING, 0.01)
+    other = Simulation(BINDING, 0.01)
     other.place(-BENT)
     other.place(BINDING.rest)
     assert np.array_equal(run(one, BENT, 50), run(other, BENT, 50))

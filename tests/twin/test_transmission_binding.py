@@ -18,7 +18,8 @@ from twind.robot.arrays import Floats
 from twind.twin.binding import Binding, BindingError, bind, rebound
 from twind.virtual.virtual_robot_spec import calibration, specimen
 
-WAIST, ANKLE = ("waist_roll", "waist_yaw"), ("ankle_roll", "ankle_pitch")
+WAIST = ("waist_roll", "waist_yaw")
+ANKLE = ("ankle_roll", "ankle_pitch")
 RODS = ("ank_in", "ank_out")
 
 
@@ -37,7 +38,8 @@ def bound(path: Path) -> Binding:
 def test_a_goal_within_the_hard_limits_is_within_the_counts_of_every_actuator(
     bound: Binding, shares: list[float]
 ) -> None:
-    limits, linked = bound.limits, [joint.transmission != "" for joint in bound.robot.joints]
+    limits = bound.limits
+    linked = [joint.transmission != "" for joint in bound.robot.joints]
     low = np.where(linked, limits.hard_lower, limits.lower)
     high = np.where(linked, limits.hard_upper, limits.upper)
     goal = low + np.array(shares) * (high - low)
@@ -54,11 +56,14 @@ def test_a_goal_within_the_hard_limits_is_within_the_counts_of_every_actuator(
 def test_no_power_is_lost_between_counts_and_joints(
     bound: Binding, shares: list[float], raw: list[int]
 ) -> None:
-    low, high = bound.limits.lower, bound.limits.upper
+    low = bound.limits.lower
+    high = bound.limits.upper
     goal = low + np.array(shares) * (high - low)
     for bus in bound.joint_map.buses:
-        place, count = ticks(bus, goal), len(bus.ids)
-        speed, effort = np.array(raw[:count], np.float64), np.array(raw[-count:], np.float64)
+        place = ticks(bus, goal)
+        count = len(bus.ids)
+        speed = np.array(raw[:count], np.float64)
+        effort = np.array(raw[-count:], np.float64)
         of_actuators = (effort * bus.effort_scale) @ (speed * bus.velocity_scale)
         of_joints = efforts(bus, place, effort) @ velocities(bus, place, speed)
         assert of_joints == pytest.approx(of_actuators, abs=1e-9)
@@ -98,7 +103,8 @@ def test_an_unknown_effort_of_one_actuator_is_unknown_at_both_joints(bound: Bind
 
 
 def test_what_all_joints_of_a_transmission_may_give_at_once_no_actuator_exceeds(bound: Binding) -> None:
-    names, effort = bound.robot.names, bound.limits.effort
+    names = bound.robot.names
+    effort = bound.limits.effort
     torque = np.array([effort[names.index(name)] for name in WAIST])
     matrix = np.array([[-0.25, 0.25], [0.3, 0.3]])
     most = 1.78 * 2.3
@@ -108,7 +114,8 @@ def test_what_all_joints_of_a_transmission_may_give_at_once_no_actuator_exceeds(
 
 
 def test_limits_that_an_actuator_cannot_follow_are_refused_naming_joint_and_actuator(bound: Binding) -> None:
-    robot, known = bound.robot, calibration(specimen(bound.robot))
+    robot = bound.robot
+    known = calibration(specimen(bound.robot))
     for actuator, joint in (("waist_b", "waist_yaw"), ("ank_in", "ankle_pitch")):
         shorter = tuple(
             replace(entry, sweep_ticks=(entry.sweep_ticks[0] + 300, entry.sweep_ticks[1]))
@@ -137,7 +144,8 @@ def test_where_the_travel_ends_just_at_the_limits_no_accepted_goal_meets_the_las
         "ankle_roll: {limits_rad: [-0.2, 0.2]}", "ankle_roll: {limits_rad: [-0.1, 0.25]}"
     )
     robot = linked.linked(tmp_path, text.replace("[-0.4, 0.4]}\nact", "[-0.4, 0.37]}\nact"), waved(places))
-    known, seats = calibration(specimen(robot)), {joint.actuator: joint for joint in robot.joints}
+    known = calibration(specimen(robot))
+    seats = {joint.actuator: joint for joint in robot.joints}
     entries = []
     for entry in known.joints:
         joint = seats[entry.name]

@@ -81,7 +81,8 @@ def test_the_limit_is_the_most_it_pulls() -> None:
 
 def test_a_serial_servo_of_the_same_body_is_moved_by_its_own_rules() -> None:
     muscles = body()
-    serial, can = muscles.part([0]), muscles.impedance([1])
+    serial = muscles.part([0])
+    can = muscles.impedance([1])
     power(serial)
     serial.set_goals(np.array([2000.0 + 300]))
     command(can, 300 * COUNT + 0.4, kp=50.0, kd=1.0)

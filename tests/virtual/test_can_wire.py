@@ -44,7 +44,8 @@ def spelled(message: CanMessage) -> list[int]:
 
 @given(frames)
 def test_a_frame_takes_its_own_bits_and_its_own_stuff_bits(message: CanMessage) -> None:
-    line, sent = spelled(message), []
+    line = spelled(message)
+    sent = []
     for bit in line:
         sent.append(bit)
         if len(sent) >= 5 and len(set(sent[-5:])) == 1 and stuffable(sent):
@@ -75,7 +76,8 @@ def test_the_first_recessive_bit_loses(one: CanMessage, other: CanMessage) -> No
     def field(id: int) -> list[int]:
         return spelled(CanMessage(id))[: 34 if id & EXTENDED else 14]
 
-    mine, others = field(one.id), field(other.id)
+    mine = field(one.id)
+    others = field(other.id)
     if mine != others:
         assert (rank(one.id) < rank(other.id)) == (mine < others)
 
@@ -112,7 +114,8 @@ def test_a_command_and_its_answer_take_their_bits_and_no_more() -> None:
 def test_due_is_never_late_and_comes_to_an_end() -> None:
     host = CanHost(nodes(1, 2, 3, 4))
     host.bus.take_host_frames(as_frames([CanMessage(id, LIMP) for id in (1, 2, 3, 4)]), 0.0)
-    heard, rounds = 0, 0
+    heard = 0
+    rounds = 0
     while (due := host.bus.next_output_time()) < np.inf:
         assert not host.bus.give_host_frames(np.nextafter(due, 0.0)).size
         heard += len(host.bus.give_host_frames(due))

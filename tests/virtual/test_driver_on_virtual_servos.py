@@ -10,7 +10,8 @@ from twind_drivers.run_script import perform
 from twind_drivers.virtual.serial_loopback import Loopback
 
 IDS = tuple(range(1, 25))
-FIRST, LAST = np.zeros(24, np.int64), np.full(24, 4095, np.int64)
+FIRST = np.zeros(24, np.int64)
+LAST = np.full(24, 4095, np.int64)
 
 
 class Rig:

@@ -20,7 +20,8 @@ IDS = [1, 2, 3, 4]
 
 def listen(host: Host, seconds: float, step: float = 0.0005) -> bytes:
     """What the host hears in that time without asking anything."""
-    out, end = b"", host.clock.now() + seconds
+    out = b""
+    end = host.clock.now() + seconds
     while host.clock.now() < end:
         host.clock.sleep_until(host.clock.now() + step)
         if host.bus.next_output_time() <= host.clock.now():
@@ -38,7 +39,8 @@ def sound(data: bytes) -> list[int]:
 
 
 def test_bit_errors_towards_the_host_are_as_many_as_ordered() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 126, 10)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 126, 10)
     clean = host.raw(request)
     host.bus.faults.bit_errors(0.01, to_servos=False)
     flipped = 0
@@ -117,7 +119,8 @@ def test_babble_never_ends_by_itself_and_is_bounded_at_every_look() -> None:
 
 
 def test_split_answers_come_in_small_pieces_and_lose_nothing() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 126, 10)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 126, 10)
     clean = host.raw(request)
     host.bus.faults.split(3)
     host.bus.receive(request, host.clock.now())
@@ -135,7 +138,8 @@ def test_split_answers_come_in_small_pieces_and_lose_nothing() -> None:
 
 @pytest.mark.parametrize(("timer", "payload"), [(0.016, 62), (0.001, 62), (0.016, 510)])
 def test_the_latency_timer_holds_back_what_does_not_fill_a_packet(timer: float, payload: int) -> None:
-    host, request = Host(list(range(1, 25))), packet.fast_sync_read(list(range(1, 25)), 126, 10)
+    host = Host(list(range(1, 25)))
+    request = packet.fast_sync_read(list(range(1, 25)), 126, 10)
     clean = host.raw(request)
     host.bus.faults.latency(timer, payload)
     begin = host.clock.now()
@@ -156,7 +160,8 @@ def test_the_latency_timer_holds_back_what_does_not_fill_a_packet(timer: float, 
 
 
 def test_an_adapter_with_a_timer_keeps_it_when_faults_are_healed() -> None:
-    specs, muscles = [ServoSpec(1, "XM430-W350", {"baud_rate": 4})], FirstOrderPhysics(np.array([2048.0]))
+    specs = [ServoSpec(1, "XM430-W350", {"baud_rate": 4})]
+    muscles = FirstOrderPhysics(np.array([2048.0]))
     bus = VirtualBus("b", specs, muscles, adapter=SerialAdapter(echo=True, latency=0.016))
     bus.faults.clear()
     bus.receive(packet.ping(1), 0.001)

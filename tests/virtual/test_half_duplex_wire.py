@@ -54,7 +54,8 @@ def test_an_answer_is_not_there_before_its_last_byte() -> None:
 def test_of_an_answer_cut_short_whole_statuses_have_come() -> None:
     host = Host(IDS)
     host.bus.receive(packet.sync_read(IDS, 132, 4), 0.0)
-    each, request = 15 * 10 / 2e6, 38 * 10 / 2e6
+    each = 15 * 10 / 2e6
+    request = 38 * 10 / 2e6
     assert len(host.bus.take(request + 7.5 * each)) == 7 * 15
     assert len(host.bus.take(host.bus.next_output_time())) == 17 * 15
 

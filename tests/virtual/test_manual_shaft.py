@@ -121,7 +121,8 @@ def angle(made: VirtualRobotSpec, virtual: dict[str, ServableBus], joint: str, n
     """Where that joint is, rad."""
     place = made.robot.names.index(joint)
     spec = made.wired.joints[place]
-    bus, row = virtual[spec.bus], [each.name for each in made.joints(spec.bus)].index(joint)
+    bus = virtual[spec.bus]
+    row = [each.name for each in made.joints(spec.bus)].index(joint)
     told = bus.truth(now)[row]
     count = told["encoder"] if bus.kind == "dynamixel2" else told["position"]
     return float((count - made.zeros[joint]) * spec.sign / spec.ratio * math.tau / spec.type.ticks_per_turn)
@@ -166,7 +167,8 @@ def test_a_limb_falls_when_the_hand_lets_go() -> None:
 def test_a_can_actuator_is_moved_by_a_hand_too(physics: bool) -> None:
     stops = {"l_knee": JointTruth(stops_rad=(-0.1, 1.3))}
     made, virtual = robot(physics, "h24-mixed", **stops)
-    leg, id = virtual["l_leg"], made.robot.joints[made.robot.names.index("l_knee")].id
+    leg = virtual["l_leg"]
+    id = made.robot.joints[made.robot.names.index("l_knee")].id
     leg.faults.hand(id, rad=0.6, speed=1.0)
     leg.advance(2.0)
     assert angle(made, virtual, "l_knee", 2.0) == pytest.approx(0.6, abs=0.003)
@@ -183,13 +185,15 @@ def test_dry_friction_is_in_the_current() -> None:
     gaps = []
     for friction in (0.02, 0.30):
         _, virtual = robot(True, head_yaw=JointTruth(friction_nm=friction))
-        servos, row = virtual["main"].servos, H24.names.index("head_yaw")
+        servos = virtual["main"].servos
+        row = H24.names.index("head_yaw")
         here = int(servos["goal_position"][row])
         servos.torque(row, True)
         servos.changed()
         servos.registers.put("profile_velocity", 4, row)
         servos.changed()
-        currents, now = [], 0.0
+        currents = []
+        now = 0.0
         for goal in (here + 200, here - 200):
             servos.aim(np.array([goal]), np.array([row]))
             now += 1.0
@@ -204,7 +208,8 @@ def test_dry_friction_is_in_the_current() -> None:
 
 def test_backlash_lets_the_encoder_stay_behind_by_half_of_it_on_either_side() -> None:
     made, virtual = robot(False, l_knee=JointTruth(backlash_ticks=10.0))
-    bus, seen = virtual["main"], []
+    bus = virtual["main"]
+    seen = []
     for step, rad in enumerate((0.5, 0.7, 0.5), 1):
         bus.faults.hand(pose={"l_knee": rad}, speed=5.0)
         bus.advance(float(step))
@@ -219,7 +224,8 @@ def test_backlash_lets_the_encoder_stay_behind_by_half_of_it_on_either_side() ->
 class Port:
     """As much of a port as orders need."""
 
-    present, fd = True, -1
+    present = True
+    fd = -1
 
     def __init__(self, name: str) -> None:
         self.name = self.path = name
@@ -248,7 +254,8 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
 
 def test_an_encoder_that_stands_still_within_the_play_shows_no_speed() -> None:
     made, virtual = robot(False, l_knee=JointTruth(backlash_ticks=40.0))
-    servos, row = virtual["main"].servos, made.robot.names.index("l_knee")
+    servos = virtual["main"].servos
+    row = made.robot.names.index("l_knee")
     virtual["main"].faults.hand(pose={"l_knee": 0.5}, speed=1.0)
     seen = []
     for step in range(1, 11):

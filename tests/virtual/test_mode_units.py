@@ -9,7 +9,12 @@ from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 
 TICKS = 0.229 / 60 * 4096  # ticks/s per raw velocity
-ARRIVED, ONGOING, ERRING, RECTANGLE, TRIANGLE, TRAPEZOID = 0x01, 0x02, 0x08, 0x10, 0x20, 0x30
+ARRIVED = 0x01
+ONGOING = 0x02
+ERRING = 0x08
+RECTANGLE = 0x10
+TRIANGLE = 0x20
+TRAPEZOID = 0x30
 
 
 def powered(mode: int, model: str = "XM430-W350", **settings: int) -> Host:

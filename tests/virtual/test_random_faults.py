@@ -53,7 +53,8 @@ steps = st.one_of(
 
 def listen(host: Host, until: float) -> bytes:
     """What the host hears, looking whenever there is something; no more looks than time and bytes allow."""
-    out, looks = b"", 0
+    out = b""
+    looks = 0
     while host.bus.next_output_time() <= until:
         host.clock.sleep_until(host.bus.next_output_time())
         out += host.bus.take(host.clock.now())

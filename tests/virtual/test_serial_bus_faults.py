@@ -11,7 +11,8 @@ IDS = [1, 2, 3, 4]
 
 @pytest.mark.parametrize("short_way", [False, True])
 def test_drop_loses_exactly_that_many_answers(short_way: bool) -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 132, 4)
     if short_way:
         host.raw(request)
     host.bus.faults.drop(3)
@@ -20,7 +21,8 @@ def test_drop_loses_exactly_that_many_answers(short_way: bool) -> None:
 
 
 def test_corrupt_breaks_the_crc_of_exactly_that_many_answers() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 132, 4)
     host.bus.faults.corrupt(1)
     raw = host.raw(request)
     assert len(raw) == 60
@@ -69,7 +71,8 @@ def test_a_brown_out_is_a_reboot_that_nobody_asked_for() -> None:
 
 
 def test_a_fault_of_one_id_spares_the_others() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 132, 4)
     faults = host.bus.faults
     faults.drop(1, id=2)
     faults.corrupt(1, id=3, bits=5)
@@ -86,7 +89,8 @@ def test_a_doubled_answer_comes_twice() -> None:
 
 
 def test_a_slow_servo_answers_into_the_next_exchange_and_holds_up_nobody() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 132, 4)
     host.bus.faults.delay(0.01, id=2)
     found = Framer(status=True)
     host.bus.receive(request, 0.0)
@@ -97,7 +101,8 @@ def test_a_slow_servo_answers_into_the_next_exchange_and_holds_up_nobody() -> No
 
 
 def test_a_slow_link_holds_up_a_joint_answer() -> None:
-    host, request = Host(IDS), packet.fast_sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.fast_sync_read(IDS, 132, 4)
     clean = host.raw(request)
     begin = host.clock.now()
     host.bus.faults.delay(0.01, id=3)
@@ -159,7 +164,8 @@ def test_what_was_under_way_when_the_adapter_was_pulled_out_never_comes() -> Non
 
 
 def test_all_connectors_pulled_and_plugged_in() -> None:
-    host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
+    host = Host(IDS)
+    request = packet.sync_read(IDS, 132, 4)
     host.bus.faults.silence()
     assert host.ask(request) == []
     host.bus.faults.silence(on=False)
@@ -258,7 +264,8 @@ def test_a_forged_answer_is_sound_and_not_what_was_asked() -> None:
 
 
 def test_mangle_breaks_exactly_that_many_writes_and_only_their_beginning() -> None:
-    host, ping = Host(IDS), packet.ping(1)
+    host = Host(IDS)
+    ping = packet.ping(1)
     host.bus.faults.mangle(2, bits=3, bytes=len(ping))
     for _ in range(2):
         assert [each.id for each in host.ask(ping + packet.ping(2))][-1:] == [2]

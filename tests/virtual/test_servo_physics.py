@@ -42,7 +42,8 @@ def powered(start: float = 0.0, **how: float) -> FirstOrderPhysics:
     st.lists(st.floats(1e-4, 0.5), min_size=1, max_size=8),
 )
 def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, steps: list[float]) -> None:
-    many, once = powered(mode=mode), powered(mode=mode)
+    many = powered(mode=mode)
+    once = powered(mode=mode)
     many.set_goals(np.array([goal]))
     once.set_goals(np.array([goal]))
     for end in np.cumsum(steps):
@@ -190,7 +191,8 @@ def test_a_blocked_shaft_turns_its_output_into_current() -> None:
     )
 )
 def test_whatever_is_commanded_stays_finite_and_inside_its_caps(changes: list[tuple]) -> None:
-    muscles, now = FirstOrderPhysics(np.zeros(1)), 0.0
+    muscles = FirstOrderPhysics(np.zeros(1))
+    now = 0.0
     for mode, on, pwm, current, supply, goal, dt, held in changes:
         power(muscles, mode=mode, on=on, pwm=pwm, current=current, supply=supply)
         muscles.block(np.array([held]))

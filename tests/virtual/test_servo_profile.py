@@ -6,7 +6,9 @@ from hypothesis import strategies as st
 from twind_drivers.virtual.servo_profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, ServoProfile
 
 STEP = 0.002  # s
-VELOCITY, ACCELERATION = 0.229 / 60 * 4096, 214.577 / 3600 * 4096  # ticks/s, ticks/s² per raw value
+# ticks/s, ticks/s² per raw value
+VELOCITY = 0.229 / 60 * 4096
+ACCELERATION = 214.577 / 3600 * 4096
 
 
 def made(velocity: float, acceleration: float, *, timed: bool = False, spins: bool = False) -> ServoProfile:
@@ -20,7 +22,8 @@ def run(
 ) -> tuple[list[float], list[float]]:
     """Places and speeds every 2 ms."""
     profile.set_targets(np.array([goal]), begin)
-    places, speeds = [], []
+    places = []
+    speeds = []
     for k in range(1, round(seconds / STEP) + 1):
         profile.follow(begin + k * STEP)
         places.append(float(profile.reference[0]))
@@ -63,7 +66,8 @@ def test_a_new_goal_on_the_way_keeps_place_and_speed_continuous(
     profile = made(velocity * 5 if timed else velocity, acceleration, timed=timed)
     now = 0.0
     for goal, seconds in goals:
-        place, speed = float(profile.reference[0]), float(profile.speed[0])
+        place = float(profile.reference[0])
+        speed = float(profile.speed[0])
         profile.set_targets(np.array([goal]), now)
         profile.follow(now + 1e-7)
         assert profile.reference[0] == pytest.approx(place, abs=0.01 + abs(speed) * 1e-6)

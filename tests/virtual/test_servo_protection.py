@@ -11,7 +11,9 @@ from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.virtual.servo_protection import BEARABLE, ServoProtection, ampere
 
 ALERT = 0x80
-VOLTAGE, HEAT, OVERLOAD = 1, 4, 32
+VOLTAGE = 1
+HEAT = 4
+OVERLOAD = 32
 
 
 def on_its_own(stall: float = 855.0, model: str = "XM430-W350") -> ServoProtection:
@@ -53,7 +55,8 @@ def test_bursts_with_rests_between_them_are_no_overload() -> None:
 
 @given(st.lists(st.floats(0.01, 100), min_size=1, max_size=8), st.floats(0, 900))
 def test_warmth_does_not_depend_on_how_often_one_looks(steps: list[float], current: float) -> None:
-    many, once = on_its_own(), on_its_own()
+    many = on_its_own()
+    once = on_its_own()
     for end in np.cumsum(steps):
         many.step(float(end), np.array([current]))
     once.step(float(np.cumsum(steps)[-1]), np.array([current]))

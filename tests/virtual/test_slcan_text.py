@@ -26,7 +26,8 @@ class Adapter:
 
     def __init__(self, *nodes: NodeSpec, adapter: CanAdapter | None = None) -> None:
         self.host = CanHost(nodes or [NodeSpec(1, "DM4310", 0x11)], adapter=adapter, opened=False)
-        self.bus, self.clock = self.host.bus, self.host.clock
+        self.bus = self.host.bus
+        self.clock = self.host.clock
 
     def ask(self, text: bytes, wait: float = 0.005) -> bytes:
         self.bus.receive(text, self.clock.now())
@@ -93,7 +94,9 @@ def test_answers_may_be_switched_off() -> None:
 
 @given(st.lists(st.integers(1, 40), max_size=12))
 def test_text_may_come_in_any_pieces(cuts: list[int]) -> None:
-    host, text, heard = opened(), ENABLE * 3, b""
+    host = opened()
+    text = ENABLE * 3
+    heard = b""
     for size in [*cuts, len(text)]:
         heard += host.ask(text[:size], wait=0.0)
         text = text[size:]

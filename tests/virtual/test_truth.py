@@ -124,7 +124,8 @@ def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
 
 
 def test_an_empty_truth_changes_nothing_but_that_joints_end() -> None:
-    plain, told = specimen(H24), specimen(H24, truth=Truth())
+    plain = specimen(H24)
+    told = specimen(H24, truth=Truth())
     assert plain.zeros == told.zeros == plain.shown == told.shown
     assert plain.hinge("l_knee").stops == (-math.inf, math.inf)
     assert all(map(math.isfinite, told.hinge("l_knee").stops)), "the model's range"
@@ -150,7 +151,8 @@ def test_shown_is_what_the_register_shows_at_angle_0(
 
 
 def test_the_count_starts_turns_off_and_the_calibration_does_not_know() -> None:
-    off, right = made_with(turns=-2), made_with()
+    off = made_with(turns=-2)
+    right = made_with()
     assert shows(off, "l_knee") == shows(right, "l_knee") - 2 * 4096
     assert off.shown == right.shown
     assert calibration(off).joints == calibration(right).joints
@@ -162,7 +164,8 @@ def test_servos_with_exchanged_ids_sit_where_they_were() -> None:
     right = H24.names.index("r_knee")
     ids = servos.registers.ids()
     assert (ids[left], ids[right]) == (H24.joints[right].id, H24.joints[left].id)
-    found, plain = calibration(made).by_name, specimen(H24)
+    found = calibration(made).by_name
+    plain = specimen(H24)
     assert found["l_knee"].zero_ticks == plain.zeros["r_knee"], "of the servo with its id"
     assert found["l_knee"].id == H24.joints[left].id
 

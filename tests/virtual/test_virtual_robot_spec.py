@@ -118,7 +118,8 @@ def test_a_leg_of_the_body_goes_where_it_is_commanded() -> None:
     leg = body_of(robot, made.zeros).impedance(
         [at for at, each in enumerate(robot.joints) if each.bus == "l_leg"]
     )
-    one, goal = np.ones(6), leg.position.copy()
+    one = np.ones(6)
+    goal = leg.position.copy()
     goal[3] += 0.3
     leg.drive(one > 0, goal, 0.0 * one, 200.0 * one, 3.0 * one, 0.0 * one, 10.0 * one)
     leg.advance(1.0)

@@ -191,7 +191,8 @@ def test_the_short_way_says_the_same_as_packet_by_packet(
     host = Host(ids)
     if alert:
         host.bus.faults.damage(ids[0], 1)
-    fast, plain = packet.fast_sync_read(ids, 128, 8), packet.sync_read(ids, 128, 8)
+    fast = packet.fast_sync_read(ids, 128, 8)
+    plain = packet.sync_read(ids, 128, 8)
     host.raw(fast)
     host.raw(plain)  # both are remembered now
     raw = host.servos.memory.raw
@@ -288,7 +289,8 @@ def test_goals_beyond_a_limit_are_dropped_one_by_one() -> None:
 @pytest.mark.parametrize(("address", "size"), [(120, 4), (124, 2), (136, 8), (120, 16)])
 def test_what_is_read_rarely_is_as_fresh_as_position_and_velocity(address: int, size: int) -> None:
     """Within the same millisecond as a read of 126..135: tick, moving, PWM, trajectories."""
-    block, rare = packet.fast_sync_read([1, 2], 126, 10), packet.fast_sync_read([1, 2], address, size)
+    block = packet.fast_sync_read([1, 2], 126, 10)
+    rare = packet.fast_sync_read([1, 2], address, size)
     heard = []
     for before in ([], [block]):
         host = Host([1, 2], wire_timing=False)

@@ -125,7 +125,8 @@ def test_the_state_tells_the_truth_of_every_servo() -> None:
 
 
 def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not() -> None:
-    real, host = FakeClock(), Host([1, 2])
+    real = FakeClock()
+    host = Host([1, 2])
     clock = ServoClock(real)
     made = VirtualBusServer(
         {"main": host.bus}, {"main": VirtualPtyPort("main", None)}, clock, lambda name, path: None
@@ -138,7 +139,8 @@ def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not(
         host.servos.settle(clock.now())
         return [int(each) for each in host.servos.memory.column("realtime_tick", 2).get()]
 
-    before, lived = shown(), clock.now()
+    before = shown()
+    lived = clock.now()
     real.sleep_until(real.now() + 5.0)
     assert clock.now() - lived == pytest.approx(STALL)
     assert shown() == [each + 5000 for each in before]

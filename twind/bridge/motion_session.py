@@ -64,7 +64,8 @@ def reported_end(answer: Mapping[str, Any]) -> MotionEnd | None:
     if answer["topic"] != "events" or answer["event"]["code"] != "MOTION":
         return None
     event = answer["event"]
-    name, phase = event.get("id") or "", event.get("phase")
+    name = event.get("id") or ""
+    phase = event.get("phase")
     return MotionEnd(name, phase, event["findings"]) if phase in ENDS else MotionEnd(name, LOST, UNREADABLE)
 
 
@@ -82,7 +83,8 @@ class MotionSession:
 
     def __init__(self, operator: Callable[[], Client], now: Callable[[], float] = time.monotonic) -> None:
         """`operator` makes a connection that may command; it need not be open. `now`: s, monotonic."""
-        self._operator, self._now = operator, now
+        self._operator = operator
+        self._now = now
         self._client: Client | None = None
         self.held = False
         self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
@@ -139,7 +141,8 @@ class MotionSession:
 
     def keep(self) -> list[MotionEnd]:
         """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
-        now, over = self._now(), self._take_ended_motions()
+        now = self._now()
+        over = self._take_ended_motions()
         if self._let_go:
             self.close()
         elif self.driving or self.held:

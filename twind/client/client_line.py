@@ -105,7 +105,8 @@ class SocketLine:
     def receive(self, patience: float) -> bytes:
         """Return the next message. Raises TimeoutError; EOFError: connection closed, or message too long."""
         assert self._socket is not None
-        deadline, searched = time.monotonic() + patience, 0
+        deadline = time.monotonic() + patience
+        searched = 0
         while (end := self._buffer.find(b"\0", searched)) < 0:
             searched = len(self._buffer)
             try:

@@ -30,7 +30,9 @@ def clocks() -> ClockPair:
     """Both clocks, read as closely together as they can be: some 4 µs."""
     best: tuple[int, ClockPair] | None = None
     for _ in range(5):
-        before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        before = time.monotonic_ns()
+        wall = time.time_ns()
+        after = time.monotonic_ns()
         found = ClockPair((before + after) / 2e9, wall)
         if best is None or after - before < best[0]:
             best = (after - before, found)

@@ -62,7 +62,8 @@ class Client:
     def close(self) -> None:
         """Hang up; a lease held by this connection lapses. The next call connects anew."""
         self._line.close()
-        self._streaming, self._begun = False, ""
+        self._streaming = False
+        self._begun = ""
 
     def cut(self) -> None:
         """Break the connection, from any thread: a call that waits raises Disconnected, a lease lapses."""
@@ -89,7 +90,8 @@ class Client:
 
     def finish(self) -> Answer | None:
         """Wait for the answer to what was begun, None: nothing was. Raises as `call`."""
-        method, self._begun = self._begun, ""
+        method = self._begun
+        self._begun = ""
         return self._receive(method)[0] if method else None
 
     def stream(self, method: str, **parameters: Any) -> Generator[Answer, None, None]:

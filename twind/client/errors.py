@@ -49,7 +49,8 @@ class CallError(ClientError):
 
     def __init__(self, error: str, parameters: Mapping[str, Any]) -> None:
         super().__init__(_text(error, parameters))
-        self.error, self.parameters = error, parameters
+        self.error = error
+        self.parameters = parameters
 
     @property
     def name(self) -> str:

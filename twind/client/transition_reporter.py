@@ -19,5 +19,6 @@ class TransitionReporter:
         self.wrong = wrong
         if wrong == self.told or (wrong and self.told and now - self.at < self.every):
             return False
-        self.told, self.at = wrong, now
+        self.told = wrong
+        self.at = now
         return True

@@ -14,7 +14,9 @@ from twind.config.supply_limits import SupplyLimits, ThermalLimits, full_counts
 from twind_drivers.can.can_units import COUNT, EFFORT
 from twind_drivers.dynamixel.control_tables import number_of, table
 
-SERIAL, CAN = "dynamixel2", "can"  # kinds of bus
+# kinds of bus
+SERIAL = "dynamixel2"
+CAN = "can"
 
 # Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
 OPERATING_MODES: Mapping[str, int] = {

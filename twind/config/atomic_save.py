@@ -48,7 +48,8 @@ class LockedFolder:
         differently), OSError (disk full, no permission): then the old file stands, whatever is beside it.
         """
         _require_name(self.path, name)
-        current, fresh = f"{name}.yaml", f".{name}.yaml.new"
+        current = f"{name}.yaml"
+        fresh = f".{name}.yaml.new"
         _write(self._directory, fresh, text.encode(), rights)
         _keep(self._directory, name, current)
         _rename(self._directory, fresh, current)

@@ -83,8 +83,10 @@ def seam_margin(sweep: tuple[int, int], ticks_per_turn: int, start: int = 0) -> 
 
     Seams are whole turns away from `start`, the first count of a turn (`counts.turn_start`).
     """
-    first, last = sweep[0] - start, sweep[1] - start
-    before, after = first % ticks_per_turn, -last % ticks_per_turn
+    first = sweep[0] - start
+    last = sweep[1] - start
+    before = first % ticks_per_turn
+    after = -last % ticks_per_turn
     crosses = first // ticks_per_turn != -(-last // ticks_per_turn) - 1
     return 0 if crosses else min(before, after)
 
@@ -106,7 +108,8 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
     top = ConfigSection(file, parse(text, file))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    stated, actual = top.text("sha256"), text_hash(text)
+    stated = top.text("sha256")
+    actual = text_hash(text)
     if stated != actual:
         remedy = "it was changed after it was written: calibrate again, or put the earlier file back"
         raise top.refuse("sha256", f"{stated} is not the hash of this file, {actual}; {remedy}")
@@ -120,7 +123,8 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
     if not _STAMP.fullmatch(created):
         raise top.refuse("created", f"{created!r} is not a time as 2026-11-21T09:14:03Z")
     method = top.text("method_default", None, METHODS)
-    section, specs = top.section("joints"), {joint.actuator: joint for joint in robot.joints}
+    section = top.section("joints")
+    specs = {joint.actuator: joint for joint in robot.joints}
     section.close(also=specs)
     calibration = Calibration(
         robot=name,
@@ -210,7 +214,8 @@ def _fitted(joint: JointSpec, zero: int, device: IdentifiedDevice) -> JointCalib
     ends = sorted(
         ticks_of(joint, zero, angle) for angle in (joint.span[0] - SWEEP_MARGIN, joint.span[1] + SWEEP_MARGIN)
     )
-    sweep, turn = (ends[0], ends[1]), joint.type.ticks_per_turn
+    sweep = (ends[0], ends[1])
+    turn = joint.type.ticks_per_turn
     return JointCalibration(
         name=joint.actuator,
         bus=joint.bus,

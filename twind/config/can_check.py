@@ -30,7 +30,8 @@ def unfit(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
             "set that mode by the vendor's tool, or by its register with torque off"
         )
     for told, (key, unit) in TOLD.items():
-        value, described = device.settings.get(told), getattr(kind.ranges, key)
+        value = device.settings.get(told)
+        described = getattr(kind.ranges, key)
         if value is not None and abs(value - round(1e3 * described)) > SAME:
             yield (
                 f"its frames span {value / 1e3:g} {unit}, the robot file says {described:g}: "

@@ -14,7 +14,9 @@ from twind.config.supply_limits import SupplyLimits, ThermalLimits, own_heat, ow
 from twind_drivers.can.can_models import MODELS, CanActuatorModel
 from twind_drivers.can.can_units import COUNT, TURN
 
-MAX_ID, MAX_ODRIVE = 127, 63  # facts of the wire: seven bits; ODrive takes six (its can-protocol page)
+# facts of the wire: seven bits; ODrive takes six (its can-protocol page)
+MAX_ID = 127
+MAX_ODRIVE = 63
 MAX_FEEDBACK = 0x7FE  # 11 bits; 7FF carries the register requests of Damiao
 FEEDBACK = 0x10  # Damiao: master id beyond the command id, where the file gives none
 WATCHDOGS = ("device", "unverified")

@@ -23,7 +23,8 @@ class ConfigSection:
     """One mapping under conversion. `path` is how its place reads in a message: `joints.l_knee`."""
 
     def __init__(self, file: str, table: YamlMapping, path: str = "") -> None:
-        self.file, self.path = file, path
+        self.file = file
+        self.path = path
         self._table = table
         self._known: dict[str, None] = {}  # keys asked for, in order
 

@@ -75,7 +75,8 @@ class CanBudget:
     @property
     def lines(self) -> tuple[str, ...]:
         """For people: frames and time of a cycle, then the arithmetic."""
-        each, rate = self.cycle, f"{self.bus.baud} bit/s, {self.rate_hz:g} Hz wanted"
+        each = self.cycle
+        rate = f"{self.bus.baud} bit/s, {self.rate_hz:g} Hz wanted"
         return (
             f"bus {self.bus.name}: {self.count} CAN actuators at {rate}",
             f"  {each.frames:.3g} frames, {each.seconds * 1e6:.0f} us, up to {each.reachable_hz:.0f} Hz",

@@ -17,7 +17,9 @@ from twind.protocol.socket_paths import own_folder
 
 MODES = ("sim", "mirror", "live")
 LEVELS = ("debug", "info", "warning", "error")
-LATENCY_WARN_MS, LATENCY_BLOCK_MS = 50.0, 100.0  # design 6.4; a file may only tighten them
+# design 6.4; a file may only tighten them
+LATENCY_WARN_MS = 50.0
+LATENCY_BLOCK_MS = 100.0
 COMMAND_LINE = "command line"
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
@@ -177,7 +179,8 @@ def _defaults(where: InstallationPaths) -> DaemonSettings:
 
 
 def _read(text: str, file: str, where: InstallationPaths) -> DaemonSettings:
-    top, usual = ConfigSection(file, parse(text, file)), _defaults(where)
+    top = ConfigSection(file, parse(text, file))
+    usual = _defaults(where)
     folder = Path(file).parent
     if top.has("individual") and not _NAME.fullmatch(top.text("individual")):
         raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")

@@ -54,10 +54,12 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     Warnings: other firmware, travel that is implausible beside the described limits.
     """
     fit = check_devices(robot, devices)
-    refusals, warnings = list(fit.refusals), list(fit.warnings)
+    refusals = list(fit.refusals)
+    warnings = list(fit.warnings)
     known = {} if calibration is None else calibration.by_name
     for place, joint in enumerate(robot.joints):
-        entry, device = known.get(joint.actuator), devices.get((joint.bus, joint.id))
+        entry = known.get(joint.actuator)
+        device = devices.get((joint.bus, joint.id))
         if entry is None:
             refusals.append(Finding(ReasonCode.CALIB_MISSING, place, message="not calibrated"))
             continue
@@ -95,7 +97,8 @@ def _find_differences(
     if now.model_number != then.model_number:
         yield differs("model_number", now.model_number, then.model_number)
     for register, name in _COMPARED.items():
-        value, recorded = now.settings.get(register), int(getattr(then, name))
+        value = now.settings.get(register)
+        recorded = int(getattr(then, name))
         if value != recorded:
             yield differs(register, value, recorded)
     yield from _stamp(place, then, now)
@@ -119,7 +122,8 @@ def _stamp(place: int, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Fi
 def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: IdentifiedDevice) -> Iterator[Finding]:
     if now.firmware != then.firmware:
         text = f"firmware is {now.firmware}, was {then.firmware} when calibrated: prove it again"
-        value, bound = float(now.firmware), float(then.firmware)
+        value = float(now.firmware)
+        bound = float(then.firmware)
         yield Finding(ReasonCode.CALIB_MISMATCH, place, value=value, bound=bound, message=text)
 
 

@@ -46,7 +46,8 @@ def make_device_record(device: IdentifiedDevice, *, tagged: bool = False) -> Dev
 def read_device(section: ConfigSection) -> DeviceRecord:
     """The record under `device:`. Raises ConfigError."""
     eeprom = section.section("eeprom")
-    number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
+    number = {"least": -MAX_TICKS, "most": MAX_TICKS}
+    byte = {"least": 0, "most": 255}
     record = DeviceRecord(
         model_number=section.integer("model_number", least=0, most=MAX_TICKS),
         firmware=section.integer("firmware", **byte),

@@ -62,7 +62,8 @@ def joint_mode(
 
 def _require_current(kind: ServoType, described: ConfigSection, counts: int) -> None:
     """Raises ConfigError where `current_limit_a` is no goal current of 1..`counts`, told in ampere."""
-    cap, most = kind.cap_counts, counts * kind.current_lsb_a
+    cap = kind.cap_counts
+    most = counts * kind.current_lsb_a
     if cap is None or not 1 <= cap <= counts:
         raise described.refuse(
             "current_limit_a",

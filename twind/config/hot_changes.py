@@ -30,7 +30,9 @@ HOT: Mapping[str, str] = {
     "gate.on_velocity": "`reject`",
     "gate.on_torque": "`reject`",
 }
-LIMITS, VELOCITY, ACCELERATION = "limits_rad", "velocity_limit_rad_s", "acceleration_limit_rad_s2"
+LIMITS = "limits_rad"
+VELOCITY = "velocity_limit_rad_s"
+ACCELERATION = "acceleration_limit_rad_s2"
 MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
 STRICT = "reject"
 
@@ -48,7 +50,8 @@ class RestartRequired(ValueError):
 
     def __init__(self, key: str, reason: str) -> None:
         super().__init__(f"{key}: {reason}")
-        self.key, self.reason = key, reason
+        self.key = key
+        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +103,8 @@ def thresholds(changes: Changes, warn: float, block: float) -> tuple[float, floa
     """
     if changes.get(LEVEL, LEVELS[0]) not in LEVELS:
         raise RestartRequired(LEVEL, f"{changes[LEVEL]!r} is none of {', '.join(LEVELS)}")
-    warn, block = _number(WARN, changes.get(WARN, warn)), _number(BLOCK, changes.get(BLOCK, block))
+    warn = _number(WARN, changes.get(WARN, warn))
+    block = _number(BLOCK, changes.get(BLOCK, block))
     for key, value, most in ((WARN, warn, LATENCY_WARN_MS), (BLOCK, block, LATENCY_BLOCK_MS)):
         if not 0.0 < value <= most:
             raise RestartRequired(key, f"{value:g} must be above 0 and at most {most:g}")
@@ -132,7 +136,8 @@ def _gate_difference(old: RobotFile, new: RobotFile) -> tuple[dict[str, Any], se
     hot: dict[str, Any] = {}
     cold = {"collision"} if not same(old.gate.collision, new.gate.collision) else set()
     for name in ("on_velocity", "on_torque"):
-        before, after = getattr(old.gate, name), getattr(new.gate, name)
+        before = getattr(old.gate, name)
+        after = getattr(new.gate, name)
         if before != after and after == STRICT:
             hot[f"gate.{name}"] = after
         elif before != after:
@@ -172,14 +177,16 @@ def _key(joint: JointSpec, name: str) -> str:
 
 
 def _type_difference(old: JointSpec, new: JointSpec) -> tuple[dict[str, Any], set[str]]:
-    was, now = old.type, new.type
+    was = old.type
+    now = new.type
     if was.name != now.name:
         return {}, {f"joints.{old.name}.type"}
     if type(was) is not type(now):
         return {}, {f"types.{was.name}.device"}
     names = {field.name for field in fields(was)} - {"gains"}
     cold = {f"types.{was.name}.{name}" for name in names if not same(getattr(was, name), getattr(now, name))}
-    before, after = _gains(was), _gains(now)
+    before = _gains(was)
+    after = _gains(now)
     return ({f"types.{was.name}.gains": after} if before != after else {}), cold
 
 
@@ -231,7 +238,8 @@ def _lowered(key: str, value: Any, most: float) -> float:
 def _narrowed(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mapping[str, float]]) -> JointSpec:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
         raise RestartRequired(key, f"{value!r} is not a lower and an upper limit")
-    lower, upper = _number(key, value[0]), _number(key, value[1])
+    lower = _number(key, value[0])
+    upper = _number(key, value[1])
     if not joint.lower <= lower < upper <= joint.upper:
         bounds = f"{joint.lower:g}..{joint.upper:g}"
         raise RestartRequired(

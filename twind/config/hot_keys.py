@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-LEVEL, WARN, BLOCK = "log_level", "thresholds.latency_warn_ms", "thresholds.latency_block_ms"
+LEVEL = "log_level"
+WARN = "thresholds.latency_warn_ms"
+BLOCK = "thresholds.latency_block_ms"
 OF_SETTINGS = frozenset({LEVEL, WARN, BLOCK})
 PROOF = "calibration.proof"  # what was shown of it since: nothing is judged by it
 

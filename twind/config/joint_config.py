@@ -24,7 +24,8 @@ from twind.robot.transmission import back, fair, span
 from twind_drivers.can.can_models import MODELS as CAN_MODELS
 from twind_drivers.dynamixel.control_tables import number_of
 
-SPEED, PULL = "velocity_limit_rad_s", "acceleration_limit_rad_s2"
+SPEED = "velocity_limit_rad_s"
+PULL = "acceleration_limit_rad_s2"
 OF_ACTUATORS = ("bus", "id", "type", "sign", "ratio", "mode", "registers", "feedback_id")
 OF_OWN_ACTUATORS = ("homing", "stop_rad")  # what asks for an actuator that turns this joint alone
 
@@ -59,7 +60,8 @@ def described_joints(
     types = {name: _type(name, kinds) for name in kinds}
     kinds.close()
     ground = _EntryContext(top.section("defaults"), kinds, types, {bus.name: bus.kind for bus in wires})
-    section, others = top.section("joints"), top.section("actuators")
+    section = top.section("joints")
+    others = top.section("actuators")
     if not list(section):
         raise section.refuse("", "a robot needs at least one joint")
     slots = _SlotRegistry(ground)
@@ -153,7 +155,8 @@ def _joint(
     lower, upper = _limits(entry)
     if seat is None:
         _within_a_turn(slot, (lower, upper), entry, "limits_rad")
-    ends, source = stops(entry, lower, upper), ground.source(entry)
+    ends = stops(entry, lower, upper)
+    source = ground.source(entry)
     own_speed = source(SPEED).number(SPEED, math.inf, above=0.0, most=100.0)
     own_pull = source(PULL).number(PULL, math.inf, above=0.0, most=1e4)
     kind = slot.type

@@ -54,7 +54,9 @@ def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> L
     relies on contents that are not in force.
     """
     made = with_changes(old, found.changes)
-    settings, files, robot = made.settings, dict(old.files), made.robot
+    settings = made.settings
+    files = dict(old.files)
+    robot = made.robot
     if same(new.settings, replace(settings, source=new.settings.source, origins=new.settings.origins)):
         settings = new.settings
     if PROOF in found.changes:
@@ -77,5 +79,6 @@ def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> L
 
 def with_changes(old: LoadedConfig, changes: Changes) -> LoadedConfig:
     """The same with these changes. Raises NotHot."""
-    settings, robot = hot_changes.settled(old.settings, changes), hot_changes.applied(old.robot, changes)
+    settings = hot_changes.settled(old.settings, changes)
+    robot = hot_changes.applied(old.robot, changes)
     return replace(old, settings=settings, robot=robot)

@@ -91,7 +91,8 @@ class JointSpec:
     @property
     def reach(self) -> float:
         """How far the slot should turn from end to end, rad: from stop to stop where both are described."""
-        low, high = self.stops.lower, self.stops.upper
+        low = self.stops.lower
+        high = self.stops.upper
         return self.span[1] - self.span[0] if low is None or high is None else high - low
 
     @property

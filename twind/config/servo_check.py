@@ -14,8 +14,12 @@ MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset be
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
 SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
 MAX_ID = 252  # above it the second id is off (e-manual, address 12)
-TORQUE_AT_BOOT, RAM_AT_BOOT = 0b0001, 0b0010  # startup configuration (60), bits 0 and 1
-TIME_PROFILE, TORQUE_BY_GOAL = 0b0100, 0b1000  # drive mode (10), bits 2 and 3
+# startup configuration (60), bits 0 and 1
+TORQUE_AT_BOOT = 0b0001
+RAM_AT_BOOT = 0b0010
+# drive mode (10), bits 2 and 3
+TIME_PROFILE = 0b0100
+TORQUE_BY_GOAL = 0b1000
 
 
 class ServoWarning(NamedTuple):
@@ -40,7 +44,8 @@ def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
             f"{', '.join(unread)} not read, so nothing is known of them: its answers were lost, or its "
             "status_return_level (68) is 0 (answers pings only)"
         )
-    offset, drive = settings.get("homing_offset", 0), settings.get("drive_mode", 0)
+    offset = settings.get("homing_offset", 0)
+    drive = settings.get("drive_mode", 0)
     if abs(offset) > MAX_OFFSET and joint.mode == "position":
         yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
     if drive & TORQUE_BY_GOAL:
@@ -61,13 +66,15 @@ def unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
 
 def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
     """Another operating mode than the robot file names, or a cap that the servo does not take."""
-    mode, wanted = settings.get("operating_mode"), joint.operating_mode
+    mode = settings.get("operating_mode")
+    wanted = joint.operating_mode
     if mode is not None and mode != wanted:
         yield (
             f"operating_mode (11) is {mode}, {joint.mode} mode is {wanted}: "
             f"with torque off write {wanted} to register 11, then calibrate anew; or correct the robot file"
         )
-    limit, cap = settings.get("current_limit"), joint.current_cap
+    limit = settings.get("current_limit")
+    cap = joint.current_cap
     if cap is not None and mode is not None and (limit is None or limit < cap):
         yield (
             f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "

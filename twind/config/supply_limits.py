@@ -14,8 +14,16 @@ from twind_drivers.dynamixel.dynamixel_models import base
 from twind_drivers.dynamixel.factory_defaults import FACTORY, FactoryDefaults
 
 XM430 = (9.5, 16.0)  # V, what its voltage limits may be
-TOLD, SETTLED, FAULT, HIGH = 11.1, 10.5, 10.0, 14.8  # V, of an XM430 at 12 V (facts of its page: 10.0-14.8)
-WARN_BELOW, SLOW_BELOW, SETTLE_BELOW, COOL_BELOW = 20.0, 15.0, 10.0, 25.0  # °C below the servo's own limit
+# V, of an XM430 at 12 V (facts of its page: 10.0-14.8)
+TOLD = 11.1
+SETTLED = 10.5
+FAULT = 10.0
+HIGH = 14.8
+# °C below the servo's own limit
+WARN_BELOW = 20.0
+SLOW_BELOW = 15.0
+SETTLE_BELOW = 10.0
+COOL_BELOW = 25.0
 # Of the current limit, what is borne for ever. An XM430 held 41 % of its stall current for seconds only
 # (DynamixelSDK #285), one limited to 47 % reported overload in a grip (jsk_aerial_robot #281): below both.
 CONTINUOUS = 0.35
@@ -89,7 +97,8 @@ def full_counts(device: str, current_limit_a: float, current_lsb_a: float) -> fl
     `current_limit_a` is the robot file's, NaN where it gives none: then the servo's own limit as delivered
     (register 38). Load is in 0.1 % (e-manual, "Present Load").
     """
-    made, known = _made(device), _table(device)
+    made = _made(device)
+    known = _table(device)
     if made is None or known is None:
         return nan
     if known.facts.effort == "present_load":
@@ -104,7 +113,8 @@ def usual_supply(device: str) -> SupplyLimits:
     made = _made(device)
     if made is None:
         return SupplyLimits()
-    least, most = made.volts_least or made.volts[0], made.volts[1]
+    least = made.volts_least or made.volts[0]
+    most = made.volts[1]
     own = (0.1 * least, 0.1 * most)
     return SupplyLimits(*(_scaled(bound, own) for bound in (TOLD, SETTLED, FAULT, HIGH)))
 

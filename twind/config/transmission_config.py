@@ -13,7 +13,8 @@ from twind.config.linkage_file import linkage
 from twind.config.robot_spec import ActuatorSlot, TransmissionSpec
 from twind.robot.transmission import MOST_CONDITION, Differential, Transmission, condition
 
-DIFFERENTIAL, LINKAGE = "differential", "linkage_table"
+DIFFERENTIAL = "differential"
+LINKAGE = "linkage_table"
 
 
 def transmissions(
@@ -64,13 +65,17 @@ def _transmission(
     if len(buses) > 1:
         where = ", ".join(f"{each} on {slots[each].bus}" for each in actuators)
         raise section.refuse("actuators", f"{where}: all of a transmission must be on one bus")
-    residual, table, sha256 = 0.0, None, ""
+    residual = 0.0
+    table = None
+    sha256 = ""
     if rows is not None:
         law: Transmission = _differential(section, rows)
     else:
         table = folder / section.text("table")
         read = linkage(table, actuators, driven)
-        law, residual, sha256 = read.law, read.residual, read.sha256
+        law = read.law
+        residual = read.residual
+        sha256 = read.sha256
     section.close()
     worst = condition(law)
     if not worst <= MOST_CONDITION:

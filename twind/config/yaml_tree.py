@@ -40,7 +40,10 @@ class ConfigError(Exception):
     def __init__(self, file: str, mark: FilePosition, path: str, message: str) -> None:
         place = f"{file}:{mark.line}:{mark.column}" if mark.line else file
         super().__init__(f"{place}: {path}: {message}" if path else f"{place}: {message}")
-        self.file, self.line, self.column, self.path = file, mark.line, mark.column, path
+        self.file = file
+        self.line = mark.line
+        self.column = mark.column
+        self.path = path
         self.message = message
 
     @property
@@ -151,7 +154,8 @@ class _YamlTreeBuilder:
     """Builds nodes from the parser's events, refusing what we do not allow as soon as it is seen."""
 
     def __init__(self, file: str, events: Iterator[Any]) -> None:
-        self.file, self.events = file, events
+        self.file = file
+        self.events = events
 
     def refuse(self, event: Any, message: str) -> ConfigError:
         return ConfigError(self.file, _mark(event.start_mark), "", message)
@@ -215,7 +219,8 @@ class _YamlTreeBuilder:
 
     def leaf(self, event: Any) -> YamlScalar:
         """The scalar as a person reads it, or a refusal where YAML 1.1 reads it otherwise."""
-        text, mark = event.value, _mark(event.start_mark)
+        text = event.value
+        mark = _mark(event.start_mark)
         if not event.implicit[0]:  # quoted, or a block of text
             return YamlScalar(mark, text, plain=False)
         tag = _RESOLVER.resolve(yaml.ScalarNode, text, (True, False)).rpartition(":")[2]

@@ -90,7 +90,8 @@ def _robot(options: argparse.Namespace) -> int:
             robot = load_robot(options.file)
             report = check_robot(robot, options.rate)
             errors = list(report.errors)
-            said, near = list(report.lines), None
+            said = list(report.lines)
+            near = None
             try:
                 motions, wrong = motions_of(robot)
                 said += [f"warning: {each}" for each in wrong]

@@ -147,9 +147,11 @@ class TrackingErrorMeter:
             if joint.get("goal") is None or joint.get("position") is None:
                 continue
             error = abs(joint["goal"] - joint["position"])
-            self.squares, self.count = self.squares + error * error, self.count + 1
+            self.squares = self.squares + error * error
+            self.count = self.count + 1
             if error > self.worst:
-                self.worst, self.joint = error, joint["name"]
+                self.worst = error
+                self.joint = joint["name"]
 
     def text(self) -> str:
         """For people."""

@@ -83,7 +83,8 @@ def steady(
 
     Blocks. Raises ClientError where the first one cannot be reached or does not answer.
     """
-    client, answered = connect(), False
+    client = connect()
+    answered = False
     while True:
         try:
             with client:

@@ -10,7 +10,9 @@ from twind.robot.trajectory import Trajectory
 
 def motions_of(robot: RobotFile) -> tuple[dict[str, Trajectory], list[str]]:
     """Paths by name, and what is wrong with the files that are none for this robot."""
-    names, paths, wrong = JointNames(robot.names), {}, []
+    names = JointNames(robot.names)
+    paths = {}
+    wrong = []
     for name in motion_names(robot.motions) if robot.motions.is_dir() else ():
         try:
             path, findings = trajectory_submission.judge(load_motion(name, robot.motions), names)

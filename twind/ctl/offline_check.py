@@ -40,7 +40,8 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     path, wrong = trajectory_submission.judge(trajectory, names)
     if path is None:
         return _as_sent({"refusals": names.findings(wrong), "warnings": [], "changes": []})
-    snapshot, asked = standing(position), trajectory_submission.fields(trajectory, path, names)
+    snapshot = standing(position)
+    asked = trajectory_submission.fields(trajectory, path, names)
     found = _foreseen(binding, path, snapshot.reference, append_stop=asked["append_stop"])
     shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
     command = Submit(ticket=0, client=0, uid=0, holder="", check_only=True, **asked, **shares)
@@ -97,9 +98,11 @@ def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
         load(CONTROL).methods["Check"].parameters.check({"trajectory": trajectory}, "")
         return trajectory_submission.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
     except WrongParameter as error:
-        field, reason = error.where or "parameters", error.reason
+        field = error.where or "parameters"
+        reason = error.reason
     except trajectory_submission.ToleranceTooLoose as error:
-        field, reason = error.field, error.reason
+        field = error.field
+        reason = error.reason
     raise CallError(f"{SERVICE}.InvalidParameter", {"parameter": field, "message": reason})
 
 

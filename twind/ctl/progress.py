@@ -16,7 +16,9 @@ from twind.ctl.verb import harmless
 
 PERIOD = 0.1  # s between two drawings of the same step at least
 BAR = 24  # characters
-KNOWN_AFTER, KNOWN_FROM = 2.0, 0.02  # s and share after which what is left is guessed
+# s and share after which what is left is guessed
+KNOWN_AFTER = 2.0
+KNOWN_FROM = 0.02
 _Thing = TypeVar("_Thing")
 
 
@@ -35,8 +37,12 @@ class ProgressLine:
         """`what` the line begins with. `seconds`: how long it will take, for steps that tell no share."""
         self._out = sys.stderr if out is None else out
         self.live = not options.json and self._out.isatty() and os.environ.get("TERM") != "dumb"
-        self._what, self._seconds, self._now = what, seconds, now
-        self._begun, self._drawn, self._shown = now(), -PERIOD, ""
+        self._what = what
+        self._seconds = seconds
+        self._now = now
+        self._begun = now()
+        self._drawn = -PERIOD
+        self._shown = ""
 
     def __enter__(self) -> "ProgressLine":
         return self
@@ -54,7 +60,8 @@ class ProgressLine:
         now = self._now()
         if not self.live or (text == self._shown and now - self._drawn < PERIOD):
             return
-        self._drawn, self._shown = now, text
+        self._drawn = now
+        self._shown = text
         past = now - self._begun
         if share is None and self._seconds:
             share = past / self._seconds

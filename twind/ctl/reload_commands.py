@@ -15,7 +15,8 @@ def _arguments(_parser: argparse.ArgumentParser) -> None:
 def _reload(options: argparse.Namespace) -> int:
     with operator(options) as client:
         answer = client.call("Reload")
-    applied, waiting = answer["applied"], answer["needs_restart"]
+    applied = answer["applied"]
+    waiting = answer["needs_restart"]
     lines = [f"in force: {key}" for key in applied] or ([] if waiting else [NONE])
     lines += [f"needs a restart: {key}" for key in waiting]
     show(options, answer, "\n".join(lines))

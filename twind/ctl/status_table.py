@@ -17,7 +17,8 @@ def render(status: Answer, joints: Sequence[Answer] | None = None) -> str:
 
 def status_lines(status: Answer) -> list[str]:
     """What the robot, its buses and the loop do, one line each; faults last."""
-    loop, lease = status["loop"], status["lease"]
+    loop = status["loop"]
+    lease = status["lease"]
     flags = [name for name in ("armed", "inherited") if status[name]]
     head = [
         status["robot"],

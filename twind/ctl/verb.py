@@ -11,7 +11,11 @@ from typing import Any, Protocol
 from twind.client import CallError, Client, ClientError, first_open
 
 REMOTES = "twind.remotes"  # entry points: of the value of --remote a Client
-DONE, REFUSED, USAGE, NO_DAEMON = 0, 1, 2, 3  # exit codes
+# exit codes
+DONE = 0
+REFUSED = 1
+USAGE = 2
+NO_DAEMON = 3
 
 
 class Verb(Protocol):

@@ -139,7 +139,9 @@ def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
 
 def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
     """The sections by name. Raises FlightError: cut, damaged, or with something behind them."""
-    at, raw, room = 0, dict[str, bytes](), MOST
+    at = 0
+    raw = dict[str, bytes]()
+    room = MOST
     for name, size, unpacked in sections:
         if name not in SECTIONS or name in raw:
             raise broken(path, f"{name[:40]!r} is no section of it, or there twice")

@@ -9,7 +9,9 @@ from typing import NamedTuple
 NO_BUS = 255  # `FlightEntry.bus` of what belongs to none
 RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
 HEAD = RECORD.size
-MORE, ON = 0x80, 0x40  # of a kind: a piece, and more of it follow; a piece that goes on with the one before
+# of a kind: a piece, and more of it follow; a piece that goes on with the one before
+MORE = 0x80
+ON = 0x40
 
 
 class EntryKind(IntEnum):
@@ -43,7 +45,9 @@ class FlightError(Exception):
 
     def __init__(self, path: str, what: str, remedy: str) -> None:
         super().__init__(f"{path}: {what}; {remedy}")
-        self.path, self.what, self.remedy = path, what, remedy
+        self.path = path
+        self.what = what
+        self.remedy = remedy
 
 
 def broken(path: str, what: str) -> FlightError:

@@ -20,7 +20,9 @@ LEAST = 4096  # bytes of a ring
 
 _MAGIC = b"twring1\0"
 _GEOMETRY = struct.Struct("=8s5I")  # magic, segments, bytes of each, buses, bytes of a transcript, first byte
-_SIGNED, SIGNATURE = 32, 16  # where the signature is, and its bytes
+# where the signature is, and its bytes
+_SIGNED = 32
+SIGNATURE = 16
 _TABLE = 64  # where the table begins: (sequence, used bytes) of each segment, then of two transcripts a bus
 _ROW = struct.Struct("=QQ")
 _FUTURE_WRITE = 0x10  # F_SEAL_FUTURE_WRITE, Linux 5.1
@@ -38,9 +40,12 @@ class FlightRing:
         self.refused = 0  # records and transcripts that were too large
         self.size = len(memory)  # bytes
         _, self._count, self._segment, self._buses, self._slot, self._first = _GEOMETRY.unpack_from(memory)
-        self._memory, self._view = memory, memoryview(memory)
+        self._memory = memory
+        self._view = memoryview(memory)
         self._table = self._view[_TABLE : self._first].cast("Q")  # a store into it is one, never half
-        self._at, self._sequence, self._kept = -1, 0, 0
+        self._at = -1
+        self._sequence = 0
+        self._kept = 0
         self._base = self._used = 0
         self._turn()
 
@@ -115,7 +120,8 @@ class FlightRing:
     def _turn(self) -> None:
         """Advance to the next segment, whose old records are lost from now on."""
         self._at = (self._at + 1) % self._count
-        self._base, self._used = self._first + self._at * self._segment, 0
+        self._base = self._first + self._at * self._segment
+        self._used = 0
         self._sequence += 1
         self._table[2 * self._at] = 0
         self._table[2 * self._at + 1] = 0
@@ -131,7 +137,8 @@ class FlightRing:
             if room <= 0:
                 self._turn()
                 continue
-            piece, data = data[:room], data[room:]
+            piece = data[:room]
+            data = data[room:]
             self.append(kind | on | (MORE if data else 0), bus, time, piece)
             on = ON
 

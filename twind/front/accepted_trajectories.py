@@ -35,7 +35,8 @@ class AcceptedTrajectory:
 
         Requested changes are already made in its points, so it does not request them again.
         """
-        path, joints = self.path, np.flatnonzero(self.path.commanded)
+        path = self.path
+        joints = np.flatnonzero(self.path.commanded)
         given = zip(COLUMNS, (path.position, path.velocity, path.acceleration), strict=True)
         rows = {key: column[:, joints].tolist() for key, column in given if column is not None}
         points = [

@@ -46,9 +46,13 @@ class ClientCall:
         more: bool,
         oneway: bool,
     ) -> None:
-        self._queue, self.caller = queue, queue.caller
-        self.interface, self.method, self.parameters = interface, method, parameters
-        self.more, self.oneway = more, oneway
+        self._queue = queue
+        self.caller = queue.caller
+        self.interface = interface
+        self.method = method
+        self.parameters = parameters
+        self.more = more
+        self.oneway = oneway
         self.started = self.finished = False
         self.began = nan  # s, when it was whole and its turn had come
         self.output: list[bytes] = []  # while it is not this call's turn
@@ -83,7 +87,9 @@ class ConnectionCalls:
     def __init__(
         self, caller: Caller, send: Callable[[bytes], None], start: Callable[[ClientCall], None]
     ) -> None:
-        self.caller, self._send, self._start = caller, send, start
+        self.caller = caller
+        self._send = send
+        self._start = start
         self._line: deque[ClientCall] = deque()
         self._moving = False
 

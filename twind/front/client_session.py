@@ -23,7 +23,9 @@ class ClientSession:
     """A connection and its calls in their order."""
 
     def __init__(self, front: FrontServer, caller: Caller, stream: MessageStream, now: float) -> None:
-        self.front, self.caller, self.stream = front, caller, stream
+        self.front = front
+        self.caller = caller
+        self.stream = stream
         self.calls = ConnectionCalls(caller, stream.send, self._begin)
         self._heard = False
         self._deadline = now + HANDSHAKE
@@ -96,7 +98,8 @@ class ClientSession:
         parameters = {} if parameters is None else parameters
         if type(parameters) is not dict:
             raise WrongParameter("parameters", "expected an object")
-        more, oneway = bool(message.get("more")), bool(message.get("oneway"))
+        more = bool(message.get("more"))
+        oneway = bool(message.get("oneway"))
         if message.get("upgrade") or (more and oneway):
             raise WrongParameter("upgrade" if message.get("upgrade") else "oneway", "not served here")
         interface, _, method = message["method"].rpartition(".")

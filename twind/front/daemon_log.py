@@ -41,7 +41,8 @@ class LogWriter:
 
     def __init__(self, fd: int, journal: str | None = None) -> None:
         """`journal`: path of its socket; what it does not take goes to `fd`."""
-        self._fd, self._partly = fd, False
+        self._fd = fd
+        self._partly = False
         self._lines: queue.Queue[LogLine | None] = queue.Queue(WAITING)
         self.dropped = 0  # lines, in all, for which there was no room; counted by who puts
         self.failed = 0  # lines, in all, that could not be written; counted by the thread
@@ -148,17 +149,21 @@ class _LineBudget:
     """`PER_SECOND` lines in a second."""
 
     def __init__(self) -> None:
-        self._second, self._count, self._left_out = 0.0, 0, 0
+        self._second = 0.0
+        self._count = 0
+        self._left_out = 0
 
     def take(self, now: float) -> int | None:
         """How many lines went before this one without being said; None: this one is not said either."""
         if now - self._second >= 1.0:
-            self._second, self._count = now, 0
+            self._second = now
+            self._count = 0
         self._count += 1
         if self._count > PER_SECOND:
             self._left_out += 1
             return None
-        left_out, self._left_out = self._left_out, 0
+        left_out = self._left_out
+        self._left_out = 0
         return left_out
 
 
@@ -207,13 +212,15 @@ _SAID = frozenset({"event", "level", "message"})  # stand in fields of the journ
 
 def _for_people(_logger: Any, _method: str, fields: Fields) -> str:
     fields.pop("details", None)
-    at, level = fields.pop("at"), fields["level"]
+    at = fields.pop("at")
+    level = fields["level"]
     return f"{at} {level:<7} {_sentence(fields)}"
 
 
 def _sentence(fields: Fields) -> str:
     """`EVENT: message key=value ...`."""
-    head, message = fields.pop("event"), fields.pop("message", None)
+    head = fields.pop("event")
+    message = fields.pop("message", None)
     fields.pop("level")
     tail = "".join(f" {key}={_value(value)}" for key, value in fields.items() if value is not None)
     return f"{head}: {message}{tail}" if message else head + tail

@@ -38,7 +38,9 @@ AGAIN = 10.0  # s between two files of faults
 CAUSE = 0.05  # s before a fault in which its cause was told
 LOOK = 1.0  # s between two looks at how much the ring holds
 ORPHANED = 0.3  # s after which a process whose parent has died has another one
-WRECK_TRIES, WRECK_AGAIN = 2, 30.0  # to write a crash of before; s between them: a disk may have room by then
+# to write a crash of before; s between them: a disk may have room by then
+WRECK_TRIES = 2
+WRECK_AGAIN = 30.0
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
@@ -66,13 +68,16 @@ class FlightDumper:
     """Queue of the files to write, and the record of those written."""
 
     def __init__(self, front: FrontServer, recorded: RecorderHandover | None) -> None:
-        self._front, self._parent = front, os.getppid()
+        self._front = front
+        self._parent = os.getppid()
         self._recorded = recorded or RecorderHandover(Path())
         self._folder = FlightFolder(self._recorded.folder)
         self._thread = ThreadPoolExecutor(1, "flight")
         self._causes: list[Event] = []
         self._due: float | None = None  # s, when the file of a fault is written
-        self._reason, self._told = "", list[str]()  # of it: the state, and what was told just before
+        # of it: the state, and what was told just before
+        self._reason = ""
+        self._told = list[str]()
         self._next = self._look = 0.0  # s, before which no other is; when the ring is looked at again
         self._farewell = False
         self._asked = 0  # calls that wait for their file
@@ -104,14 +109,16 @@ class FlightDumper:
     def _rescue(self, now: float) -> None:
         """What a daemon before us left behind is written, and once more where that failed."""
         if self._wreck_due is not None and now >= self._wreck_due and self._recorded.wreck is not None:
-            self._wreck_due, self._wreck_tries = None, self._wreck_tries + 1
+            self._wreck_due = None
+            self._wreck_tries = self._wreck_tries + 1
             self._begin(_FlightRequest(self._recorded.wreck, "crash", CRASH, wreck=True))
 
     def _show(self, now: float) -> None:
         """Put the state of the recorder into the status."""
         self._look = now + LOOK
         if self._recorded.ring is not None:
-            oldest, size = None, 0
+            oldest = None
+            size = 0
             with contextlib.suppress(FlightError):
                 oldest, size = held_span(self._recorded.ring)
             span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
@@ -170,7 +177,8 @@ class FlightDumper:
 
     def _begin(self, wanted: _FlightRequest) -> None:
         """Into the thread; what became of it is told from this one."""
-        briefing, tick = self._front.world.briefing, None if wanted.wreck else self._front.world.tick
+        briefing = self._front.world.briefing
+        tick = None if wanted.wreck else self._front.world.tick
         state = () if tick is None else (tick.mode, tick.state)
         meta = meta_of(briefing, wanted.reason, wanted.label, *state)
 
@@ -193,7 +201,8 @@ class FlightDumper:
 
     def _files(self, wreck: int) -> str:
         """Whether the daemon that is gone began with the files and the version that the briefing has."""
-        signed, briefing = signature(wreck), self._front.world.briefing
+        signed = signature(wreck)
+        briefing = self._front.world.briefing
         if not any(signed):
             return "unknown"
         return "same" if signed == fingerprint(briefing.version, briefing.files) else "other"
@@ -204,7 +213,8 @@ class FlightDumper:
         if error is not None:
             self._failed(error, wanted)
             return
-        path, now = future.result(), self._front.now()
+        path = future.result()
+        now = self._front.now()
         if path is None:
             said = "another crash of this robot was written down in the last minute"
             self._front.log.write("info", "FLIGHT_LEFT_OUT", now, message=said)
@@ -219,7 +229,8 @@ class FlightDumper:
     def _failed(self, error: BaseException, wanted: _FlightRequest) -> None:
         """It could not be written. What a daemon before us left is kept, and tried once more."""
         self.failed += 1
-        now, said = self._front.now(), f"{self._folder.path}: {error}"
+        now = self._front.now()
+        said = f"{self._folder.path}: {error}"
         self._front.log.write("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
         self._answer(wanted, None, said=str(error))
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:

@@ -16,7 +16,9 @@ import msgspec
 from twind.briefing import Briefing
 from twind.flight import FlightError, PackedFlight, about, draft, settle
 
-KEPT, MOST = 20, 200 << 20  # files, and bytes of all: the newest stay
+# files, and bytes of all: the newest stay
+KEPT = 20
+MOST = 200 << 20
 CRASH = "CRASH"  # the label of files of daemons that are gone
 FAILSAFE = "FAILSAFE"  # and of those that lowered a robot
 APART = 60.0  # s between two files of crashes of one robot: who crashes again and again leaves one a minute
@@ -104,7 +106,8 @@ class FlightFolder:
         found = []
         for path in self.path.glob("flight-*.flight"):
             with contextlib.suppress(OSError):  # another daemon made room as well
-                size, at = path.stat().st_size, path.stat().st_mtime_ns
+                size = path.stat().st_size
+                at = path.stat().st_mtime_ns
                 found.append((path == newest, at, path, size))
         bytes_kept = 0
         for place, (_, _, path, size) in enumerate(sorted(found, reverse=True)):

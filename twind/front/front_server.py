@@ -51,7 +51,8 @@ class FrontServer:
     ) -> None:
         """`recorded`: the flight recorder; None: there is none."""
         loop = asyncio.get_running_loop()
-        self.loop, self.log = loop, log
+        self.loop = loop
+        self.log = log
         self.ended = asyncio.Event()
         self.world = StateCache(briefing)
         self.interfaces = {name: load(name) for name in (SERVICE, CONTROL)}
@@ -67,7 +68,8 @@ class FrontServer:
         self.streams = StreamerReports(self.world, self.telemetry)
         self.submitted = PendingVerdict()
         self.listening = Listening(loop, self.link, self._accept)
-        self._spares, self._starved = ReservedDescriptors(RESERVED), False
+        self._spares = ReservedDescriptors(RESERVED)
+        self._starved = False
         self._paced: dict[tuple[int, int, str], list[float]] = {}
         self._report = EventLogger(log)
         self._housekeep()
@@ -153,7 +155,8 @@ class FrontServer:
 
     def in_time(self, call: ClientCall, kind: str, remedy: str) -> bool:
         """S01: at most so many calls of a kind per second of one peer; one too many is refused."""
-        caller, now = call.caller, self.now()
+        caller = call.caller
+        now = self.now()
         recent = self._paced.setdefault((caller.uid, caller.pid, kind), [])
         recent[:] = [at for at in recent if now - at < 1.0]
         in_time = len(recent) < self.CALLS_PER_SECOND

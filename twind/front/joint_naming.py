@@ -38,12 +38,18 @@ class JointNames:
     def finding(self, finding: Finding | Mapping[str, Any]) -> Plain:
         """A finding as the interface spells it: joint by name, message readable on its own."""
         if isinstance(finding, Finding):
-            code, joint, point, time = finding.code.value, finding.joint, finding.point, finding.time
-            value, bound, message = finding.value, finding.bound, finding.message
+            code = finding.code.value
+            joint = finding.joint
+            point = finding.point
+            time = finding.time
+            value = finding.value
+            bound = finding.bound
+            message = finding.message
         else:
             fields = ("joint", "point", "time", "value", "bound")
             joint, point, time, value, bound = (finding.get(key) for key in fields)
-            code, message = str(finding.get("code")), finding.get("message") or ""
+            code = str(finding.get("code"))
+            message = finding.get("message") or ""
         name = self.name(joint)
         return {
             "code": code,

@@ -29,7 +29,10 @@ class LoopConnection:
         news: Callable[[Outward], None],
         ended: Callable[[], None],
     ) -> None:
-        self._sock, self._loop, self._news, self._ended = sock, loop, news, ended
+        self._sock = sock
+        self._loop = loop
+        self._news = news
+        self._ended = ended
         self._owed: deque[bytes] = deque()
         self._buffer = bytearray(DATAGRAM)
         self._hung_up = select.poll()

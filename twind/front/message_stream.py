@@ -42,7 +42,9 @@ class MessageStream:
     """A non-blocking socket in an asyncio loop. `limit`: largest message, bytes."""
 
     def __init__(self, sock: socket.socket, limit: int, loop: asyncio.AbstractEventLoop) -> None:
-        self._sock, self._limit, self._loop = sock, limit, loop
+        self._sock = sock
+        self._limit = limit
+        self._loop = loop
         self._owner: StreamOwner | None = None
         self._terminator: bytes | None = None
         self._buffer = bytearray()

@@ -47,7 +47,8 @@ def forward(
 
     False: it was not sent, and the caller knows.
     """
-    caller, now = call.caller, front.now()
+    caller = call.caller
+    now = front.now()
     if call.oneway and front.tickets.flooded(call):
         front.log.write("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
         return False
@@ -98,7 +99,8 @@ def _get_parameters(front: FrontServer, call: ClientCall) -> None:
 
 
 def _monitor(front: FrontServer, call: ClientCall) -> None:
-    topics, rate = call.parameters["topics"], call.parameters.get("rate")
+    topics = call.parameters["topics"]
+    rate = call.parameters.get("rate")
     unknown = [topic for topic in topics if topic not in TOPICS]
     if call.oneway:
         call.invalid("oneway", "a monitor that is never answered would watch for ever")
@@ -133,7 +135,8 @@ def _arm(front: FrontServer, call: ClientCall) -> None:
 
 
 def _find_stop(front: FrontServer, call: ClientCall) -> None:
-    given, places = call.parameters, front.world.names.places
+    given = call.parameters
+    places = front.world.names.places
     if given["joint"] not in places:
         known = list(front.world.names.joints)
         call.error("NotFound", {"what": "joint", "name": printable(given["joint"][:40]), "known": known})
@@ -147,7 +150,8 @@ def _find_stop(front: FrontServer, call: ClientCall) -> None:
 
 
 def _estop(front: FrontServer, call: ClientCall) -> None:
-    level, reason = call.parameters.get("level") or "settle", call.parameters.get("reason") or ""
+    level = call.parameters.get("level") or "settle"
+    reason = call.parameters.get("reason") or ""
     if level not in LEVELS:
         name = printable(level[:REASON])
         call.error("NotFound", {"what": "level", "name": name, "known": list(LEVELS)})
@@ -176,7 +180,9 @@ def _check(front: FrontServer, call: ClientCall) -> None:
 
 
 def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
-    now, names, message = front.now(), front.world.names, call.parameters["trajectory"]
+    now = front.now()
+    names = front.world.names
+    message = call.parameters["trajectory"]
     if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
@@ -216,7 +222,8 @@ def _turned_down(front: FrontServer, call: ClientCall, wrong: list[Finding], *, 
 
 
 def _setpoint(front: FrontServer, call: ClientCall) -> None:
-    names, given = front.world.names, call.parameters
+    names = front.world.names
+    given = call.parameters
     wrong = _streamed(given["joint_names"], given["positions"], given.get("velocities"), names.places)
     if wrong:
         front.refuse(call, wrong)
@@ -274,7 +281,8 @@ def _reload(front: FrontServer, call: ClientCall) -> None:
 
 def _set_parameters(front: FrontServer, call: ClientCall) -> None:
     """Not persistent; a client may only tighten what the owner of the file allows."""
-    given, now = call.parameters["parameters"], front.world.briefing.parameters
+    given = call.parameters["parameters"]
+    now = front.world.briefing.parameters
     if not given:
         call.invalid("parameters", f"name at least one of {', '.join(PARAMETERS)}")
         return

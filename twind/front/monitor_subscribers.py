@@ -84,7 +84,8 @@ class SubscriberRegistry:
 
     def tick(self, tick: Tick) -> None:
         """Send the topics that follow the tick."""
-        world, number = self._world, tick.sequence
+        world = self._world
+        number = tick.sequence
         self._status(tick)
         for topic, key, piece, time in (
             ("state", b"joints", world.state, tick.time),

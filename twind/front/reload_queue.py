@@ -132,10 +132,12 @@ class ReloadQueue:
 
     def _send(self, asked: ReloadRequest) -> None:
         """To the loop, which decides."""
-        front, reading = self._front, asked.reading
+        front = self._front
+        reading = asked.reading
         assert reading is not None
         assert reading.briefing is not None
-        asked.ticket, asked.deadline = front.tickets.number(), front.now() + ANSWER
+        asked.ticket = front.tickets.number()
+        asked.deadline = front.now() + ANSWER
         command = link.ApplyChanges(
             ticket=asked.ticket,
             client=NOBODY if asked.call is None else asked.call.caller.number,
@@ -191,7 +193,8 @@ class ReloadQueue:
         self._finish_reload(lambda call: self._front.refuse(call, findings))
 
     def _finish_reload(self, answer: Any) -> None:
-        asked, self._now = self._now, None
+        asked = self._now
+        self._now = None
         if asked is not None and asked.call is not None:
             answer(asked.call)
         self._front.soon(self._next)

@@ -134,7 +134,8 @@ class StateCache:
         They are ticks, effort and age in ms.
         """
         assert self.tick is not None
-        ticks, age = memoryview(self.tick.raw).cast("q").tolist(), _floats(self.tick.raw_age)
+        ticks = memoryview(self.tick.raw).cast("q").tolist()
+        age = _floats(self.tick.raw_age)
         efforts = _floats(self.tick.raw_effort)
         return encode(
             {
@@ -205,7 +206,8 @@ class StateCache:
         return self._told[2]
 
     def _status(self) -> bytes:
-        tick, overview = self.tick, self.overview
+        tick = self.tick
+        overview = self.overview
         assert tick is not None
         assert overview is not None
         return encode(
@@ -233,7 +235,8 @@ class StateCache:
         )
 
     def _joints(self) -> bytes:
-        tick, columns = self.tick, self._columns
+        tick = self.tick
+        columns = self._columns
         assert tick is not None
         assert columns is not None
         still = self.briefing.joints

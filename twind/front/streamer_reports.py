@@ -23,7 +23,8 @@ class StreamerReports:
     """The last report of each streamer."""
 
     def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:
-        self._world, self._telemetry = world, telemetry
+        self._world = world
+        self._telemetry = telemetry
         self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> when it came (s), what
 
     def take(self, client: int, told: Mapping[str, Any], now: float) -> None:

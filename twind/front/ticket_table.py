@@ -32,7 +32,8 @@ class TicketTable:
     """Every command under way. `first` is the first ticket: no other front may have used it."""
 
     def __init__(self, names: JointNames, first: int) -> None:
-        self._names, self._next = names, first
+        self._names = names
+        self._next = first
         self._waiting: dict[int, _PendingCall] = {}
         self._heard: set[int] = set()  # connections of which the loop knows
 

@@ -69,7 +69,9 @@ class TrajectoryCheckQueue:
 
     def replace(self, foresight: TrajectoryPrecheck) -> None:
         """From now on paths are judged by other limits; those begun, or waiting, must be sent again."""
-        self._foresight, self._loaded, self._steps = foresight, True, None
+        self._foresight = foresight
+        self._loaded = True
+        self._steps = None
         for job in self._jobs:
             reason = "the limits were changed while this was judged: send it again"
             self._front.refuse(job.call, [Finding(ReasonCode.CMD_EXPIRED, message=reason)])
@@ -88,7 +90,8 @@ class TrajectoryCheckQueue:
 
     def _ready(self, foresight: TrajectoryPrecheck | None) -> None:
         if not self._loaded:  # else the limits were changed meanwhile
-            self._foresight, self._loaded = foresight, True
+            self._foresight = foresight
+            self._loaded = True
         now = self._front.now()
         if self._foresight is None:
             self._front.log.write("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")
@@ -180,7 +183,8 @@ class TrajectoryCheckQueue:
             self._front.soon(self._step)
 
     def _done(self, verdict: Verdict) -> None:
-        job, self._steps = self._jobs.popleft(), None
+        job = self._jobs.popleft()
+        self._steps = None
         try:
             job.forward(verdict, self._as_of(job.begun))
         finally:

@@ -26,7 +26,8 @@ class ToleranceTooLoose(ValueError):
 
     def __init__(self, field: str, reason: str) -> None:
         super().__init__(f"{field}: {reason}")
-        self.field, self.reason = field, reason
+        self.field = field
+        self.reason = reason
 
 
 def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
@@ -56,7 +57,8 @@ def _start(start_in: float | None) -> list[Finding]:
 
 def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
     """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
-    findings, seen = [], set()
+    findings = []
+    seen = set()
     for tolerance in message.get("tolerances") or ():
         name = tolerance["joint"]
         place = names.places.get(name)

@@ -63,18 +63,21 @@ class ActionShaper:
             raise ValueError(f"joint {joint}: default pose {default[joint]:g} rad is outside {bounds}")
         least = np.minimum(limits.lower + shaping.margin, default)
         most = np.maximum(limits.upper - shaping.margin, default)
-        self.shaping, self.default = shaping, frozen(default)
+        self.shaping = shaping
+        self.default = frozen(default)
         self.lower = frozen(np.maximum(least, default - shaping.reach))  # rad, (n,), of goals
         self.upper = frozen(np.minimum(most, default + shaping.reach))
         # Inside, places are counted from the default pose in a unit in which the speed for a way x is, per
         # period, smoothing * asinh(x).
         bend = BEND / shaping.smoothing**2
         unit = _most_change(limits, shaping) * shaping.period * bend
-        self._unit, self._per_second = frozen(unit), frozen(unit / shaping.period)
+        self._unit = frozen(unit)
+        self._per_second = frozen(unit / shaping.period)
         self._reach = frozen(shaping.reach / unit)
         self._least, self._most = frozen((self.lower - default) / unit), frozen((self.upper - default) / unit)
         n = len(default)
-        self._less, self._more = frozen(np.full(n, -1.0 / bend)), frozen(np.full(n, 1.0 / bend))
+        self._less = frozen(np.full(n, -1.0 / bend))
+        self._more = frozen(np.full(n, 1.0 / bend))
         self.target = np.broadcast_to(default, (*shape, n)).copy()  # rad, at the end of the period
         self.velocity = np.zeros((*shape, n))  # rad/s, through the period
         self._place, self._speed, self._work = (np.zeros((*shape, n)) for _ in range(3))
@@ -82,8 +85,10 @@ class ActionShaper:
     def reset(self, target: Floats | None = None, at: Any = ...) -> None:
         """Begin at rest on `target` (…, n), the default pose if None; `at`: of these of several robots."""
         begin = self.default if target is None else target
-        self.target[at], self.velocity[at] = begin, 0.0
-        self._place[at], self._speed[at] = (begin - self.default) / self._unit, 0.0
+        self.target[at] = begin
+        self.velocity[at] = 0.0
+        self._place[at] = (begin - self.default) / self._unit
+        self._speed[at] = 0.0
 
     def coast(self, periods: int) -> None:
         """Where the targets of a robot that was told no other for so many periods have gone by themselves.
@@ -102,7 +107,9 @@ class ActionShaper:
         The period begins at `target - velocity * period`, where the last one ended. Both arrays are the
         shaper's own: they change with the next step. An action beyond ±1 is one of ±1; NaN stays NaN.
         """
-        place, speed, work = self._place, self._speed, self._work
+        place = self._place
+        speed = self._speed
+        work = self._work
         work[...] = action
         np.multiply(work, self._reach, work)
         np.maximum(work, self._least, out=work)  # in two: cheaper than `clip`
@@ -134,7 +141,8 @@ def _most_change(limits: JointLimits, shaping: ActionShaping) -> Floats:
         return found
 
     whole = limits.acceleration * shaping.acceleration_share * shaping.period
-    share, step = np.zeros(len(whole)), 0.5
+    share = np.zeros(len(whole))
+    step = 0.5
     while step > 1e-6:  # bisection: the speed grows with the share
         share = np.where(slow(whole * (share + step)), share + step, share)
         step *= 0.5

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 SIZE = (480, 640)  # pixels, high and wide
 WAYS = ("egl", "osmesa")
-AWAY, ASIDE, ABOVE = 1.6, 130.0, -12.0  # m from the robot; degrees around it, and seen from above
+# m from the robot; degrees around it, and seen from above
+AWAY = 1.6
+ASIDE = 130.0
+ABOVE = -12.0
 
 
 class RendererUnavailable(RuntimeError):
@@ -26,14 +29,18 @@ class CameraRenderer:
 
     def __init__(self, model: Any, base: str) -> None:
         """Raises NoPicture: neither EGL nor OSMesa works here."""
-        self._model, number = model, model.body(base).id
+        self._model = model
+        number = model.body(base).id
         self._context: Any = _context()
         self._scene: Any = mujoco.MjvScene(model, maxgeom=model.ngeom + 1000)
         for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._scene.flags[costly] = False  # ten times the time of all else, in software
         self._camera: Any = mujoco.MjvCamera()
-        self._camera.type, self._camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, number
-        self._camera.distance, self._camera.azimuth, self._camera.elevation = AWAY, ASIDE, ABOVE
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        self._camera.trackbodyid = number
+        self._camera.distance = AWAY
+        self._camera.azimuth = ASIDE
+        self._camera.elevation = ABOVE
         self._option: Any = mujoco.MjvOption()
         if not _seen(model, number):
             self._option.geomgroup[3] = True  # where collision shapes are by custom
@@ -49,7 +56,8 @@ class CameraRenderer:
             self._model, data, self._option, self._perturb, self._camera, everything, self._scene
         )
         self._context.make_current()
-        frame, seen = mujoco.MjrRect(0, 0, SIZE[1], SIZE[0]), np.zeros((*SIZE, 3), np.uint8)
+        frame = mujoco.MjrRect(0, 0, SIZE[1], SIZE[0])
+        seen = np.zeros((*SIZE, 3), np.uint8)
         mujoco.mjr_render(frame, self._scene, self._drawing)
         mujoco.mjr_readPixels(seen, None, frame, self._drawing)
         return seen[::-1].copy()  # OpenGL counts rows from below

@@ -25,11 +25,16 @@ class DaemonBody:
 
     def __init__(self, plant: Plant, shaping: ActionShaping, socket: str | None) -> None:
         """`socket`: the daemon's folder, None: the usual one. Raises WrongRobot, ClientError."""
-        self.plant, self._period, self._clock = plant, shaping.period, SystemClock()
-        self._estimate, self._joints = BaseEstimator(plant), plant.layout.joints
-        self.model, self.data = plant.model, self._estimate.data
+        self.plant = plant
+        self._period = shaping.period
+        self._clock = SystemClock()
+        self._estimate = BaseEstimator(plant)
+        self._joints = plant.layout.joints
+        self.model = plant.model
+        self.data = self._estimate.data
         with Client(socket) as client:
-            status, told = client.call("GetStatus")["status"], client.call("GetRobot")
+            status = client.call("GetStatus")["status"]
+            told = client.call("GetRobot")
         require_same(told, plant.binding.robot)
         require_mode(status["mode"])
         require_armed(status)

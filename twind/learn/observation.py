@@ -88,7 +88,8 @@ class ObservationBuilder:
             raise ValueError(f"a default pose of shape {default.shape} for {n} joints")
         self.layout = layout
         self._origin = np.concatenate([default, np.zeros(n)])
-        self._low, self._high = -layout.most, layout.most
+        self._low = -layout.most
+        self._high = layout.most
         self._scratch = scratch = np.zeros((*shape, layout.size))
         at = layout.places
         self._joints = scratch[..., : 2 * n]

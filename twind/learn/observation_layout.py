@@ -100,13 +100,17 @@ class ObservationLayout:
 
 def table(layout: ObservationLayout) -> list[tuple[str, str, str, str]]:
     """Entries, name, unit, meaning: the rows of the page that documents it, with n for the joints."""
-    rows, joints, rest = [], 0, 0
+    rows = []
+    joints = 0
+    rest = 0
     for part in layout.parts:
         if not part.labels:
-            first, last = _times(joints), _times(joints + 1, "-1")
+            first = _times(joints)
+            last = _times(joints + 1, "-1")
             joints += 1
         else:
-            first, last = f"4n+{rest}", f"4n+{rest + part.size - 1}"
+            first = f"4n+{rest}"
+            last = f"4n+{rest + part.size - 1}"
             rest += part.size
         rows.append((first if first == last else f"{first}..{last}", part.name, part.unit, part.meaning))
     return rows

@@ -21,10 +21,13 @@ from twind.twin.binding import Binding, BindingError, bind
 from twind.twin.mirror import index
 from twind.twin.pinning import free_joints
 
-BASE_SITE, IMU_SITE, DOWN_SITE = "twind_base", "twind_imu", "twind_down"
+BASE_SITE = "twind_base"
+IMU_SITE = "twind_imu"
+DOWN_SITE = "twind_down"
 SOLE_SITES = ("twind_left_sole", "twind_right_sole")
 IMU = 9  # first numbers of sensordata: gyro, accelerometer, which way is down; the IMU's delay is theirs
-FORCE, DOWN = slice(3, 6), slice(6, 9)
+FORCE = slice(3, 6)
+DOWN = slice(6, 9)
 EVERYTHING = 0x7FFFFFFF  # collision bits of a floor that we lay
 
 
@@ -58,7 +61,8 @@ class Plant:
 
         They are views where the joints are one run in the model (`steady`), and may then be kept.
         """
-        position, velocity = qpos[..., self.position], qvel[..., self.speed]
+        position = qpos[..., self.position]
+        velocity = qvel[..., self.speed]
         return position, velocity, sensordata[..., :IMU], sensordata[..., IMU:]
 
     @property
@@ -82,7 +86,8 @@ class Plant:
 
 def fill(reading: BodyReading, position: Floats, velocity: Floats, imu: Floats, rest: Floats) -> None:
     """Put the parts of a state into `reading`."""
-    reading.position[...], reading.velocity[...] = position, velocity
+    reading.position[...] = position
+    reading.velocity[...] = velocity
     base = reading.base
     base[..., :IMU], base[..., IMU + 1 :] = imu, rest
     reading.height[...] = height_of(base)
@@ -111,7 +116,8 @@ def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_
     places = _places(model, binding)
     default = frozen([robot.poses.get("stand", robot.poses["rest"])[name] for name in robot.names])
     stance, control, height = _standing(model, binding, default)
-    gain, bias = model.actuator_gainprm[places.actuators, 0], model.actuator_biasprm[places.actuators, 2]
+    gain = model.actuator_gainprm[places.actuators, 0]
+    bias = model.actuator_biasprm[places.actuators, 2]
     torque = _torque(model, binding, places)
     return Plant(
         binding=binding,
@@ -147,12 +153,15 @@ def _floor(spec: Any) -> None:
     """Add a floor, unless the world has a body that can be stood on."""
     if not any(geom.contype or geom.conaffinity for geom in spec.worldbody.geoms):
         floor = spec.worldbody.add_geom(name="twind_floor", type=mujoco.mjtGeom.mjGEOM_PLANE)
-        floor.size, floor.contype, floor.conaffinity = [0.0, 0.0, 0.1], EVERYTHING, EVERYTHING
+        floor.size = [0.0, 0.0, 0.1]
+        floor.contype = EVERYTHING
+        floor.conaffinity = EVERYTHING
 
 
 def _sensors(spec: Any, binding: Binding, imu_samples: int) -> None:
     """What a reading needs, in its order; height follows from it (`height_of`)."""
-    base, kind = spec.body(binding.robot.base), mujoco.mjtSensor
+    base = spec.body(binding.robot.base)
+    kind = mujoco.mjtSensor
     base.add_site(name=BASE_SITE)
     base.add_site(name=IMU_SITE, pos=_imu(spec, binding.robot))  # told in the axes of the base, as on a robot
     spec.worldbody.add_site(name=DOWN_SITE, quat=[0.0, 1.0, 0.0, 0.0])  # its z axis points down
@@ -170,7 +179,8 @@ def _sensors(spec: Any, binding: Binding, imu_samples: int) -> None:
         added = spec.add_sensor(name=f"twind_{number}", type=sensor, objname=site)
         added.objtype = mujoco.mjtObj.mjOBJ_SITE
         if seen_from_base:
-            added.reftype, added.refname = mujoco.mjtObj.mjOBJ_SITE, BASE_SITE
+            added.reftype = mujoco.mjtObj.mjOBJ_SITE
+            added.refname = BASE_SITE
         if 3 * number < IMU:
             added.nsample = imu_samples
 
@@ -217,10 +227,12 @@ def _places(model: Any, binding: Binding) -> ModelAddresses:
 def _standing(model: Any, binding: Binding, pose: Floats) -> tuple[Floats, Floats, float]:
     """qpos, ctrl and height of the base: on the floor in `pose`, upright."""
     data = mujoco.MjData(model)
-    data.qpos[binding.qpos], data.ctrl[binding.actuators] = pose, pose
+    data.qpos[binding.qpos] = pose
+    data.ctrl[binding.actuators] = pose
     stand(model, data, binding.robot.base)
     mujoco.mj_forward(model, data)
-    base, lower = data.site(BASE_SITE).xpos[2], min(data.site(name).xpos[2] for name in SOLE_SITES)
+    base = data.site(BASE_SITE).xpos[2]
+    lower = min(data.site(name).xpos[2] for name in SOLE_SITES)
     return frozen(data.qpos), frozen(data.ctrl), float(base - lower)
 
 

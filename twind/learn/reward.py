@@ -17,7 +17,9 @@ LOW = 0.6  # share of its standing height below which it has
 SPEED = 0.15  # m/s: an error of this size halves its kernel
 TURN = 0.5  # rad/s
 LIFT = 0.02  # m
-PER_SPEED, PER_TURN, PER_LIFT = SPEED**-2, TURN**-2, LIFT**-2
+PER_SPEED = SPEED**-2
+PER_TURN = TURN**-2
+PER_LIFT = LIFT**-2
 
 Column = Any  # a float, or an array (…,)
 
@@ -27,15 +29,19 @@ class RewardFunction:
 
     def __init__(self, task: LearningTask, plant: Plant, shape: tuple[int, ...] = ()) -> None:
         n = len(plant.default)
-        self._task, self._low = task, LOW * plant.height
+        self._task = task
+        self._low = LOW * plant.height
         self._origin = np.concatenate([plant.default, np.zeros(n)])
         # Scaled so that the sum of squares is the mean square.
         soft = 0.5 * sum(task.stiffness)  # what is drawn around it nobody can tell from outside
-        self._stiffness, self._braking = soft * plant.stiffness / np.sqrt(n), plant.braking / np.sqrt(n)
-        self._share, self._most = 1.0 / n, 1.0 / np.sqrt(n)
+        self._stiffness = soft * plant.stiffness / np.sqrt(n)
+        self._braking = plant.braking / np.sqrt(n)
+        self._share = 1.0 / n
+        self._most = 1.0 / np.sqrt(n)
         self._all = np.zeros((*shape, 3, n))  # way from the default pose, velocity, torque
         self._joints = self._all.reshape(*shape, 3 * n)[..., : 2 * n]
-        self._torque, self._brake = self._all[..., 2, :], np.zeros((*shape, n))
+        self._torque = self._all[..., 2, :]
+        self._brake = np.zeros((*shape, n))
 
     def reward(
         self, reading: BodyReading, target: Floats, command: Floats, phase: Floats
@@ -63,10 +69,13 @@ class RewardFunction:
     def _worth(
         self, c: Any, reading: BodyReading, target: Floats, command: Floats, phase: Floats
     ) -> tuple[Column, dict[str, Column]]:
-        weigh, moving = self._task.weights, self._task.stride > 0.0
+        weigh = self._task.weights
+        moving = self._task.stride > 0.0
         forward, left, turn = columns(command)
         pose, motion, torque = columns(self._squares(reading, target))
-        ahead, aside, spin = c[10] - forward, c[11] - left, c[2] - turn
+        ahead = c[10] - forward
+        aside = c[11] - left
+        spin = c[2] - turn
         terms = {
             "alive": weigh.alive + 0.0 * spin,
             "velocity": weigh.velocity / (1.0 + (ahead * ahead + aside * aside) * PER_SPEED),
@@ -82,8 +91,13 @@ class RewardFunction:
 
     def _gait(self, c: Any, phase: Any) -> Column:
         """How well the feet are where their phases want them: the swinging one lifted, the other down."""
-        height, x, y, z = c[9], c[6], c[7], c[8]
-        left, right, rise = phase[0], phase[2], 0.5 * self._task.clearance
+        height = c[9]
+        x = c[6]
+        y = c[7]
+        z = c[8]
+        left = phase[0]
+        right = phase[2]
+        rise = 0.5 * self._task.clearance
         one = height - (c[13] * x + c[14] * y + c[15] * z) - rise * (left + abs(left))
         other = height - (c[16] * x + c[17] * y + c[18] * z) - rise * (right + abs(right))
         return 1.0 / (1.0 + (one * one + other * other) * PER_LIFT)

@@ -102,7 +102,9 @@ class RobotEnv(gymnasium.Env):
         )
         self._noise = ReadingNoise(ranges.noise, len(plant.default))
         self._phases = self.task.phases(self.shaping.period)
-        self._command, self._phase, self._steps = np.zeros(3), self._phases[0], 0
+        self._command = np.zeros(3)
+        self._phase = self._phases[0]
+        self._steps = 0
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.shaping.period)}
         self.episode_steps = episode_steps or self.task.steps(self.shaping.period)
         self._rngs: list[np.random.Generator] = []
@@ -125,7 +127,8 @@ class RobotEnv(gymnasium.Env):
         drawn = self.task.draw_command(rng)
         self._command = drawn if command is None else np.array(command)
         self.shaper.reset()
-        self._steps, self._phase = 0, self._phases[0]
+        self._steps = 0
+        self._phase = self._phases[0]
         reading = self.body.reset(rng)
         observation = self._observe(reading, np.zeros(len(self.plant.default)))
         return observation, {"command": tuple(self._command.tolist())}
@@ -141,7 +144,8 @@ class RobotEnv(gymnasium.Env):
         reading = self.body.advance(target, velocity)
         reward, terms, fallen = self._judge.verdict(reading, target, self._command, self._phase)
         if self.body.diverged:
-            fallen, terms["diverged"] = True, True
+            fallen = True
+            terms["diverged"] = True
         if self.body.step_info:
             terms |= self.body.step_info
         self._steps += 1

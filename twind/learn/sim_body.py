@@ -30,7 +30,8 @@ class SimBody:
         self.plant = plant
         self.model: Any = copy.copy(plant.model)
         self.data: Any = mujoco.MjData(self.model)
-        n, links = len(plant.default), len(plant.places.links)
+        n = len(plant.default)
+        links = len(plant.places.links)
         self._draws = DrawSampler(ranges, n, links)
         self._drawn = SingleModelWriter(PhysicsRandomiser(ranges, self.model, plant.places), self.model)
         self._start = EpisodeStart(plant.model, plant.places, plant.stance)
@@ -44,11 +45,14 @@ class SimBody:
         self._seeing = self._blind = int(self._option.disableflags)
         if not ranges.imu_delay[1]:  # what is told late must be known at every step
             self._blind |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-        self._lasts, self._due = period - 0.5 * self.model.opt.timestep, 0.0
+        self._lasts = period - 0.5 * self.model.opt.timestep
+        self._due = 0.0
         d = self.data
         self._state = d.qpos, d.qvel, d.sensordata
         self._steady, self._parts = plant.steady, plant.parts(*self._state)
-        self._goals, self._ctrl, self._force = plant.goals, d.ctrl, d.xfrc_applied[plant.places.base, :2]
+        self._goals = plant.goals
+        self._ctrl = d.ctrl
+        self._force = d.xfrc_applied[plant.places.base, :2]
 
     @property
     def diverged(self) -> bool:
@@ -62,7 +66,8 @@ class SimBody:
 
     def reset(self, rng: np.random.Generator) -> BodyReading:
         """Standing in the default pose, changed as drawn from `rng`, at rest but for what is drawn."""
-        plant, data = self.plant, self.data
+        plant = self.plant
+        data = self.data
         draw = self._draws.draw(rng)
         self._drawn.apply(draw)
         mujoco.mj_resetData(self.model, data)
@@ -77,7 +82,8 @@ class SimBody:
         if self._late:
             self.model.sensor_delay[:] = delays
             self._histories.fill_sensors(data.history, data.sensordata)
-        self._rngs, self._due = [rng], 0.0
+        self._rngs = [rng]
+        self._due = 0.0
         self._pushes.begin([0], self._rngs)
         return self._read()
 
@@ -95,7 +101,8 @@ class SimBody:
 
     def _step(self) -> None:
         """The physics of one period. Sensors are worked out at its end alone: that saves 4 % of it."""
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         if self._between >= 0:
             self._option.disableflags = self._blind
             mujoco.mj_step2(model, data)

@@ -40,7 +40,8 @@ def pack_path(path: Trajectory) -> bytes:
 
 def unpack_path(data: bytes, submit: Submit, count: int) -> Trajectory:
     """The trajectory of `submit` for `count` joints. Raises ValueError when the two do not fit exactly."""
-    k, joints = submit.points, list(submit.commanded)
+    k = submit.points
+    joints = list(submit.commanded)
     if submit.acceleration and not submit.velocity:
         raise ValueError("accelerations need velocities")
     if not all(0 <= joint < count for joint in joints):

@@ -80,7 +80,8 @@ def _check_arming_request(
     loop: Loop, command: link.Arm, now: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
     """What the gate refuses. Heat and supply are read some 5 times a second: the first time is waited for."""
-    refusals, deadline = loop.may_arm(command.client, now).refusals, now + FIRST
+    refusals = loop.may_arm(command.client, now).refusals
+    deadline = now + FIRST
     loop.arming_client = command.client
     while refusals and all(map(_unread, refusals)) and now < deadline:
         try:
@@ -137,10 +138,12 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
 def _require_one_turn(loop: Loop) -> None:
     """A servo in position mode reads one turn from torque-on: that must be the one it was calibrated on, for
     what was written as its goal is what it will read then (e-manual, "Operating Mode", note)."""
-    turns, readings = loop.joints.turns, loop.hardware.readings
+    turns = loop.joints.turns
+    readings = loop.hardware.readings
     if turns is None:
         return
-    count, then = readings.raw.ticks + readings.shift, expected(readings.raw.ticks, turns)
+    count = readings.raw.ticks + readings.shift
+    then = expected(readings.raw.ticks, turns)
     other = turns.known & turns.falls & (count != then)
     if other.any():
         joint = int(np.argmax(other))
@@ -182,7 +185,8 @@ def _require_all_or_none(loop: Loop) -> None:
 
 def present(loop: Loop) -> Floats:
     """The position (n,) to begin from: fresh, whole and inside the hard limits, or ArmFailed."""
-    state, limits = loop.measured, loop.limits
+    state = loop.measured
+    limits = loop.limits
     age = loop.clock.now() - state.time + state.age
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))

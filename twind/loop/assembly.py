@@ -65,7 +65,8 @@ def build(
 
     `tapes`: of the buses that are written down.
     """
-    binding, period = robot.binding, 1.0 / rate_hz
+    binding = robot.binding
+    period = 1.0 / rate_hz
     ports = [
         BusPort(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, BusTap()))
         for bus in binding.joint_map.buses
@@ -160,7 +161,8 @@ def briefing(
 ) -> Briefing:
     """The same, not packed."""
     binding = robot.binding
-    limits, joint_map = binding.limits, binding.joint_map
+    limits = binding.limits
+    joint_map = binding.joint_map
     at = {int(place): (bus, i) for bus in joint_map.buses for i, place in enumerate(bus.joints)}
     joints = [
         JointInfo(

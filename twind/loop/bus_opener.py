@@ -44,7 +44,8 @@ class BusOpener:
 
     def reader(self, name: str, transport: ByteTransport) -> BusReader:
         """The read half of a serial bus, on any transport."""
-        kinds, tape = [kind for _, kind in self._servos(name)], self.tapes.get(name)
+        kinds = [kind for _, kind in self._servos(name)]
+        tape = self.tapes.get(name)
         return DynamixelReader(
             name,
             transport if tape is None else TappedTransport(transport, tape),
@@ -84,7 +85,8 @@ class BusOpener:
         if isinstance(reader, CanReader):
             return self._enable_can(reader)
         assert isinstance(reader, DynamixelReader)
-        bus, joints = self._map(reader.name), self._servos(reader.name)
+        bus = self._map(reader.name)
+        joints = self._servos(reader.name)
         return DynamixelWriter(
             reader,
             lower=bus.lower,
@@ -95,7 +97,8 @@ class BusOpener:
         )
 
     def _enable_can(self, reader: CanReader) -> BusWriter:
-        bus, kinds = self._map(reader.name), [kind for _, kind in self._actuators(reader.name)]
+        bus = self._map(reader.name)
+        kinds = [kind for _, kind in self._actuators(reader.name)]
         return CanWriter(
             reader,
             lower=bus.lower,

@@ -32,13 +32,16 @@ T = TypeVar("T")
 Opener = Callable[[str], BusReader]  # bus name -> reader; raises PortError
 Enabler = Callable[[BusReader], BusWriter]  # the write half, made in live only
 
-REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
+# s, between tries to open (design 6.4)
+REOPEN_FIRST = 0.1
+REOPEN_MOST = 0.5
 IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
 QUEUE = 16  # scripts that may wait on one bus
 # Ticks without room that a script or a slice of upkeep waits, each: then it may use what is kept free at the
 # end of a tick; then it begins though the tick will end late. Readings can come late for ever (an adapter
 # that holds them back, a machine at its limit), and what tells of lost torque must not be blind.
-SOON, PATIENCE = 2, 8
+SOON = 2
+PATIENCE = 8
 
 
 class PortState(Enum):
@@ -65,16 +68,22 @@ class ScriptRun(Generic[T]):
         try:
             self.request = next(self.script) if reply is None else self.script.send(reply)
         except StopIteration as stop:
-            self.result, self.done, self.request = stop.value, True, None
+            self.result = stop.value
+            self.done = True
+            self.request = None
         except (BusError, KeyError, ValueError) as error:
             # Without its traceback: that would keep every frame alive, and nothing collects cycles here.
-            self.error, self.done, self.request = error.with_traceback(None), True, None
+            self.error = error.with_traceback(None)
+            self.done = True
+            self.request = None
 
     def cancel(self, error: BusError) -> None:
         """End it from outside: the port went, or something more urgent came."""
         if not self.done:
             self.script.close()
-            self.error, self.done, self.request = error, True, None
+            self.error = error
+            self.done = True
+            self.request = None
 
 
 @dataclass
@@ -132,7 +141,8 @@ class BusPort:
             self.trouble = str(error)
             self._retry, self._wait = now + self._wait, min(self._wait * 2, REOPEN_MOST)
             return False
-        self.trouble, self._wait = "", REOPEN_FIRST
+        self.trouble = ""
+        self._wait = REOPEN_FIRST
         self.tape.opened(self.where)
         self.identify()
         return True
@@ -192,13 +202,16 @@ class BusPort:
         self._let_go(error)
         self.trouble = str(error)
         self.counts.errors += 1
-        self._retry, self._wait = now + REOPEN_FIRST, REOPEN_FIRST
+        self._retry = now + REOPEN_FIRST
+        self._wait = REOPEN_FIRST
 
     def close(self) -> None:
         """Let go of the port, for good or until the mode wants it again."""
         if self.reader is not None:
             self._let_go(PortError(self.reader.transport.name, "closed"))
-            self.trouble, self._retry, self._wait = "", -inf, REOPEN_FIRST
+            self.trouble = ""
+            self._retry = -inf
+            self._wait = REOPEN_FIRST
 
     def _let_go(self, error: PortError) -> None:
         if self.reader is not None:
@@ -206,7 +219,9 @@ class BusPort:
             self.tape.record_close(str(error))
         self.reader = self.writer = None
         self.holding = self._holed = False
-        self.link, self.devices, self.beside = PortState.CLOSED, (), ""
+        self.link = PortState.CLOSED
+        self.devices = ()
+        self.beside = ""
         self._asked = self.identification = self._due = None
         self._waited = self._queued = 0
         for task in self.tasks:
@@ -268,15 +283,20 @@ class BusPort:
             and (self._upkeep or task is None)
             and self._fits(due, now, until, last, self._waited)
         ):
-            self._due, self._waited, self._asked = None, 0, None
+            self._due = None
+            self._waited = 0
+            self._asked = None
             return self._ask(due, now)
         self._waited += due is not None
         if task is None or task.request is None:
             return False
         if not self._fits(task.request, now, until, last, self._queued) and not task.urgent:
-            self._queued, self._upkeep = self._queued + 1, due is not None
+            self._queued = self._queued + 1
+            self._upkeep = due is not None
             return False
-        self._queued, self._asked, self._upkeep = 0, task, due is not None
+        self._queued = 0
+        self._asked = task
+        self._upkeep = due is not None
         if isinstance(task.request, PingRequest | ReadRequest):
             return self._ask(task.request, now)
         self.querying = False
@@ -312,7 +332,8 @@ class BusPort:
         """Take the answer; the script that asked goes one step on."""
         if self.reader is None:
             return
-        reply, task = self.reader.answer(now), self._asked
+        reply = self.reader.answer(now)
+        task = self._asked
         self._asked = None
         self.counts.busy = reply.waited + (0.0 if self.resting else self.counts.busy)
         self.counts.discarded += reply.strays

@@ -43,7 +43,8 @@ class FlightRecorder:
     """The loop's side of the flight recorder."""
 
     def __init__(self, ring: FlightRing, buses: Sequence[str], clock: Clock) -> None:
-        self._ring, self._clock = ring, clock
+        self._ring = ring
+        self._clock = clock
         self.tapes: Mapping[str, RecordingBusTap] = {
             name: RecordingBusTap(ring, place, clock) for name, place in zip(buses, count(), strict=False)
         }
@@ -86,7 +87,9 @@ class RecordingBusTap(BusTap):
     """Recorder of one bus; the bytes of its last whole identification are kept beside the ring."""
 
     def __init__(self, ring: FlightRing, place: int, clock: Clock) -> None:
-        self._ring, self._place, self._clock = ring, place, clock
+        self._ring = ring
+        self._place = place
+        self._clock = clock
         self._transcript: list[FlightEntry] | None = None  # of the identification under way
         self._length = 0  # bytes of it, heads not counted
         self._whole = False  # the one that is kept is of everybody
@@ -126,7 +129,8 @@ class RecordingBusTap(BusTap):
 
     def identifying(self) -> None:
         """Begin to keep the bytes of an identification."""
-        self._transcript, self._length = [], 0
+        self._transcript = []
+        self._length = 0
 
     def identified(self, *, whole: bool) -> None:
         """Store the bytes of the identification, which are complete.
@@ -147,8 +151,11 @@ class _Tapped(Generic[Inside]):
 
     def __init__(self, inside: Inside, tape: RecordingBusTap) -> None:
         self._inside: Inside = inside
-        self._tape, self.name = tape, inside.name
-        self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
+        self._tape = tape
+        self.name = inside.name
+        self.fileno = inside.fileno
+        self.arrival = inside.arrival
+        self.close = inside.close
 
     @property
     def warning(self) -> str:
@@ -165,7 +172,9 @@ class TappedTransport(_Tapped[ByteTransport]):
 
     def __init__(self, inside: ByteTransport, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
-        self.holds, self.backlog, self.flush = inside.holds, inside.backlog, inside.flush
+        self.holds = inside.holds
+        self.backlog = inside.backlog
+        self.flush = inside.flush
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """As inside; of what it does not take, that and why is written down."""
@@ -204,7 +213,9 @@ class TappedChannel(_Tapped[CanChannel]):
 
     def __init__(self, inside: CanChannel, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
-        self.condition, self.drive, self.purge = inside.condition, inside.drive, inside.purge
+        self.condition = inside.condition
+        self.drive = inside.drive
+        self.purge = inside.purge
 
     def send(self, frames: Frames, now: float) -> None:
         """As inside."""

@@ -48,7 +48,8 @@ class CalibratingState:
         if not command.on:
             loop.change(RobotEvent.CALIBRATED, now)
             return True
-        state, allowed = loop.state.value, list(TABLE[RobotEvent.CALIBRATE])
+        state = loop.state.value
+        allowed = list(TABLE[RobotEvent.CALIBRATE])
         latched = ", ".join(loop.latches)
         if loop.mode is Mode.SIM:
             loop.say.error(command, "WrongState", state="mode sim", allowed=["mode mirror", "mode live"])

@@ -36,7 +36,9 @@ class CollisionLookahead:
 
     def __init__(self, bodies: CollisionModel, limits: JointLimits, period: float) -> None:
         """`period`: s, of a tick."""
-        self._bodies, self._limits, self._period = bodies, limits, period
+        self._bodies = bodies
+        self._limits = limits
+        self._period = period
         brakes = float((limits.velocity / limits.acceleration).max(initial=0.0))
         ticks = ceil(min(max(brakes, LEAST), MOST) / period - 1e-9)
         self._stride = ceil(ticks / POSES)
@@ -72,7 +74,8 @@ class CollisionLookahead:
                 self._way = None
                 return ClearanceAhead(nan, float(times[-1]))
             self._take(poses)
-            self._way, self._due = way, self._tick + self._stride
+            self._way = way
+            self._due = self._tick + self._stride
         while self._near and self._near[0][0] <= self._tick:
             self._near.popleft()
         return self._tightest(plan) if self._near else CLEAR
@@ -96,7 +99,8 @@ class CollisionLookahead:
         pair = int(np.where(np.isnan(spare), -inf, spare).argmin())
         if spare[pair] > 0.0:
             return ()
-        closest, block = self._bodies.pairs[pair], float(self._bodies.block[pair])
+        closest = self._bodies.pairs[pair]
+        block = float(self._bodies.block[pair])
         reason = f"{closest.name}: m between them if it went on and had to stop at once"
         return (Finding(closest.code, value=float(least[pair]), bound=block, message=reason),)
 
@@ -110,7 +114,8 @@ class CollisionLookahead:
     def _measured(self, poses: Floats) -> Floats:
         """Distances (k, p); those of boxes only where they can be near on this way."""
         bodies = self._bodies
-        rows, boxes = bodies.distances(poses), bodies.boxes
+        rows = bodies.distances(poses)
+        boxes = bodies.boxes
         if not len(boxes):
             return rows
         last = np.array([bodies.between(pair, 1.0) for pair in boxes])  # that pose is still taken up

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 SINK = 0.5  # rad/s of the goals behind the joints: what falls faster, the stiffness that is left brakes
 SLOW = 0.05  # rad/s: slower is at rest ...
-SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest: then torque off
+# s ... for this long, or after this long at the latest: then torque off
+SLOW_FOR = 1.0
+SLOW_MOST = 5.0
 
 
 def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
@@ -38,7 +40,8 @@ def damp(loop: Loop) -> Procedure:
     now = loop.clock.now()
     demand(loop, (), now)
     assert loop.soft_since is not None  # just demanded
-    until, quiet_since = loop.soft_since + SLOW_MOST, now
+    until = loop.soft_since + SLOW_MOST
+    quiet_since = now
     tasks = loop.hardware.damp()
     told = False
     while now < until and now - quiet_since < SLOW_FOR:

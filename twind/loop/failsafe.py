@@ -41,9 +41,14 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 WAIT = 10.0  # s for ports, devices and their torque, before what is there is judged
-TRIES, AGAIN = 3, 20.0  # that are begun, within so many s: a bus may come back, an answer may have been lost
+# that are begun, within so many s: a bus may come back, an answer may have been lost
+TRIES = 3
+AGAIN = 20.0
 FRESH = 0.1  # s, the oldest reading of a joint that a robot is taken over with
-SPEED, WAY, WITHIN = 0.25, 15.0, 30.0  # of the limits; s wanted; s after which the robot is damped
+# of the limits; s wanted; s after which the robot is damped
+SPEED = 0.25
+WAY = 15.0
+WITHIN = 30.0
 LONGEST = (
     AGAIN + WITHIN + LETTING_GO + WAIT
 )  # s: the last way that is begun, what is known of torque after it
@@ -58,7 +63,8 @@ class FailsafeRun:
 
     def __init__(self, loop: Loop) -> None:
         self.left = "it was told to end before it had found out"
-        self._loop, self._refused = loop, ""
+        self._loop = loop
+        self._refused = ""
 
     def begin(self) -> None:
         """From the next tick on; the loop is finished when it is over, within `LONGEST` s.
@@ -138,7 +144,8 @@ def why_left(loop: Loop) -> str:
 
 def _not_whole(loop: Loop, on: Bools) -> str:
     """Why a robot that stands freely would not come down in order."""
-    state, stands = loop.measured, f"torque is on, support is {loop.support!r}, and"
+    state = loop.measured
+    stands = f"torque is on, support is {loop.support!r}, and"
     if not loop.hardware.connected or not every(state.age <= FRESH):
         missing = [each.message for found in loop.identity.missing.values() for each in found]
         missing += [port.trouble for port in loop.hardware.ports if port.link is Stage.CLOSED]
@@ -162,8 +169,12 @@ class HeadlessLink:
 
     def __init__(self, fd: int, record: Record | None = None) -> None:
         """`record`: the recorder that receives the messages; None: none."""
-        self.dropped, self.lost, self.no_front = 0, False, ""
-        self._fd, self._numbers, self._record = fd, 0, record
+        self.dropped = 0
+        self.lost = False
+        self.no_front = ""
+        self._fd = fd
+        self._numbers = 0
+        self._record = record
 
     def supervise_front(self, now: float) -> None:
         """Do nothing: there is no front."""

@@ -103,7 +103,8 @@ class FrontLink:
 
     def __init__(self, front: FrontProcess, record: Record = unrecorded) -> None:
         """`record`: who writes down what goes over the link."""
-        self.front, self._record = front, record
+        self.front = front
+        self._record = record
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
@@ -165,7 +166,8 @@ class FrontLink:
 
     def commands(self, now: float) -> list[ReceivedCommand]:
         """What the front sent since the last tick, oldest first."""
-        taken, self._last_words = self._last_words, []
+        taken = self._last_words
+        self._last_words = []
         while self.front.socket is not None and len(taken) < PER_TICK:
             try:
                 incoming = self._receive(self.front.socket)

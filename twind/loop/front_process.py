@@ -28,7 +28,9 @@ AGAIN_MOST = 5.0  # s between two starts of fronts that die young
 _LINK = 3  # descriptor in the child; the others follow
 ABOVE = 64  # descriptors of the child are copied to here first, out of the way of their places
 HANDED = 6  # descriptors that a child may be given: link, briefing, two sockets, two flight recorders
-_PR_CAP_AMBIENT, _CLEAR_ALL = 47, 4  # <linux/prctl.h>
+# <linux/prctl.h>
+_PR_CAP_AMBIENT = 47
+_CLEAR_ALL = 4
 
 
 class FrontProcess:
@@ -85,7 +87,8 @@ class FrontProcess:
         except OSError:
             inner.close()
             raise
-        self.socket, self.starts = inner, self.starts + 1
+        self.socket = inner
+        self.starts = self.starts + 1
         self._alive_until = now + GRACE
         self._born = now
         self.wreck.taken()
@@ -178,7 +181,8 @@ class FrontProcess:
         try:
             ended, status = os.waitpid(self.pid, os.WNOHANG)
         except ChildProcessError:
-            ended, status = self.pid, 0
+            ended = self.pid
+            status = 0
         if ended:
             code = os.waitstatus_to_exitcode(status)
             self.fate = f"({ended}) ended with {f'signal {-code}' if code < 0 else f'code {code}'}"

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> GuardInput:
     """All that one judgement rests on. `target`: whom commands go to; `reference`: what is about to leave."""
     held = loop.lease.holds(now) and loop.lease.epoch == loop.motion_epoch
-    readings, slow, left_out = loop.hardware.readings, loop.hardware.slow, loop.hardware.left_out
+    readings = loop.hardware.readings
+    slow = loop.hardware.slow
+    left_out = loop.hardware.left_out
     return GuardInput(
         now=now,
         mode=loop.mode,

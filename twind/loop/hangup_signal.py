@@ -22,7 +22,8 @@ class HangupSignal:
 
     def enable_delivery(self, *, reread: Callable[[], None], end: Callable[[], None]) -> None:
         """From now on who hangs up is heard at once; who has done so already, now."""
-        self._reread, self._end = reread, end
+        self._reread = reread
+        self._end = end
         if self._came:
             self._hang_up(signal.SIGHUP, None)
 

@@ -48,7 +48,10 @@ class Hardware:
         period: float,
         inertial: ImuPoller | None = None,
     ) -> None:
-        self.joints, self.clock, self.period, self.inertial = joints, clock, period, inertial
+        self.joints = joints
+        self.clock = clock
+        self.period = period
+        self.inertial = inertial
         self.ports = tuple(ports)
         self.pairs: tuple[tuple[BusPort, JointBusMap], ...]  # a bus in the counts that goals have on its wire
         self.readings = JointReadings(joints, period)
@@ -64,7 +67,9 @@ class Hardware:
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self.skew = nan  # s, of the last exchange: between the first and the last bus that had answered
         self.worst_skew = nan  # s, of the run
-        self._access, self._stride, self._turn = (False, False), upkeep_stride(1.0 / period), 0
+        self._access = (False, False)
+        self._stride = upkeep_stride(1.0 / period)
+        self._turn = 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
         self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
         self.left_out: Bools = np.zeros(len(joints), np.bool_)  # who gets no goals until prepared himself
@@ -89,7 +94,8 @@ class Hardware:
         readings, taken off goals. Raises ValueError for a goal that its register cannot hold."""
         self.readings.turn(number, shift)
         if not np.array_equal(shift, self._turns[number]):
-            port, bus = self.ports[number], self.joints.buses[number].turned(shift)
+            port = self.ports[number]
+            bus = self.joints.buses[number].turned(shift)
             if port.writer is not None:
                 port.writer.set_goal_limits(bus.lower, bus.upper)
             self._turns[number] = shift
@@ -227,7 +233,8 @@ class Hardware:
         """
         end = now + self.period - min(SPARE, self.period * SPARE_SHARE)
         self._open(now)
-        self.clamped, self.left = None, False
+        self.clamped = None
+        self.left = False
         if goal is not None:
             self._aim(goal)
         return self._read(now, end)
@@ -239,7 +246,8 @@ class Hardware:
                     port.writer.goals(ticks(bus, goal))
                     self.left = True
         except WireClamp as error:  # all or nothing: no bus moves on a goal that another may not have
-            self.clamped, self.left = error, False
+            self.clamped = error
+            self.left = False
             for writer in self.writers:
                 writer.clear()
 
@@ -265,8 +273,11 @@ class Hardware:
         asked = [pair for pair in awake if self._try(pair, "request")]
         sent = self.sent = self.clock.now()
         first = self._collect(asked)
-        received, heard = sent, np.zeros(len(self.joints), np.bool_)
-        earliest, latest = inf, -inf  # s, when the buses had answered
+        received = sent
+        heard = np.zeros(len(self.joints), np.bool_)
+        # s, when the buses had answered
+        earliest = inf
+        latest = -inf
         self.trips = [nan] * len(self.ports)
         for port, bus in asked:
             sample = port.finish(self.clock.now())
@@ -278,7 +289,8 @@ class Hardware:
                 if self.traffic[number].answered:
                     received = max(received, sample.received)
                     self.trips[number] = sample.received - sample.sent
-                    earliest, latest = min(earliest, sample.received), max(latest, sample.received)
+                    earliest = min(earliest, sample.received)
+                    latest = max(latest, sample.received)
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         self._keep_skew(latest - earliest)
         if self.inertial is not None and not quiet:
@@ -310,9 +322,12 @@ class Hardware:
 
         `identity` reports missing devices.
         """
-        traffic, whole, inertial = self.traffic[number], every(sample.heard), self.inertial
+        traffic = self.traffic[number]
+        whole = every(sample.heard)
+        inertial = self.inertial
         traffic.answered = whole or some(sample.heard)
-        traffic.foreign, traffic.line = sample.foreign, sample.line
+        traffic.foreign = sample.foreign
+        traffic.line = sample.line
         if inertial is None or inertial.bus != number or not inertial.listen(sample):
             traffic.asked = port.holding or port.link is PortState.CONNECTED
             traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
@@ -384,7 +399,8 @@ class Hardware:
                 ready: Collection[int] = range(len(waiting))
             else:
                 ready = ripe([reader for reader, _ in waiting], self.clock)
-            look, now = False, self.clock.now()
+            look = False
+            now = self.clock.now()
             first = min(first, now)
             still = []
             for place, (reader, pair) in enumerate(waiting):

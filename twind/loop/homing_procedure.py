@@ -125,7 +125,8 @@ class HomingProcedure:
 
     def _outcome(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
         """What went wrong; nothing: it was found."""
-        loop, joint = self._loop, debt.sought.joint
+        loop = self._loop
+        joint = debt.sought.joint
         try:
             yield from self._run_search(debt)
         except HomingEnded as ended:
@@ -173,8 +174,10 @@ class HomingProcedure:
 
     def _run_search(self, debt: PendingRestore) -> Generator[None, float, None]:
         """Run all steps from first look to last capture. Raises HomingEnded, BusError, ValueError."""
-        loop, aim = self._loop, debt.sought
-        writer, command = aim.port.writer, debt.command
+        loop = self._loop
+        aim = debt.sought
+        writer = aim.port.writer
+        command = debt.command
         assert writer is not None
         name = loop.joints.names[aim.joint]
         loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
@@ -183,8 +186,10 @@ class HomingProcedure:
         loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque
         alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(debt, alone.look())
-        debt.left, debt.watchdog = alone.describe_leftovers(kept), alone.watchdog
-        self.owed, debt.kept = debt, kept
+        debt.left = alone.describe_leftovers(kept)
+        debt.watchdog = alone.watchdog
+        self.owed = debt
+        debt.kept = kept
         loop.procedures.beside(give_back(loop, debt))
         held = yield from self._pinned(debt, alone, kept)
         now = yield from self._energised(debt, alone, held)
@@ -204,7 +209,9 @@ class HomingProcedure:
 
     def _newer(self, debt: PendingRestore) -> Generator[None, float, float]:
         """Wait for a reading newer than all writes so far; return the time. Raises HomingEnded."""
-        since, passed, now = self._loop.clock.now(), 0, 0.0
+        since = self._loop.clock.now()
+        passed = 0
+        now = 0.0
         while passed < READ or not self._look(debt).at > since:
             now = yield
             self._require(debt, now)
@@ -215,7 +222,8 @@ class HomingProcedure:
         self, debt: PendingRestore, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
         """In its other mode, with goal := present read back; the count (calibrated) that it is to hold."""
-        aim, before = debt.sought, self._count(debt)
+        aim = debt.sought
+        before = self._count(debt)
         yield from self._done(debt, alone.enter_current_mode(kept))
         yield from self._newer(debt)
         debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
@@ -238,7 +246,8 @@ class HomingProcedure:
         self, debt: PendingRestore, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
         """Torque on, read back, and it did not jump; the time."""
-        loop, aim = self._loop, debt.sought
+        loop = self._loop
+        aim = debt.sought
         loop.energising = True
         yield from self._done(debt, alone.energise())
         debt.powered = loop.clock.now()
@@ -273,7 +282,8 @@ class HomingProcedure:
             raise HomingEnded(finding)
 
     def _against(self, debt: PendingRestore, now: float) -> Generator[Finding, None, None]:
-        loop, joint = self._loop, debt.sought.joint
+        loop = self._loop
+        joint = debt.sought.joint
         if loop.state is not RobotState.CALIBRATING or loop.latches:
             yield _cause(loop)
         if not loop.lease.held_by(debt.command.client, now):
@@ -338,7 +348,8 @@ class HomingProcedure:
         return self._raw(debt) + debt.shift
 
     def _look(self, debt: PendingRestore) -> HomingSample:
-        raw, joint = self._loop.hardware.readings.raw, debt.sought.joint
+        raw = self._loop.hardware.readings.raw
+        joint = debt.sought.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(debt), float(raw.effort[joint]))
 
 

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 SHARES = (0.03, 0.15)  # of the current limit
 SPEEDS = (0.02, 0.5)  # rad/s of the joint
 TIMES = (2, 10)
-BACK, INSIDE = 0.1, 0.02  # rad that it backs off; and so far inside its limits, that it can be armed there
+# rad that it backs off; and so far inside its limits, that it can be armed there
+BACK = 0.1
+INSIDE = 0.02
 LEAD = 0.2  # rad that a goal may be ahead of the joint
 ASTRAY = 0.15  # rad that it may go against its way
 STILL = 0.006  # rad that a standing joint may flicker, two counts at least
@@ -80,7 +82,8 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
     verdict = gate.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
     found = [each for each in verdict.refusals if each.code is not ReasonCode.ARM_FAILED]
     found = [each for each in found if each.joint in (None, joint)]
-    spec, robot = loop.parts.one.file.joints[joint], loop.parts.one.file
+    spec = loop.parts.one.file.joints[joint]
+    robot = loop.parts.one.file
 
     def against(message: str, code: ReasonCode = ReasonCode.STOP_NOT_FOUND) -> None:
         found.append(Finding(code, joint, message=message))
@@ -107,9 +110,11 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
 
 
 def _counted(loop: Loop, command: link.FindStop) -> HomingRequest | list[Finding]:
-    joint, spec = command.joint, loop.parts.one.file.joints[command.joint]
+    joint = command.joint
+    spec = loop.parts.one.file.joints[command.joint]
     number, row, bus = _place(loop, joint)
-    port, scale = loop.hardware.ports[number], float(bus.scale[row])
+    port = loop.hardware.ports[number]
+    scale = float(bus.scale[row])
     count = int(loop.hardware.readings.raw.ticks[joint] + loop.hardware.readings.shift[joint])
     device = next((each for each in port.devices if each.id == bus.ids[row]), None)
     own = None if device is None else device.settings.get("current_limit")

@@ -42,7 +42,8 @@ class IdentificationState:
     """Identified devices and findings, bus by bus."""
 
     def __init__(self, loop: Loop, judge: Judge) -> None:
-        self._loop, self.judge = loop, judge
+        self._loop = loop
+        self.judge = judge
         self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
         self._again: dict[str, float] = {}
         self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
@@ -183,7 +184,8 @@ class IdentificationState:
 
     def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
         """Return the mask (m,) of the devices of this bus that are identified and match the robot file."""
-        said, wrong = {device.id for device in port.devices}, {finding.joint for finding in findings}
+        said = {device.id for device in port.devices}
+        wrong = {finding.joint for finding in findings}
         rows = zip(bus.ids, bus.joints.tolist(), strict=True)
         return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
 

@@ -18,7 +18,9 @@ from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel.register_sensor import Sensor, SensorField
 
 UNIT = 0.1  # how far the length of a quaternion may be from 1: beyond, it is no attitude
-SPIN, SHOCK = 200.0, 100.0 * G  # rad/s, m/s²: more than a body can have and stay whole
+# rad/s, m/s²: more than a body can have and stay whole
+SPIN = 200.0
+SHOCK = 100.0 * G
 CALM = 5.0  # s without a failure after which it is said to be sound again
 SILENT = "it does not answer, or not soundly"
 TARDY = "its answers come late"
@@ -34,14 +36,17 @@ class ImuPoller:
         self.bus = bus
         self.imu: Imu | None = None  # the last that was heard
         self.asked = self.missed = self.late = self.spoilt = 0
-        self._name, self._faults = f"imu (id {spec.id})", set[str]()
+        self._name = f"imu (id {spec.id})"
+        self._faults = set[str]()
         self._sensor = Sensor(
             spec.id, [SensorField(each.address, each.kind, each.count) for each in spec.registers]
         )
         turn = matrix(mount)
-        self._gyro, self._force = turn * spec.gyro.lsb, turn * spec.acceleration.lsb
+        self._gyro = turn * spec.gyro.lsb
+        self._force = turn * spec.acceleration.lsb
         self._zeros = [each.zero for each in spec.registers]
-        self._told, self._back = spec.quaternion, conjugate(mount)
+        self._told = spec.quaternion
+        self._back = conjugate(mount)
         self._attitude = Attitude()
         self._waited = 0  # ticks without room
 
@@ -80,7 +85,8 @@ class ImuPoller:
 
         Where there is never room it is asked all the same after `PATIENCE` ticks, as the slow registers are.
         """
-        reader, port.beside = port.reader, self.trouble(now)
+        reader = port.reader
+        port.beside = self.trouble(now)
         if reader is None or port.resting or port.hurried:
             return False
         if now + reader.span(self._sensor.query) > end and self._waited < PATIENCE:

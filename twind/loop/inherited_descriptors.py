@@ -30,13 +30,15 @@ def handed_over() -> InheritedDescriptors:
 
     A socket by another name is told, and left to the manager: we neither serve nor close it.
     """
-    count, mine = os.environ.get("LISTEN_FDS", ""), os.environ.get("LISTEN_PID", "")
+    count = os.environ.get("LISTEN_FDS", "")
+    mine = os.environ.get("LISTEN_PID", "")
     names = os.environ.get("LISTEN_FDNAMES", "").split(":")
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
         os.environ.pop(key, None)
     if not count.isdigit() or mine != str(os.getpid()):
         return InheritedDescriptors()
-    found, wreck = {}, None
+    found = {}
+    wreck = None
     handed = range(_FIRST, _FIRST + int(count))
     for fd in handed:
         os.set_inheritable(fd, False)

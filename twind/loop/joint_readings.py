@@ -80,9 +80,11 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
     """Positions (m,) between which a goal may leave (R22), rad. Counts of a transmission's actuators reach
     further: not every place of theirs is one that its joints may have."""
     angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
-    least, most = np.minimum(*angles), np.maximum(*angles)
+    least = np.minimum(*angles)
+    most = np.maximum(*angles)
     for each in bus.linked:
-        least[each.rows], most[each.rows] = each.lower, each.upper
+        least[each.rows] = each.lower
+        most[each.rows] = each.upper
     return least, most
 
 
@@ -96,7 +98,8 @@ def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
 
 def where(bus: JointBusMap) -> slice | Ints:
     """The joints of a bus as an index; joints side by side as a slice, which takes a third of the time."""
-    first, count = int(bus.joints[0]), len(bus.joints)
+    first = int(bus.joints[0])
+    count = len(bus.joints)
     side_by_side = np.array_equal(bus.joints, np.arange(first, first + count))
     return slice(first, first + count) if side_by_side else bus.joints
 
@@ -156,7 +159,8 @@ class JointReadings:
         self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
         self.placed: Bools = np.ones(count, np.bool_)  # of the others nobody knows where they are
         self.heard_at = np.full(count, -inf)  # s
-        self._maps, self._period = joints.buses, period
+        self._maps = joints.buses
+        self._period = period
         self._buses = list(joints.buses)  # the same, their zeros less the shift
         self._where = [where(bus) for bus in joints.buses]
         self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
@@ -169,7 +173,9 @@ class JointReadings:
 
     def take(self, number: int, sample: BusSample) -> Bools:
         """Keep what was read of a bus; whose position (m,) is believed."""
-        heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
+        heard = sample.heard
+        senses = self._senses[number]
+        bus = self._buses[number]
         places = self._where[number]
         self.raw.take(places, sample)
         usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
@@ -243,7 +249,9 @@ class JointReadings:
 
     def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
         """All joints at `time` (s), whose reading took `trip` (s), and the IMU. Arrays are read-only."""
-        position, velocity, effort = self.where(), self.velocity.copy(), self.effort.copy()
+        position = self.where()
+        velocity = self.velocity.copy()
+        effort = self.effort.copy()
         state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip, imu)
         for array in (position, velocity, effort, state.age, heard):
             array.setflags(write=False)
@@ -255,7 +263,9 @@ class JointReadings:
 
     def _believe(self, number: int, sample: BusSample) -> Bools:
         """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
-        senses, bus, places = self._senses[number], self._buses[number], self._where[number]
+        senses = self._senses[number]
+        bus = self._buses[number]
+        places = self._where[number]
         limp = self.slow.torque[places] == 0
         believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
         self.jumps[places] = senses.jumps

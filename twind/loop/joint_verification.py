@@ -71,7 +71,8 @@ class JointVerification:
 
         Empty while this daemon's torque is on.
         """
-        found, loop = self.doubts(), self._loop
+        found = self.doubts()
+        loop = self._loop
         if loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
             return found
         said = {finding.joint for finding in (*found, *loop.parts.guard.bars)}
@@ -93,7 +94,8 @@ class JointVerification:
             return []
         found = [finding for findings in self._unfit.values() for finding in findings]
         found += loop.homing.findings()
-        turns, readings = loop.joints.turns, loop.hardware.readings
+        turns = loop.joints.turns
+        readings = loop.hardware.readings
         if turns is not None:
             found += strayed(readings.raw.ticks, readings.shift, turns, self._told)
         return found
@@ -120,7 +122,8 @@ class JointVerification:
 
     def watch(self, now: float) -> None:
         """Choose the turns of identified devices that are not known yet; called once per tick."""
-        loop, turns = self._loop, self._loop.joints.turns
+        loop = self._loop
+        turns = self._loop.joints.turns
         self._look_at_links()
         if some(self._marred) and loop.procedures.rank is None:  # nobody is asked on a way down
             self._ask_again()
@@ -152,14 +155,16 @@ class JointVerification:
             self._links[number] = port.link
 
     def _doubt(self, joints: Ints) -> None:
-        self._told[joints], self._agreeing[joints] = False, 0
+        self._told[joints] = False
+        self._agreeing[joints] = 0
 
     def _ask_again(self) -> None:
         """Identify anew the buses of devices whose hardware error is gone.
 
         Such a device may have restarted, or be another one.
         """
-        readings, slow = self._loop.hardware.readings, self._loop.hardware.slow
+        readings = self._loop.hardware.readings
+        slow = self._loop.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
         for port, bus in self._loop.hardware.pairs:
             if port.link is PortState.CONNECTED and some(healed[bus.joints]):
@@ -171,7 +176,8 @@ class JointVerification:
         The latter only where another turn fits. Either a reading was wrong, or the servo has lost its turns.
         """
         hardware = self._loop.hardware
-        raw, readings = hardware.readings.raw.ticks, hardware.readings
+        raw = hardware.readings.raw.ticks
+        readings = hardware.readings
         outside = self._told & ~inside(raw + readings.shift, turns)
         if some(outside) or some(readings.jumps):
             self._astray = np.where(outside, np.minimum(self._astray, now), inf)
@@ -184,14 +190,17 @@ class JointVerification:
 
     def _count(self, turns: TurnRange) -> None:
         """Count the readings in a row that give the same turn."""
-        turn, heard = chosen(self._loop.hardware.readings.raw.ticks, turns), self._loop.measured.heard
+        turn = chosen(self._loop.hardware.readings.raw.ticks, turns)
+        heard = self._loop.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
         self._agreeing = np.where(heard, again, self._agreeing)
         self._turn = np.where(heard, turn, self._turn)
 
     def _choose(self, number: int, port: BusPort, rows: Ints, turns: TurnRange) -> None:
-        loop, hardware = self._loop, self._loop.hardware
-        raw, before = hardware.readings.raw.ticks, hardware.readings.shift
+        loop = self._loop
+        hardware = self._loop.hardware
+        raw = hardware.readings.raw.ticks
+        before = hardware.readings.shift
         due = np.zeros_like(self._told)
         due[rows] = (self._answered & ~self._told & (self._agreeing >= AGREEING))[rows]
         if not some(due):
@@ -209,7 +218,8 @@ class JointVerification:
 
     def _place(self) -> None:
         """Where everybody else is, nobody knows; who gets goals of ours is where it was."""
-        loop, hardware = self._loop, self._loop.hardware
+        loop = self._loop
+        hardware = self._loop.hardware
         placed = self._told if every(self._told) else self._told | hardware.energised_joints
         for _, bus in hardware.pairs:
             for each in bus.linked:  # by all of its actuators

@@ -14,7 +14,8 @@ class LoopFigures:
     """Counted once per tick."""
 
     def __init__(self, period: float, realtime: Mapping[str, Granted]) -> None:
-        self._period, self._realtime = period, realtime
+        self._period = period
+        self._realtime = realtime
         self.ticks = self.missed = 0
         self._gap = 0.0  # s, the longest in which ticks were due and none began
         self._late = RollingStats(threshold=ON_TIME)

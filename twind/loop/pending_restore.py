@@ -101,7 +101,8 @@ def _now(debt: PendingRestore) -> IdentifiedDevice | None:
 def _stranger(debt: PendingRestore) -> str | None:
     """Return the reason why the device that has the id now is not the one that was driven; None: no
     difference is known."""
-    was, found = debt.device, _now(debt)
+    was = debt.device
+    found = _now(debt)
     if found is None:
         return None
     for name, before, after in (
@@ -117,7 +118,8 @@ def _stranger(debt: PendingRestore) -> str | None:
 
 def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
     """Try once to write the old mode and settings back; return the error of the attempt, or None."""
-    port, aim = debt.sought.port, debt.sought
+    port = debt.sought.port
+    aim = debt.sought
     assert port.writer is not None
     try:
         alone = port.writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
@@ -153,7 +155,8 @@ def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
     if debt.answered:
         return
     debt.answered = True
-    findings, name = [*debt.findings, *more], loop.joints.names[debt.sought.joint]
+    findings = [*debt.findings, *more]
+    name = loop.joints.names[debt.sought.joint]
     if findings:
         said = f"{name}: its stop was not found: {findings[0].message}"
         loop.say.event("warning", findings[0].code, said, findings)

@@ -45,7 +45,8 @@ class ProcedureRunner:
             return False
         self.abandon()
         body = start()
-        self._torque, self._rank = body, rank
+        self._torque = body
+        self._rank = rank
         if not _first(body):
             self._torque = self._rank = None
         return True
@@ -57,7 +58,9 @@ class ProcedureRunner:
 
     def abandon(self) -> None:
         """End the procedure that owns the torque, at the step it has reached; it answers its caller."""
-        body, self._torque, self._rank = self._torque, None, None
+        body = self._torque
+        self._torque = None
+        self._rank = None
         if body is not None:
             body.close()
 

@@ -21,7 +21,8 @@ class RawCounts:
 
     def take(self, places: slice | Ints, sample: BusSample) -> None:
         """Keep what a bus answered, of whom was heard; the others keep what they said last."""
-        heard, told = sample.heard, sample.effort_told
+        heard = sample.heard
+        told = sample.effort_told
         if every(heard) and told is None:
             self.ticks[places] = sample.position
             self.effort[places] = sample.effort

@@ -11,8 +11,12 @@ from threadpoolctl import threadpool_limits
 
 PRIORITY = 40  # SCHED_FIFO: above the usual desktop services, below the kernel's own interrupt threads
 LIMIT = 60  # LimitRTPRIO= of the units, and what a user who starts it by hand is told to ask for
-_MCL_CURRENT, _MCL_FUTURE = 1, 2  # <sys/mman.h>
-_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # <malloc.h>
+# <sys/mman.h>
+_MCL_CURRENT = 1
+_MCL_FUTURE = 2
+# <malloc.h>
+_M_TRIM_THRESHOLD = -1
+_M_MMAP_MAX = -4
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
 
 

@@ -136,7 +136,9 @@ class ReloadCoordinator:
             self.failed(f"{where}{first.message}")
 
     def _publish_reload(self, command: link.ApplyChanges) -> None:
-        loop, applied, waiting = self._loop, sorted(command.changes), list(command.needs_restart)
+        loop = self._loop
+        applied = sorted(command.changes)
+        waiting = list(command.needs_restart)
         loop.say.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"
         left = f"; for a restart: {listed(waiting)}" if waiting else ""
@@ -194,7 +196,8 @@ def _still_stopping(loop: Loop) -> bool:
 
 def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
     """Joints that stand inside the limits in force and would be outside of `limits`."""
-    measured, old = loop.measured, loop.limits
+    measured = loop.measured
+    old = loop.limits
     places: list[Floats] = []
     if loop.mode is not Mode.SIM:
         fresh = now - measured.time + measured.age <= FRESH
@@ -222,7 +225,9 @@ def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
 
 def put_in_force(loop: Loop, one: BoundRobot) -> None:
     """Everybody who keeps limits, ranges or gains gets those of `one`. Raises before anything has changed."""
-    parts, binding, hardware = loop.parts, one.binding, loop.hardware
+    parts = loop.parts
+    binding = one.binding
+    hardware = loop.hardware
     enabler = parts.rewire(one) if parts.rewire is not None else None
     writers = {
         port.name: enabler(port.reader)
@@ -237,7 +242,8 @@ def put_in_force(loop: Loop, one: BoundRobot) -> None:
     hardware.rejoin(binding.joint_map)
     parts.guard.limit(binding.limits)
     loop.executor.limits = loop.limits = binding.limits
-    loop.joints, loop.outlook = binding.joint_map, outlook
+    loop.joints = binding.joint_map
+    loop.outlook = outlook
     loop.identity.judge = one.judge
     loop.parts = replace(
         parts,

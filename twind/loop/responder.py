@@ -15,7 +15,8 @@ class Responder:
     """Answers and events."""
 
     def __init__(self, out: ControlLink, clock: Clock) -> None:
-        self._link, self._clock = out, clock
+        self._link = out
+        self._clock = clock
 
     def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:
         """An answer to a call."""

@@ -84,5 +84,6 @@ class Notifier:
         Made one line: a client's words may be in it, and a further line would be an order to the manager.
         """
         if text != self._status and now >= self._status_next:
-            self._status, self._status_next = text, now + STATUS
+            self._status = text
+            self._status_next = now + STATUS
             self.send(STATUS=" ".join(text.split()))

@@ -39,7 +39,8 @@ class StatePublisher:
         loop = self._loop
         loop.link.supervise_front(now)
         if self.urgent or now >= self._next:
-            self.urgent, self._next = False, now + OVERVIEW
+            self.urgent = False
+            self._next = now + OVERVIEW
             loop.link.state(self.overview(now))
             loop.parts.notifier.status(self.status(), now)
         loop.link.state(self.tick(now))
@@ -50,7 +51,9 @@ class StatePublisher:
         loop = self._loop
         state = loop.simulated if loop.mode is Mode.SIM else loop.measured
         imu = state.imu
-        reference, raw, read = loop.executor.reference, loop.hardware.readings.raw, loop.measured.time
+        reference = loop.executor.reference
+        raw = loop.hardware.readings.raw
+        read = loop.measured.time
         return link.Tick(
             time=now,
             sequence=loop.figures.ticks,
@@ -79,7 +82,8 @@ class StatePublisher:
     def status(self) -> str:
         """Return one line for the service manager: the state, and the first problem."""
         loop = self._loop
-        heard, rate = int(loop.measured.heard.sum()), 1.0 / loop.period
+        heard = int(loop.measured.heard.sum())
+        rate = 1.0 / loop.period
         said = (
             f"{loop.mode.value}, {loop.state.value}, {heard} of {len(loop.joints)} joints heard, {rate:g} Hz"
         )
@@ -105,7 +109,8 @@ class StatePublisher:
         """Build the slowly changing part of the state: latencies, buses, lease, faults, temperature, voltage,
         torque."""
         loop = self._loop
-        slow, latency = loop.hardware.slow, loop.health.total
+        slow = loop.hardware.slow
+        latency = loop.health.total
         whole = now >= self._whole
         self._whole = now + WHOLE if whole else self._whole
         return link.Overview(

@@ -59,7 +59,8 @@ class SubmissionTracker:
 
     def begin(self, command: link.Submit, data: bytes, now: float) -> None:
         """Start judging; answers `accepted` or Refused, or the verdict alone for `check_only`."""
-        way, clock = self._loop.way, self._loop.clock
+        way = self._loop.way
+        clock = self._loop.clock
         taken = None if command.check_only else way.take(command.received, clock.now(), inf)
         self._loop.procedures.beside(self._judge(command, data, taken, now))
 
@@ -88,7 +89,8 @@ class SubmissionTracker:
             asked = replace(asked, reference=loop.executor.ahead(command.start_in))
         demand = gate.TrajectoryRequest(command.policy, command.append_stop, command.start_in)
         steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds, SLICE)
-        self.busy, sliced = True, False
+        self.busy = True
+        sliced = False
         try:
             while True:
                 try:
@@ -159,7 +161,8 @@ class SubmissionTracker:
         a goal tolerance of the client it has the time that starting and stopping at full speed takes twice.
         """
         loop = self._loop
-        count, asked = len(loop.joints), command.tolerances
+        count = len(loop.joints)
+        asked = command.tolerances
         if loop.mode is Mode.LIVE:
             return (GoalTolerances.from_entries(count, asked) if asked else None), command.goal_time
         bounds = loop.parts.guard.bounds
@@ -178,7 +181,8 @@ class SubmissionTracker:
 
     def _accept(self, command: link.Submit, verdict: Verdict, lead: float, now: float) -> None:
         loop = self._loop
-        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
+        loop.untouched = False
+        loop.motion_epoch = loop.lease.epoch
         loop.publisher.urgent = True
         if command.more:
             self._followed[command.id] = command
@@ -195,7 +199,9 @@ class SubmissionTracker:
 
     def _on_its_way(self, command: link.Submit, taken: StartedCommand | None, commanded: Bools) -> None:
         """Its figures; of one that is to begin later the verdict's is the last: it waits on purpose."""
-        loop, reference, at = self._loop, self._loop.executor.reference, self._loop.clock.now()
+        loop = self._loop
+        reference = self._loop.executor.reference
+        at = self._loop.clock.now()
         if taken is not None:
             loop.way.judge(taken, at)
             if reference is not None and not command.start_in:
@@ -215,7 +221,8 @@ class SubmissionTracker:
         loop.say.refuse(command, verdict.refusals)
 
     def _send_verdict(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
-        link_, given = self._loop.link, plain(verdict)
+        link_ = self._loop.link
+        given = plain(verdict)
         link_.event(link.VerdictReport(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
 
     # --------------------------------------------------------------------------- setpoints
@@ -225,7 +232,8 @@ class SubmissionTracker:
         loop = self._loop
         taken = loop.way.take(command.received, loop.clock.now())
         judged = self._streamed(command, now)
-        before, at = loop.executor.reference, loop.clock.now()
+        before = loop.executor.reference
+        at = loop.clock.now()
         loop.way.judge(taken, at)
         if judged.verdict.refusals:
             self._send_verdict(STREAM, judged.verdict, now)
@@ -233,7 +241,8 @@ class SubmissionTracker:
             return
         if before is not None:
             loop.way.accept(taken, STREAM, self._places(judged.joints), before, at)
-        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
+        loop.untouched = False
+        loop.motion_epoch = loop.lease.epoch
         changes = [asdict(finding) for finding in judged.verdict.changes]
         loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
 
@@ -311,7 +320,8 @@ class SubmissionTracker:
 
 def with_front(verdict: Verdict, command: link.Submit) -> Verdict:
     """The loop's share of a verdict and the front's, S23–S26."""
-    refusals, warnings = (*verdict.refusals, *command.refused), (*verdict.warnings, *command.warned)
+    refusals = (*verdict.refusals, *command.refused)
+    warnings = (*verdict.warnings, *command.warned)
     return Verdict(refusals, warnings, verdict.changes)
 
 

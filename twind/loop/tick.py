@@ -93,16 +93,20 @@ class Loop:
 
     def __init__(self, parts: LoopParts, mode: Mode) -> None:
         self.parts = parts
-        self.clock, self.period, self.joints, self.limits = (
-            parts.clock,
-            parts.period,
-            parts.joints,
-            parts.limits,
-        )
-        self.rest, self.support = parts.rest, parts.support
-        self.hardware, self.twin, self.executor = parts.hardware, parts.twin, parts.executor
-        self.lease, self.health, self.link = parts.lease, parts.health, parts.link
-        self.outlook, self.way = parts.outlook, CommandLatencyTracer(parts.health)
+        self.clock = parts.clock
+        self.period = parts.period
+        self.joints = parts.joints
+        self.limits = parts.limits
+        self.rest = parts.rest
+        self.support = parts.support
+        self.hardware = parts.hardware
+        self.twin = parts.twin
+        self.executor = parts.executor
+        self.lease = parts.lease
+        self.health = parts.health
+        self.link = parts.link
+        self.outlook = parts.outlook
+        self.way = CommandLatencyTracer(parts.health)
         self.say = Responder(parts.link, parts.clock)
         self.procedures = ProcedureRunner()
         self.stops = EStopReplies(self)
@@ -128,7 +132,9 @@ class Loop:
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
         self.untouched = True  # nobody has moved the simulation since the mode was entered
         self.written: Floats | None = None  # the last goal that really left, rad (n,)
-        self.lateness, self.missed_in_a_row, self._failures = 0.0, 0, 0
+        self.lateness = 0.0
+        self.missed_in_a_row = 0
+        self._failures = 0
         still = np.zeros(len(parts.joints))
         never = np.full(len(parts.joints), np.inf)
         self.measured = JointState(

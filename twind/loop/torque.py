@@ -26,7 +26,8 @@ EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that are the enc
 def beyond_hard_limit(loop: Loop) -> Bools:
     """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step.
     None of them is who is nowhere (NaN)."""
-    position, limits = loop.measured.position, loop.limits
+    position = loop.measured.position
+    limits = loop.limits
     return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
 
 
@@ -55,7 +56,9 @@ def say_unconfirmed(loop: Loop, error: BusError) -> None:
 
 def take(loop: Loop, held: Floats) -> None:
     """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
-    loop.armed, loop.energising, loop.owed = True, False, False
+    loop.armed = True
+    loop.energising = False
+    loop.owed = False
     loop.unconfirmed = False
     loop.hardware.hold(True)
     loop.executor.begin(held)
@@ -70,8 +73,11 @@ def switch_torque_off(loop: Loop) -> Procedure:
     for writer in loop.hardware.writers:
         writer.cut()  # twice, with the next packet of any kind
     loop.hardware.quiet_until = -inf  # torque off waits for nobody's watchdog
-    loop.armed, loop.energising = False, True  # not known to be off until it is read back
-    loop.soft_since, loop.unconfirmed = None, True
+    # not known to be off until it is read back
+    loop.armed = False
+    loop.energising = True
+    loop.soft_since = None
+    loop.unconfirmed = True
     until = loop.clock.now() + INSIST
     while True:
         try:

@@ -44,8 +44,12 @@ LETTING_GO = 10.0  # s from the end of a way to the end of damping and to torque
 AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with torque of ours
 ARRIVED = 0.02  # rad from the rest pose, of the goals
 NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
-SLOW, SLOW_FOR = 0.05, 0.5  # rad/s ... and when it has been at rest for so many s
-KNOWN, HEARD = 0.5, 0.1  # s that the turn of a joint is waited for that was heard so lately
+# rad/s ... and when it has been at rest for so many s
+SLOW = 0.05
+SLOW_FOR = 0.5
+# s that the turn of a joint is waited for that was heard so lately
+KNOWN = 0.5
+HEARD = 0.1
 RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
 
 
@@ -176,7 +180,8 @@ def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedur
 def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
     be energised: then there is nothing to lower."""
-    held, tripped = loop.hardware.energised_joints, loop.hardware.slow.watchdog == 255
+    held = loop.hardware.energised_joints
+    tripped = loop.hardware.slow.watchdog == 255
     if loop.armed and loop.soft_since is not None:
         return True  # it sinks: to clear tripped watchdogs would give it its strength back
     if loop.armed and held.any() and not (held & tripped).any():
@@ -188,7 +193,9 @@ def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     (here, known), stepped = _where_it_is(loop), beyond_hard_limit(loop)
     if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
         well = held & ~tripped
-        here, known, stepped = np.where(well, loop.written, here), known | well, stepped & ~well
+        here = np.where(well, loop.written, here)
+        known = known | well
+        stepped = stepped & ~well
     if some(stepped):
         _leave(loop, stepped, manner)
         return False
@@ -291,9 +298,11 @@ def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
 def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     """The robot rests where it may be let go. False: the way there is refused, interrupted or too long, or
     nothing but damping is wanted any more."""
-    until, free = loop.clock.now() + manner.within, loop.support not in ("fixed", "gantry")
+    until = loop.clock.now() + manner.within
+    free = loop.support not in ("fixed", "gantry")
     for _ in range(WAYS):
-        reference, now = loop.executor.reference, loop.clock.now()
+        reference = loop.executor.reference
+        now = loop.clock.now()
         if reference is None or loop.soft_since is not None or now >= until:
             break
         way = settle(reference, loop.rest, loop.limits, manner.way, manner.speed)

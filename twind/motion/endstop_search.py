@@ -13,7 +13,10 @@ from statistics import median
 
 from twind.robot.finding import Finding, ReasonCode
 
-USUAL_SHARE, USUAL_SPEED, USUAL_TIMES = 0.12, 0.2, 3  # of the current limit; rad/s; where nothing is asked
+# of the current limit; rad/s; where nothing is asked
+USUAL_SHARE = 0.12
+USUAL_SPEED = 0.2
+USUAL_TIMES = 3
 MARGIN = 0.2  # rad either side of where the stop should be
 PRESSED = 0.15  # s at the cap and standing that are a stop
 LEAST = 5  # readings in that time
@@ -93,7 +96,8 @@ class EndstopSearch:
 
     def __init__(self, search: HomingParameters, start: float, now: float) -> None:
         """`start`: the count of the servo's hold goal, read back."""
-        self.search, self.goal = search, start
+        self.search = search
+        self.goal = start
         self.phase = HomingPhase.APPROACHING
         self.captures: list[float] = []
         self.failed: Finding | None = None
@@ -119,7 +123,8 @@ class EndstopSearch:
 
     def step(self, look: HomingSample, now: float) -> float:
         """The goal (counts) of this tick; that of the last one where nothing may advance."""
-        passed, self._now = now - self._now, now
+        passed = now - self._now
+        self._now = now
         if not self.done:
             self.failed = self._check_lost_reading(look, now, passed)
         if not self.done and self.failed is None:
@@ -170,13 +175,16 @@ class EndstopSearch:
             self._begin(HomingPhase.APPROACHING if len(self.captures) < search.times else HomingPhase.FOUND)
 
     def _begin(self, phase: HomingPhase) -> None:
-        self.phase, self._ended, self._farthest = phase, None, -inf
+        self.phase = phase
+        self._ended = None
+        self._farthest = -inf
         self._looks.clear()
 
     def _capture(self, count: float) -> None:
         search = self.search
         self.captures.append(count)
-        off, spread = abs(count - search.expected), max(self.captures) - min(self.captures)
+        off = abs(count - search.expected)
+        spread = max(self.captures) - min(self.captures)
         if off > search.margin:
             message = (
                 f"counts from where the stop should be, held at {count:.0f}: is something in its way, or its "
@@ -191,7 +199,8 @@ class EndstopSearch:
 
     def _pressed(self, now: float) -> bool:
         """At the cap, and standing, for long enough."""
-        looks, search = self._looks, self.search
+        looks = self._looks
+        search = self.search
         if len(looks) < LEAST or looks[-1].at - looks[0].at < PRESSED - 1e-9:
             return False
         counts = [each.count for each in looks]
@@ -269,4 +278,5 @@ class EndstopSearch:
         return Finding(ReasonCode.STOP_NOT_FOUND, value=beyond, bound=self.search.margin, message=message)
 
     def _fail(self, finding: Finding) -> None:
-        self.failed, self.phase = finding, HomingPhase.FAILED
+        self.failed = finding
+        self.phase = HomingPhase.FAILED

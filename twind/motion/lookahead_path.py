@@ -81,13 +81,15 @@ class LookaheadPlan:
     ) -> Floats:
         """The same if a setpoint (m,) of `joints` were taken: one step towards it, and then to rest."""
         follower = LimitedFollower(self.reference, limits, period)
-        target, drift = follower.target.copy(), np.zeros(len(follower.target))
+        target = follower.target.copy()
+        drift = np.zeros(len(follower.target))
         moved = np.zeros(len(target), np.bool_)
         moved[joints] = True
         if self.stream is not None:
             target = np.where(self.streamed, self.stream.target, target)
             drift = np.where(self.streamed, self.stream.drift, drift)
             moved |= self.streamed
-        target[joints], drift[joints] = position, 0.0 if velocity is None else velocity
+        target[joints] = position
+        drift[joints] = 0.0 if velocity is None else velocity
         follower.set_target(target, drift)
         return braking(choose(moved, follower.step(self.pace), self.reference), limits, times)

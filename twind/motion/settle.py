@@ -11,13 +11,20 @@ from twind.robot.trajectory import Reference, Trajectory
 SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it and nobody asks for another
 MOST = 0.95  # of them, when the time is short
 BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: rounding stays below the limit
-LARGE, LEAST, SHORT = 0.1, 1.0, 0.25  # a move beyond LARGE rad takes LEAST s or more, a smaller one SHORT s
+# a move beyond LARGE rad takes LEAST s or more, a smaller one SHORT s
+LARGE = 0.1
+LEAST = 1.0
+SHORT = 0.25
 MOVING = 1e-9  # rad/s: slower counts as standing
 GRID = 0.005  # s: braking joints come to rest on this grid, so that no two points are closer
-STRETCH, TRIES = 1.1, 60  # a way that brakes too late is stretched until it does not
+# a way that brakes too late is stretched until it does not
+STRETCH = 1.1
+TRIES = 60
 SAMPLES = 400  # points of the way at which braking is looked at
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
-EDGE, MARGIN = 0.05, 0.2  # rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
+# rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
+EDGE = 0.05
+MARGIN = 0.2
 
 
 def settle(
@@ -83,7 +90,8 @@ def _braking_first(
     s = np.minimum(instants[:, None], stops)
     share = s / np.maximum(stops, GRID)
     position = place + velocity * s * (1.0 - 0.5 * share)
-    start, braked = position[-1], float(instants[-1])
+    start = position[-1]
+    braked = float(instants[-1])
     lasts = _lasts(start, end, limits, seconds - braked, speed)
     u = np.linspace(0.0, 1.0, POINTS + 1)[1:]
     way, rate = _way(start, end, u)

@@ -34,7 +34,9 @@ class StopRamp:
         self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
         self._acceleration = np.copysign(limits.acceleration, self._velocity)
         self._lasts = np.abs(self._velocity) / limits.acceleration
-        self._from, self._period, self._steps = reference.position, period, 0
+        self._from = reference.position
+        self._period = period
+        self._steps = 0
         self._rest = still(stopping_point(reference, limits.acceleration))
         self.duration = float(self._lasts.max(initial=0.0))  # s until every joint rests
 
@@ -78,9 +80,11 @@ class LimitedFollower:
     """
 
     def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
-        self._limits, self._period = limits, period
+        self._limits = limits
+        self._period = period
         self._gain = limits.acceleration * period  # rad/s: what velocity may change in one step
-        self._position, self._velocity = reference.position.copy(), reference.velocity.copy()
+        self._position = reference.position.copy()
+        self._velocity = reference.velocity.copy()
         self._target = stopping_point(reference, limits.acceleration)
         self._drift = np.zeros(len(self._target))
         self._last = reference
@@ -94,7 +98,8 @@ class LimitedFollower:
 
     def set_target(self, target: Floats, drift: Floats) -> None:
         """A new target (n,) in rad, moving on by itself with `drift` (n,) in rad/s."""
-        self._target, self._drift = target.copy(), drift.copy()
+        self._target = target.copy()
+        self._drift = drift.copy()
 
     @property
     def target(self) -> Floats:
@@ -108,7 +113,9 @@ class LimitedFollower:
 
     def step(self, share: float = 1.0) -> Reference:
         """One period further, at no more than `share` of the velocity limit."""
-        limits, period, before = self._limits, self._period, self._velocity
+        limits = self._limits
+        period = self._period
+        before = self._velocity
         fastest = limits.velocity * share
         away = self._target - self._position
         wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
@@ -160,13 +167,15 @@ class CompliantFollower(LimitedFollower):
     ) -> None:
         """`speed` rad/s: no faster, nor than each joint's limit."""
         self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at where they are
-        least, most = limits.hard_lower, limits.hard_upper
+        least = limits.hard_lower
+        most = limits.hard_upper
         slow = replace(limits, lower=least, upper=most, velocity=np.minimum(limits.velocity, speed))
         super().__init__(reference, slow, period)
 
     def aim_at(self, joints: Bools, place: Floats) -> None:
         """`joints` (n,) go to `place` (n,), rad, within the hard limits; where that is NaN they do not."""
-        limits, known = self._limits, joints & np.isfinite(place)
+        limits = self._limits
+        known = joints & np.isfinite(place)
         there = np.clip(place, limits.lower, limits.upper)
         self.set_target(np.where(known, there, self.target), np.zeros(len(place)))
         self.joints = self.joints | known

@@ -33,7 +33,8 @@ class TimeScaling:
 
     def step(self, to: float) -> None:
         """One tick at pace `to`."""
-        self.change, self.now = to - self.now, to
+        self.change = to - self.now
+        self.now = to
         self.lag += 1.0 - to
 
     def scale_reference(self, reference: Reference, period: float) -> Reference:
@@ -81,9 +82,11 @@ def _room(here: Reference, joints: Bools, pace: float, limits: JointLimits) -> t
     moving = joints & (speed > STANDING)
     if not moving.any():
         return -np.inf, np.inf
-    speed, limit = speed[moving], limits.acceleration[moving]
+    speed = speed[moving]
+    limit = limits.acceleration[moving]
     along = (here.acceleration * np.sign(here.velocity))[moving] * (pace * pace)
-    least, most = float(((-limit - along) / speed).max()), float(((limit - along) / speed).min())
+    least = float(((-limit - along) / speed).max())
+    most = float(((limit - along) / speed).min())
     return min(least, 0.0), max(most, 0.0)
 
 

@@ -33,7 +33,9 @@ class TrajectoryExecutor:
     """
 
     def __init__(self, limits: JointLimits, period: float) -> None:
-        self.limits, self._period = limits, period  # limits: replaced at rest only
+        # limits: replaced at rest only
+        self.limits = limits
+        self._period = period
         self._tick = 0
         self._pace = 1.0
         self._reference: Reference | None = None
@@ -43,7 +45,8 @@ class TrajectoryExecutor:
         self._pending: list[MotionGoal] = []  # by start
         self._stream: LimitedFollower | None = None
         self._streamed: Bools = np.zeros(0, np.bool_)
-        self._valid_for, self._heard_at = 0.0, inf
+        self._valid_for = 0.0
+        self._heard_at = inf
         self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
@@ -106,7 +109,8 @@ class TrajectoryExecutor:
 
     def outcomes(self) -> list[GoalOutcome]:
         """Goals that ended since the last call."""
-        ended, self._ended = self._ended, []
+        ended = self._ended
+        self._ended = []
         self._fractions = {outcome.id: fraction for outcome, fraction in ended}
         return [outcome for outcome, _ in ended]
 
@@ -132,7 +136,9 @@ class TrajectoryExecutor:
         """What the coming ticks follow from; None while idle."""
         if self._reference is None or self._floor is None:
             return None
-        now, layers, stream = self._reference, tuple(self._layers), self._stream
+        now = self._reference
+        layers = tuple(self._layers)
+        stream = self._stream
         changing = self.slowed or stream is not None
         return LookaheadPlan(
             now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace
@@ -151,7 +157,8 @@ class TrajectoryExecutor:
     def idle(self) -> None:
         """Nobody holds any more; goals under way end as aborted."""
         self._end_all("aborted", ())
-        self._reference, self._floor = None, None
+        self._reference = None
+        self._floor = None
 
     def submit(
         self,
@@ -214,10 +221,13 @@ class TrajectoryExecutor:
             self._streamed = new if old is None else new | self._streamed
             self._layers = without(self._layers, self._streamed)
         assert self._stream is not None  # made above when there was none
-        target, drifts = self._stream.target.copy(), self._stream.drift.copy()
-        target[joints], drifts[joints] = position, drift
+        target = self._stream.target.copy()
+        drifts = self._stream.drift.copy()
+        target[joints] = position
+        drifts[joints] = drift
         self._stream.set_target(target, drifts)
-        self._valid_for, self._heard_at = valid_for, inf
+        self._valid_for = valid_for
+        self._heard_at = inf
         return None
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
@@ -278,11 +288,14 @@ class TrajectoryExecutor:
 
     def observe(self, state: JointState) -> None:
         """Judge the goal that runs by where its joints really are: path and goal tolerances."""
-        layer, reference = self._running, self._reference
+        layer = self._running
+        reference = self._reference
         if layer is None or reference is None or layer.goal.tolerances is None:
             return
         error = np.abs(reference.position - state.position)
-        t, duration, tolerances = layer.elapsed(self._tick), layer.curve.duration, layer.goal.tolerances
+        t = layer.elapsed(self._tick)
+        duration = layer.curve.duration
+        tolerances = layer.goal.tolerances
         if t < duration:
             out = layer.outside(error, tolerances.path)
             if some(out):
@@ -397,7 +410,8 @@ class TrajectoryExecutor:
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)
-        self._layers, self._stream = [], None
+        self._layers = []
+        self._stream = None
 
     def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:
         if self._running is not None:

@@ -110,7 +110,8 @@ def recover(
 
 def _look(path: Path) -> RecoveryResult:
     """As it is; `out` is the path itself where it is not whole."""
-    file, span = McapScanner(path), _MessageSpan()
+    file = McapScanner(path)
+    span = _MessageSpan()
     for each in file.contents():
         span.take(each)
     return _found(file, span, path if _explain_damage(file) else None)
@@ -133,7 +134,8 @@ def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) ->
 def _rewrite(
     path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[float], None]
 ) -> RecoveryResult:
-    file, span = McapScanner(path), _MessageSpan()
+    file = McapScanner(path)
+    span = _MessageSpan()
     writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
@@ -183,7 +185,9 @@ class _MessageSpan:
     """Messages, and the times of the first and the last."""
 
     def __init__(self) -> None:
-        self.messages, self.first, self.last = 0, 0, 0
+        self.messages = 0
+        self.first = 0
+        self.last = 0
 
     def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
         if isinstance(each, McapMessage):

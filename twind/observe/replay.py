@@ -209,7 +209,8 @@ def _doubts(played: ReplayResult) -> Iterator[str]:
 
 
 def _head(file: str, flight: "FlightFile", played: ReplayResult) -> Iterator[str]:
-    briefing, score = flight.briefing, played.asked
+    briefing = flight.briefing
+    score = played.asked
     seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
     yield f"played {seconds:.1f} s; {played.verbatim:.0%} of the questions had their recorded answers"

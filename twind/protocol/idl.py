@@ -17,7 +17,8 @@ class WrongParameter(Exception):
 
     def __init__(self, where: str, reason: str) -> None:
         super().__init__(f"{where}: {reason}")
-        self.where, self.reason = where, reason
+        self.where = where
+        self.reason = reason
 
 
 class IdlType:
@@ -168,7 +169,8 @@ def parse(text: str) -> IdlInterface:
     interface = IdlInterface(reader.word(), text)
     reader.types = interface.types
     while reader.token is not None:
-        kind, name = reader.word(), reader.word()
+        kind = reader.word()
+        name = reader.word()
         if kind == "type":
             interface.types[name] = reader.composite()
         elif kind == "method":
@@ -195,7 +197,8 @@ class _IdlTokens:
         self.token: str | None = next(self._tokens, None)
 
     def take(self) -> str:
-        token, self.token = self.token, next(self._tokens, None)
+        token = self.token
+        self.token = next(self._tokens, None)
         if token is None:
             raise SyntaxError("the definition ends too early")
         return token

@@ -10,7 +10,8 @@ _NESTING = re.compile(
     r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
 )  # strings whole, so that brackets in them do not count
 _DIGITS = 20  # a longer integer does not fit 64 bits, and is not even read
-_LEAST, _MOST = -(2**63), 2**64 - 1
+_LEAST = -(2**63)
+_MOST = 2**64 - 1
 
 
 class BadJson(ValueError):

@@ -27,6 +27,7 @@ class ActuatorRatings:
     def unknown(cls, count: int) -> "ActuatorRatings":
         """Build the ratings of `count` joints whose models are unknown: no bound is ever reached, and each
         may be a leg."""
-        never, above = frozen([-inf] * count), frozen([inf] * count)
+        never = frozen([-inf] * count)
+        above = frozen([inf] * count)
         always = np.ones(count, np.bool_)
         return cls(never, never, never, above, above, above, above, above, frozen([1.0] * count), always)

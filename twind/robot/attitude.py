@@ -40,7 +40,8 @@ class Attitude:
         reading = (*gyro.tolist(), *acceleration.tolist())
         if not all(map(isfinite, reading)) or (self._time is not None and time <= self._time):
             return self.quaternion if self._known else None
-        step, self._time = (None if self._time is None else time - self._time), time
+        step = None if self._time is None else time - self._time
+        self._time = time
         x, y, z, *force = reading
         size = hypot(*force)
         sure = max(0.0, 1.0 - abs(size / G - 1.0) / TRUST)
@@ -54,7 +55,9 @@ class Attitude:
         if sure > 0.0 and above is not None:
             error = _cross(above, up(self.quaternion))
             self.bias = _learnt(self.bias, error, sure * LEARN * step)
-            x, y, z = x + PULL * sure * error[0], y + PULL * sure * error[1], z + PULL * sure * error[2]
+            x = x + PULL * sure * error[0]
+            y = y + PULL * sure * error[1]
+            z = z + PULL * sure * error[2]
         bias = self.bias
         self.quaternion = turned(self.quaternion, (x - bias[0], y - bias[1], z - bias[2]), step)
         return self.quaternion

@@ -19,5 +19,6 @@ class JointLimits:
 
     def nearest(self, joint: int, position: float) -> float:
         """The position limit (rad) that `position` is nearest to, for a finding's bound."""
-        lower, upper = float(self.lower[joint]), float(self.upper[joint])
+        lower = float(self.lower[joint])
+        upper = float(self.upper[joint])
         return upper if abs(position - upper) <= abs(position - lower) else lower

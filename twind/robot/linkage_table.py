@@ -127,7 +127,9 @@ class LinkageTable:
 
     def _at(self, actuators: Floats) -> tuple[TableCell | None, Numbers, Numbers]:
         """The cell of the nearest place, where in it, 0..1, and rad that are missing to it; None for NaN."""
-        number, share, beyond = 0, [], []
+        number = 0
+        share = []
+        beyond = []
         for axis, wanted in zip(self.axes, actuators.tolist(), strict=True):
             if not abs(wanted) < inf:
                 return None, (), ()
@@ -177,7 +179,8 @@ class _GridLines:
     def crossed(self, joint: int, edge: float, ends: tuple[float, float]) -> tuple[Floats, Floats, Bools]:
         """Where one joint stands at `edge` and the other, in order, within `ends`: actuator angles (m, 2),
         that other's angle (m,), and whether the table ends there. A line is straight for the joints too."""
-        start, rise = self.joints[0], self._rise
+        start = self.joints[0]
+        rise = self._rise
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             share = (edge - start[:, joint]) / rise[:, joint]
         met = (share >= -CLOSE) & (share <= 1.0 + CLOSE)  # where it runs along one it meets those across

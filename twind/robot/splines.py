@@ -78,7 +78,8 @@ def hold(position: Floats) -> Spline:
 
 def knots(path: Trajectory, before: Reference) -> Knots:
     """What the curve of `path`, begun from `before` at t = 0, goes through; knot 0 is `before` if t₀ > 0."""
-    columns, first = path.commanded, path.time[0] > 0.0
+    columns = path.commanded
+    first = path.time[0] > 0.0
 
     def rows(given: Floats | None, start: Floats, otherwise: Floats | float) -> Floats | None:
         if given is None:
@@ -119,10 +120,12 @@ def _coefficients(time: Floats, p: Floats, v: Floats | None, a: Floats | None) -
         lines[:, 0] = p[:-1]
         np.divide(h, T, out=lines[:, 1])
         return lines
-    v0, v1 = v[:-1], v[1:]
+    v0 = v[:-1]
+    v1 = v[1:]
     if a is None:
         return np.stack([p[:-1], v0, (3 * h / T - 2 * v0 - v1) / T, (v0 + v1 - 2 * h / T) / T**2], axis=1)
-    a0, a1 = a[:-1], a[1:]
+    a0 = a[:-1]
+    a1 = a[1:]
     return np.stack(
         [
             p[:-1],
@@ -149,24 +152,26 @@ def integrate(
     NaN (and None) = not given at that point: what is missing follows from the derivative above it, and what
     is given is kept. Raises ValueError where a point has no way to a position, or time does not increase.
     """
-    k, n = len(time), len(before.position)
+    k = len(time)
+    n = len(before.position)
     p, v, a = (
         np.full((k, n), np.nan) if given is None else given.copy()
         for given in (position, velocity, acceleration)
     )
     if k == 0 or not (time[0] >= 0.0 and np.all(np.diff(time) > 0.0)):
         raise ValueError("times must begin at 0 or later and increase")
-    p0, v0, a0, t0 = (
-        before.position,
-        np.nan_to_num(before.velocity),
-        np.nan_to_num(before.acceleration),
-        0.0,
-    )
+    p0 = before.position
+    v0 = np.nan_to_num(before.velocity)
+    a0 = np.nan_to_num(before.acceleration)
+    t0 = 0.0
     for i, t in enumerate(time):
         T = t - t0
         v[i] = np.where(np.isnan(v[i]), v0 + 0.5 * (a0 + a[i]) * T, v[i])
         p[i] = np.where(np.isnan(p[i]), p0 + 0.5 * (v0 + v[i]) * T, p[i])
-        p0, v0, a0, t0 = p[i], v[i], a[i], t
+        p0 = p[i]
+        v0 = v[i]
+        a0 = a[i]
+        t0 = t
     chosen = np.ones(n, np.bool_) if commanded is None else commanded
     if not np.isfinite(p[:, chosen]).all():
         raise ValueError("a point gives neither position, velocity nor acceleration")

@@ -20,7 +20,8 @@ class TableCell:
 
     def __init__(self, corner: Numbers, size: Numbers, block: list[list[float]]) -> None:
         """`block`: the values at its corners, last axis fastest."""
-        self.corner, self.size = corner, size
+        self.corner = corner
+        self.size = size
         self.low, self.high = ([edge(column) for column in zip(*block, strict=True)] for edge in (min, max))
         self._sides = _sides(block)
         if len(corner) == 1:
@@ -30,7 +31,8 @@ class TableCell:
 
     def may_hold(self, wanted: list[float]) -> bool:
         """Whether joint angles are on the inner side of every side of what the cell gives."""
-        first, last = wanted[0], wanted[-1]
+        first = wanted[0]
+        last = wanted[-1]
         return all(x * first + y * last >= least for x, y, least in self._sides)
 
     def angles(self, share: Sequence[float]) -> Numbers:
@@ -39,7 +41,8 @@ class TableCell:
 
     def value(self, share: Sequence[float]) -> list[float]:
         """Joint angles there."""
-        s, t = share[0], share[-1] if len(share) == 2 else 0.0
+        s = share[0]
+        t = share[-1] if len(share) == 2 else 0.0
         return [c + x * s + y * t + z * s * t for c, x, y, z in self._terms]
 
     def slopes(self, share: Sequence[float]) -> list[list[float]]:

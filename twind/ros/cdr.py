@@ -107,7 +107,8 @@ class CdrReader:
     """The bytes of a message, read from front to back: `place` is the next byte."""
 
     def __init__(self, data: bytes) -> None:
-        self.data, self.place = data, len(HEAD)
+        self.data = data
+        self.place = len(HEAD)
 
     def message(self, definitions: MessageDefinitions, name: str) -> Message:
         """Every field of a type."""

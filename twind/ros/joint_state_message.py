@@ -35,7 +35,9 @@ class JointStateLayout:
     @classmethod
     def from_message(cls, data: bytes) -> "JointStateLayout":
         """Read the layout of one JointState message. Raises CdrError."""
-        source, fixed, columns = CdrReader(data), [], []
+        source = CdrReader(data)
+        fixed = []
+        columns = []
         try:
             source.numbers("I", 4, 2)
             source.text()

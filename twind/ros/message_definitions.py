@@ -34,7 +34,9 @@ SET_BOOL = "std_srvs/srv/SetBool"
 
 def _service(name: str, request: str, response: str) -> Mapping[str, str]:
     """A service is a message of three, as its type hash has it. Without fields it has a byte all the same."""
-    asked, told, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
+    asked = f"{name}_Request"
+    told = f"{name}_Response"
+    event = f"{name}_Event"
     return {
         name: f"{asked} request_message\n{told} response_message\n{event} event_message",
         asked: request or "uint8 structure_needs_at_least_one_member",

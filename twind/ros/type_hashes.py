@@ -19,12 +19,16 @@ from twind.ros.message_definitions import (
 
 # type_description_interfaces/msg/FieldType. A `char` of ROS 2 is hashed as the uint8 it becomes in IDL: only
 # so have services the hashes that ROS gives them (rosbags 0.11.9 takes 13, which is a character of IDL).
-_NESTED, _BOUNDED_TEXT = 1, 21
+_NESTED = 1
+_BOUNDED_TEXT = 21
 _IDS: Mapping[str, int] = {
     **{"int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9},
     **{"float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, TEXT: 17},
 }
-_ARRAY, _BOUNDED_ROW, _ROW = 48, 96, 144  # added for a row: of fixed length, of a bounded one, of any
+# added for a row: of fixed length, of a bounded one, of any
+_ARRAY = 48
+_BOUNDED_ROW = 96
+_ROW = 144
 
 
 def dds_type(kind: str) -> str:

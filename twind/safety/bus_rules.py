@@ -63,7 +63,8 @@ class BusRules:
     """Judges each bus by its last second."""
 
     def __init__(self, names: Sequence[str], bounds: GuardThresholds) -> None:
-        self._names, self._bounds = tuple(names), bounds
+        self._names = tuple(names)
+        self._bounds = bounds
         self._records = tuple(BusErrorHistory() for _ in names)
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
@@ -87,8 +88,11 @@ class BusRules:
 
         On a bus too bad to move nobody arms.
         """
-        bounds, reaction = self._bounds, hold(facts) if is_torque_held(facts) else Reaction.NONE
-        row, share = record.bad_in_a_row, record.bad * facts.period / WINDOW  # of as many as a second has
+        bounds = self._bounds
+        reaction = hold(facts) if is_torque_held(facts) else Reaction.NONE
+        # of as many as a second has
+        row = record.bad_in_a_row
+        share = record.bad * facts.period / WINDOW
         if row >= bounds.errors_row_fault:
             finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
             yield RuleResult(finding, reaction, latches=is_torque_held(facts), bars=True, bus=bus)

@@ -16,7 +16,9 @@ from twind.safety.guard_types import (
     is_torque_ours,
 )
 
-PASSIVE, OFF = 1, 2  # of `Traffic.line`: many errors; left the wire, or unacknowledged
+# of `Traffic.line`: many errors; left the wire, or unacknowledged
+PASSIVE = 1
+OFF = 2
 ROUNDING = 1e-9  # s
 
 
@@ -27,7 +29,9 @@ class LineRules:
         self, names: Sequence[str], can: Collection[str], free: bool, bounds: GuardThresholds
     ) -> None:
         """`can`: which of `names` are CAN buses. `free`: nothing carries the robot but itself."""
-        self._names, self._bounds, self._free = tuple(names), bounds, free
+        self._names = tuple(names)
+        self._bounds = bounds
+        self._free = free
         self._judged = tuple(place for place, name in enumerate(names) if name in can)
         self._unanswered = [0] * len(self._names)
 

@@ -110,7 +110,10 @@ def pick(
 def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
     """Segments i..j-1 of cubics or quintics. What is given at the knots stands untouched: ends are exact."""
     T = np.diff(knots.time[i : j + 1])[:, None]
-    p0, p1, v0, v1 = knots.position[i:j], knots.position[i + 1 : j + 1], v[i:j], v[i + 1 : j + 1]
+    p0 = knots.position[i:j]
+    p1 = knots.position[i + 1 : j + 1]
+    v0 = v[i:j]
+    v1 = v[i + 1 : j + 1]
     h = p1 - p0
     if knots.acceleration is None:
         middle = 3.0 * (h / T) - v0 - v1
@@ -118,10 +121,13 @@ def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
         velocity: Rows = (v0, middle, v1)
         acceleration: Rows = (2.0 * (middle - v0) / T, 2.0 * (v1 - middle) / T)
         return BernsteinCurve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
-    a0, a1 = knots.acceleration[i:j], knots.acceleration[i + 1 : j + 1]
-    early, late = v0 + a0 * T / 4.0, v1 - a1 * T / 4.0
+    a0 = knots.acceleration[i:j]
+    a1 = knots.acceleration[i + 1 : j + 1]
+    early = v0 + a0 * T / 4.0
+    late = v1 - a1 * T / 4.0
     middle = 5.0 * (h / T) - (v0 + early + late + v1)
-    second, third = p0 + (2.0 * v0 + a0 * T / 4.0) * T / 5.0, p1 - (2.0 * v1 - a1 * T / 4.0) * T / 5.0
+    second = p0 + (2.0 * v0 + a0 * T / 4.0) * T / 5.0
+    third = p1 - (2.0 * v1 - a1 * T / 4.0) * T / 5.0
     velocity = (v0, early, middle, late, v1)
     acceleration = (a0, 4.0 * (middle - early) / T, 4.0 * (late - middle) / T, a1)
     jerk = tuple(3.0 * (b - a) / T for a, b in pairwise(acceleration))
@@ -308,9 +314,12 @@ def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
 
     Before the first line stands the velocity of the reference, after the last one rest, each lasting 0 s.
     """
-    time, position = subject.knots.time, subject.knots.position
-    T, slope = np.zeros((j - i + 2, 1)), np.zeros((j - i + 2, position.shape[1]))
-    lo, hi = max(i - 1, 0), min(j + 1, len(time) - 1)
+    time = subject.knots.time
+    position = subject.knots.position
+    T = np.zeros((j - i + 2, 1))
+    slope = np.zeros((j - i + 2, position.shape[1]))
+    lo = max(i - 1, 0)
+    hi = min(j + 1, len(time) - 1)
     inner = slice(lo - i + 1, hi - i + 1)
     np.subtract(time[lo + 1 : hi + 1, None], time[lo:hi, None], out=T[inner])
     np.subtract(position[lo + 1 : hi + 1], position[lo:hi], out=slope[inner])
@@ -356,7 +365,8 @@ def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]
     The change counts over half of the first segment, as at the corner of two lines; where there is no segment
     it must be within what counts as rest. Lines are judged at their corners already.
     """
-    knots, limits = subject.knots, subject.limits
+    knots = subject.knots
+    limits = subject.limits
     if subject.offset or (knots.velocity is None and len(knots.time) > 1):
         return []
     entry = np.zeros_like(subject.before) if knots.velocity is None else knots.velocity[0]
@@ -386,7 +396,8 @@ def relaxed(subject: CurveSubject) -> JointLimits | None:
 
 def resting(subject: CurveSubject) -> CurveSubject:
     """The last point, held for a second."""
-    time, position = subject.knots.time[-1:], np.repeat(subject.knots.position[-1:], 2, axis=0)
+    time = subject.knots.time[-1:]
+    position = np.repeat(subject.knots.position[-1:], 2, axis=0)
     still = Knots(np.append(time, time + 1.0), position, None, None)
     last = len(subject.knots.time) - 1 - subject.offset
     return replace(subject, knots=still, before=np.zeros_like(subject.before), offset=-last)

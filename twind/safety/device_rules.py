@@ -40,8 +40,11 @@ class DeviceRules:
     def __init__(self, leg: Bools, free: bool, bounds: GuardThresholds, can: Collection[int] = ()) -> None:
         """`leg` (n,): carries the robot. `free`: nothing else does, so that it cannot hold itself with a
         joint that may be limp. `can`: joints whose actuators are on CAN."""
-        count, self._can = len(leg), can
-        self._bounds, self._free, self._leg = bounds, free, leg
+        count = len(leg)
+        self._can = can
+        self._bounds = bounds
+        self._free = free
+        self._leg = leg
         self._suspect = False  # one of the next two says something
         self._disagreed = np.zeros(count, np.int64)
         self._unwatched = np.zeros(count, np.bool_)
@@ -62,7 +65,8 @@ class DeviceRules:
         if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
         if not is_torque_held(facts):
-            self._taken, self._tripped = facts.now, []
+            self._taken = facts.now
+            self._tripped = []
             self._forget(facts.now)
             return
         fresh = not same(facts.status_time, self._seen)
@@ -114,7 +118,8 @@ class DeviceRules:
                 yield RuleResult(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
                 yield RuleResult(finding, bars=True)
-        self._tick, self._tick_time = tick, facts.health_time.copy()
+        self._tick = tick
+        self._tick_time = facts.health_time.copy()
         self._ticked = facts.health_time.tobytes()
 
     def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: GuardInput) -> Bools:
@@ -153,11 +158,10 @@ class DeviceRules:
     def _refresh(self, facts: GuardInput) -> None:
         """Some were read anew: whose torque disagrees, and who has no watchdog."""
         fresh = facts.status_time > self._refreshed
-        self._refreshed, self._seen = (
-            np.maximum(self._refreshed, facts.status_time),
-            facts.status_time.tobytes(),
-        )
-        limp, unwatched = facts.torque != 1, facts.watchdog == 0
+        self._refreshed = np.maximum(self._refreshed, facts.status_time)
+        self._seen = facts.status_time.tobytes()
+        limp = facts.torque != 1
+        unwatched = facts.watchdog == 0
         if self._suspect or some(limp) or some(unwatched):
             self._disagreed[fresh & ~limp] = 0
             self._disagreed[fresh & limp] += 1
@@ -172,7 +176,9 @@ class DeviceRules:
         """
         self._refreshed[:] = now
         if self._suspect:
-            self._disagreed[:], self._unwatched[:], self._suspect = 0, False, False
+            self._disagreed[:] = 0
+            self._unwatched[:] = False
+            self._suspect = False
 
 
 def _rebooted(how: str) -> str:

@@ -184,8 +184,10 @@ def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) 
 
 def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[Finding], list[Finding]]:
     """S11: refusals and warnings. Unknown or negative refuses."""
-    block, warn = thresholds.latency_block, thresholds.latency_warn
-    refusals, warnings = [], []
+    block = thresholds.latency_block
+    warn = thresholds.latency_warn
+    refusals = []
+    warnings = []
     for value, what in ((snapshot.latency, "now"), (snapshot.latency_p95, "95 % of the last 0.5 s")):
         reason = f"state age + bus round trip, {what} (s)"
         if not 0.0 <= value <= block:
@@ -321,14 +323,17 @@ def _judging(
     """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
     found = start(subject, thresholds)
-    i, segments, outside = 0, len(subject.knots.time) - 1, relaxed(subject)
+    i = 0
+    segments = len(subject.knots.time) - 1
+    outside = relaxed(subject)
     if segments == (0 if outside is None else 1):  # no segment holds the last point to the limits themselves
         found += judge(resting(subject), 0, 1, subject.limits, thresholds)
     while i < segments:
         j = min(i + step, segments) if outside is None else i + 1
         yield j - i
         found += judge(subject, i, j, outside or subject.limits, thresholds)
-        i, outside = j, None
+        i = j
+        outside = None
     worst: Spots = {}
     for spot in found:
         key = (spot.finding.code, spot.finding.joint or 0)
@@ -373,12 +378,14 @@ def _slower_heals(spots: Spots) -> bool:
 def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveSubject:
     """The commanded joints alone."""
     joints = np.flatnonzero(path.commanded)
-    knots, velocity = splines.knots(path, before), before.velocity
+    knots = splines.knots(path, before)
+    velocity = before.velocity
     if len(joints) < len(path.commanded):
         rows = (knots.velocity, knots.acceleration)
         thin = [None if given is None else given[:, joints] for given in rows]
         knots = splines.Knots(knots.time, knots.position[:, joints], *thin)
-        limits, velocity = some(limits, joints), velocity[joints]
+        limits = some(limits, joints)
+        velocity = velocity[joints]
     return CurveSubject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
 
 
@@ -406,7 +413,8 @@ def _start_jump(
         reason = (
             "from the reference to the first point" if known else "the reference of this joint is unknown"
         )
-        value, most = float(jump[joint]), float(bound[joint])
+        value = float(jump[joint])
+        most = float(bound[joint])
         findings.append(
             Finding(ReasonCode.START_JUMP, int(joint), 0, float(path.time[0]), value, most, reason)
         )
@@ -417,9 +425,11 @@ def _end(path: Trajectory, thresholds: GateThresholds) -> list[Finding]:
     """S22. Positions alone end at rest: there the corner of the last line is judged (S20)."""
     if path.velocity is None:
         return []
-    last, bound = np.abs(path.velocity[-1]), thresholds.end_velocity
+    last = np.abs(path.velocity[-1])
+    bound = thresholds.end_velocity
     reason = "still moving at the last point; end at rest or ask for append_stop"
-    point, t = len(path.time) - 1, float(path.time[-1])
+    point = len(path.time) - 1
+    t = float(path.time[-1])
     return [
         Finding(ReasonCode.END_NOT_AT_REST, int(joint), point, t, float(last[joint]), bound, reason)
         for joint in np.flatnonzero(path.commanded & ~(last <= bound))

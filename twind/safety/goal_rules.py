@@ -25,12 +25,16 @@ class GoalRules:
     """Without memory: each tick by itself."""
 
     def __init__(self, limits: JointLimits, bounds: GuardThresholds) -> None:
-        self._limits, self._bounds = limits, bounds
-        self._period, self._most = 0.0, 0.0 * limits.velocity  # s, and rad in one such tick
+        self._limits = limits
+        self._bounds = bounds
+        # s, and rad in one such tick
+        self._period = 0.0
+        self._most = 0.0 * limits.velocity
 
     def timing(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R02: late ticks are told, too many missed ones hold. The executor re-times by itself."""
-        bounds, missed = self._bounds, facts.missed_in_a_row
+        bounds = self._bounds
+        missed = facts.missed_in_a_row
         most = max(float(bounds.missed_hold), bounds.missed_for / facts.period)
         if missed >= most - ROUNDING:
             yield RuleResult(_late(missed, most, "ticks missed in a row: holding"), hold(facts))
@@ -45,7 +49,8 @@ class GoalRules:
             message = f"a goal while {facts.state.value}: nothing may be written"
             yield RuleResult(Finding(ReasonCode.INTERNAL, message=message), Reaction.INHIBIT, refuses=True)
         if facts.motion is Motion.STREAMING:
-            age, bound = facts.setpoint_age, self._bounds.setpoint_age
+            age = facts.setpoint_age
+            bound = self._bounds.setpoint_age
             if facts.state in LATCHED:
                 code = ReasonCode.ESTOP if facts.state is RobotState.ESTOP else ReasonCode.FAULT_LATCHED
                 yield RuleResult(Finding(code, message="a latch ends the stream: holding"), Reaction.HOLD)
@@ -72,7 +77,8 @@ class GoalRules:
             yield RuleResult(finding, Reaction.HOLD, refuses=True)
         elif facts.previous is not None:
             if facts.period != self._period:
-                self._period, self._most = facts.period, self._limits.velocity * facts.period + ROUNDING
+                self._period = facts.period
+                self._most = self._limits.velocity * facts.period + ROUNDING
             step = np.abs(goal - facts.previous)
             fits = step <= self._most
             if not every(fits):

@@ -73,15 +73,21 @@ class Guard:
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
-        self._gaps, self._holds = TimeGapRules(bounds), HoldRules(free, bounds)
-        self._goals, self._readings = GoalRules(limits, bounds), ReadingRules(limits, bounds, free)
+        self._gaps = TimeGapRules(bounds)
+        self._holds = HoldRules(free, bounds)
+        self._goals = GoalRules(limits, bounds)
+        self._readings = ReadingRules(limits, bounds, free)
         lines = can if can is not None else {}
-        self._buses, self._lines = BusRules(buses, bounds), LineRules(buses, lines, free, bounds)
+        self._buses = BusRules(buses, bounds)
+        self._lines = LineRules(buses, lines, free, bounds)
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._devices = DeviceRules(rated.leg, free, bounds, on_can)
-        self._tracking, self._heat = TrackingRules(limits, bounds, linked), HeatRules(rated, bounds)
-        self._currents, self._volts = CurrentRules(rated, bounds), VoltageRules(rated, bounds)
-        self._free, self._linked = free, linked
+        self._tracking = TrackingRules(limits, bounds, linked)
+        self._heat = HeatRules(rated, bounds)
+        self._currents = CurrentRules(rated, bounds)
+        self._volts = VoltageRules(rated, bounds)
+        self._free = free
+        self._linked = linked
         self._present: set[Key] = set()  # said of the last tick, and told then or before
         self._told: dict[Key, float] = {}  # s, when each was last told
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now

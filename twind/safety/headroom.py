@@ -32,8 +32,10 @@ def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Fi
     Where nothing is known of a model's bounds (they are infinite) nothing is judged: its servos may have no
     such register, and must not be barred for ever.
     """
-    ratings, read = condition.ratings, (condition.age >= 0.0) & (condition.age <= oldest)
-    warm, low = condition.temperature, condition.voltage
+    ratings = condition.ratings
+    read = (condition.age >= 0.0) & (condition.age <= oldest)
+    warm = condition.temperature
+    low = condition.voltage
     hot = ~(ratings.hot == np.inf) & ~(read & (warm <= ratings.hot))
     weak = ~(ratings.low_settle == -np.inf) & ~(read & (low > ratings.low_settle))
     found = []
@@ -49,7 +51,9 @@ def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Fi
         ),
     ):
         for joint in np.flatnonzero(spread_over_groups(chosen, condition.together) & wrong):
-            last, most, age = float(value[joint]), float(bound[joint]), float(condition.age[joint])
+            last = float(value[joint])
+            most = float(bound[joint])
+            age = float(condition.age[joint])
             if not (np.isfinite(last) and np.isfinite(age)):
                 found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))
             elif read[joint]:

@@ -31,7 +31,8 @@ class HeatRules:
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         count = len(ratings.warm)
-        self._ratings, self._bounds = ratings, bounds
+        self._ratings = ratings
+        self._bounds = bounds
         need, kept = bounds.votes
         self._agreed = kept - need  # the place, in rising order, of what `need` of `kept` readings reach
         self._last = np.full((kept, count), -inf)  # °C; -inf: nothing read yet
@@ -59,7 +60,8 @@ class HeatRules:
         """Some were read anew."""
         fresh = (facts.health_time != self._read) & (facts.health_time > -inf)
         fresh &= np.isfinite(facts.temperature)
-        self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
+        self._read = facts.health_time.copy()
+        self._seen = facts.health_time.tobytes()
         rows = np.flatnonzero(fresh)
         self._last[:-1, rows] = self._last[1:, rows]
         self._last[-1, rows] = facts.temperature[rows]
@@ -72,7 +74,9 @@ class HeatRules:
         self._hot = np.flatnonzero((self._warmth >= self._ratings.warm) | self._cooling).tolist()
 
     def _warm(self, facts: GuardInput, joint: int) -> RuleResult:
-        value, ratings, cooling = float(self._warmth[joint]), self._ratings, bool(self._cooling[joint])
+        value = float(self._warmth[joint])
+        ratings = self._ratings
+        cooling = bool(self._cooling[joint])
         if value >= ratings.shut[joint]:
             finding = _heat(joint, value, ratings.shut[joint], "°C: lowered, and not armed before it is cool")
             return RuleResult(
@@ -95,7 +99,8 @@ class HeatRules:
 
     def _spike(self, joint: int) -> Iterator[RuleResult]:
         """One reading alone; before there are enough of them nothing is compared."""
-        agreed, value = float(self._warmth[joint]), float(self._last[-1, joint])
+        agreed = float(self._warmth[joint])
+        value = float(self._last[-1, joint])
         if agreed > -inf:
             message = f"°C read, the readings around it say {agreed:g}: not believed alone"
             yield RuleResult(_heat(joint, value, agreed + self._bounds.spike, message))
@@ -104,12 +109,14 @@ class HeatRules:
         """How fast each became warmer since `warming_over` ago."""
         bounds = self._bounds
         for joint in rows[self._warmth[rows] > -inf].tolist():
-            now, warmth = float(facts.health_time[joint]), float(self._warmth[joint])
+            now = float(facts.health_time[joint])
+            warmth = float(self._warmth[joint])
             span = now - self._then[joint]
             if -inf < span < bounds.warming_over - ROUNDING:
                 continue
             slope = (warmth - self._before[joint]) / span if span > 0.0 else 0.0
-            self._then[joint], self._before[joint] = now, warmth
+            self._then[joint] = now
+            self._before[joint] = warmth
             if slope > bounds.warming + ROUNDING:
                 yield RuleResult(_heat(joint, float(slope), bounds.warming, "°C/s warmer: what loads it?"))
 

@@ -29,7 +29,8 @@ class LatencyAlarm:
 
     def judge(self, value: float, bound: float, now: float) -> LatencyAlert | None:
         """One more duration, s, at `now`; what is to be told."""
-        within, told = 0.0 <= value <= bound, self._high_at
+        within = 0.0 <= value <= bound
+        told = self._high_at
         if told is None:
             if within or isnan(value):
                 return None
@@ -44,5 +45,6 @@ class LatencyAlarm:
 
     def drop(self) -> LatencyAlert | None:
         """The hop is not measured any longer: what was told of it is over, and that is to be told."""
-        told, self._high_at = self._high_at, None
+        told = self._high_at
+        self._high_at = None
         return None if told is None else LatencyAlert(self._hop, nan, nan, calm=True)

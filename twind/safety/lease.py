@@ -25,8 +25,11 @@ class Lease:
 
     def __init__(self) -> None:
         self.epoch = 0
-        self._client, self._name, self._uid = 0, "", -1
-        self._renewed, self._term = 0.0, TRAJECTORY
+        self._client = 0
+        self._name = ""
+        self._uid = -1
+        self._renewed = 0.0
+        self._term = TRAJECTORY
         self._pins: set[str] = set()
         self._seen = 0.0  # s, the last time anybody asked
 
@@ -41,15 +44,19 @@ class Lease:
         if owner != client:
             self.epoch += 1
             self._pins = set()
-        self._client, self._name, self._uid = client, holder, uid
-        self._renewed, self._term = now, TRAJECTORY
+        self._client = client
+        self._name = holder
+        self._uid = uid
+        self._renewed = now
+        self._term = TRAJECTORY
         return True
 
     def renew(self, client: int, now: float, *, streaming: bool = False) -> bool:
         """Begin another term for the holder; False for any other client, and after the lease lapsed."""
         if not self.held_by(client, now):
             return False
-        self._renewed, self._term = now, STREAMING if streaming else TRAJECTORY
+        self._renewed = now
+        self._term = STREAMING if streaming else TRAJECTORY
         return True
 
     def release(self, client: int) -> bool:
@@ -76,7 +83,8 @@ class Lease:
         """Remove the pin of a trajectory that ended; a last term begins."""
         if client != 0 and self._client == client and name in self._pins:
             self._pins.remove(name)
-            self._renewed, self._term = self._seen, TRAJECTORY
+            self._renewed = self._seen
+            self._term = TRAJECTORY
 
     def holds(self, now: float) -> bool:
         """Somebody holds it now."""
@@ -106,4 +114,7 @@ class Lease:
     def _drop(self) -> None:
         if self._client:
             self.epoch += 1
-        self._client, self._name, self._uid, self._pins = 0, "", -1, set()
+        self._client = 0
+        self._name = ""
+        self._uid = -1
+        self._pins = set()

@@ -43,7 +43,8 @@ def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequenc
     another = (count - turns.whole >= turns.first - turns.slack) | (
         count + turns.whole <= turns.last + turns.slack
     )
-    low, high = turns.lower - shift, turns.upper - shift
+    low = turns.lower - shift
+    high = turns.upper - shift
     beyond = np.where(turns.falls, shift != 0, (low < turns.least) | (high > turns.most))
     found = []
     for joint in np.flatnonzero(turns.known & (wide | another | ~inside(count, turns) | beyond)).tolist():
@@ -76,14 +77,17 @@ class _TurnRow:
     """Turn data of one joint, from which its findings are made. Values and bounds are ticks."""
 
     def __init__(self, joint: int, raw: int, shift: int, turns: TurnRange) -> None:
-        self.joint, self.raw, self.shift, self.count = joint, raw, shift, raw + shift
+        self.joint = joint
+        self.raw = raw
+        self.shift = shift
+        self.count = raw + shift
         self.whole = int(turns.whole[joint])
-        self.low, self.high = (
-            int(turns.first[joint] - turns.slack[joint]),
-            int(turns.last[joint] + turns.slack[joint]),
-        )
-        self.least, self.most = int(turns.least[joint]), int(turns.most[joint])
-        self.falls, self.goals = bool(turns.falls[joint]), (int(turns.lower[joint]), int(turns.upper[joint]))
+        self.low = int(turns.first[joint] - turns.slack[joint])
+        self.high = int(turns.last[joint] + turns.slack[joint])
+        self.least = int(turns.least[joint])
+        self.most = int(turns.most[joint])
+        self.falls = bool(turns.falls[joint])
+        self.goals = (int(turns.lower[joint]), int(turns.upper[joint]))
 
     def lost(self) -> Finding:
         bound = self.low if self.count < self.low else self.high

@@ -41,7 +41,8 @@ class PlausibilityFilter:
             return False
         if not every(np.abs(position - self._place) <= self._near):
             return False
-        self._place, self._whole = position, sent
+        self._place = position
+        self._whole = sent
         return True
 
     def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
@@ -59,7 +60,8 @@ class PlausibilityFilter:
         near = np.abs(position - self._other) <= self._reach * (received - self._other_at) + TICKS
         self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing)
         self._row = np.where(wild, self._row + 1, self._row)
-        self.jumps, self.leaps = np.where(wild, self._row, 0), np.where(wild, leap, 0)
+        self.jumps = np.where(wild, self._row, 0)
+        self.leaps = np.where(wild, leap, 0)
         self._other = np.where(wild, position, self._other)
         self._other_at = np.where(wild, sent, self._other_at)
         believed: Bools = fits | (wild & (limp | (self._agreeing >= AGREEING)))

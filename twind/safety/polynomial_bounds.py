@@ -51,7 +51,8 @@ def evaluate(curve: Floats, u: Floats) -> Floats:
 
 def halves(curve: Floats) -> tuple[Floats, Floats]:
     """The polynomial over the first and over the second half of its interval."""
-    left, right = [curve[0]], [curve[-1]]
+    left = [curve[0]]
+    right = [curve[-1]]
     while len(curve) > 1:
         curve = 0.5 * (curve[:-1] + curve[1:])
         left.append(curve[0])
@@ -68,10 +69,13 @@ def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
     curves = [curve for curve, _ in alternatives]
     bounds = [bound for _, bound in alternatives]
     found = np.full(curves[0].shape[1], np.nan)
-    column, start, width = np.arange(len(found)), np.zeros(len(found)), 1.0
+    column = np.arange(len(found))
+    start = np.zeros(len(found))
+    width = 1.0
     for _ in range(DEPTH):
         under = np.zeros(len(column), np.bool_)
-        first, last = ~under, ~under
+        first = ~under
+        last = ~under
         for curve, bound in zip(curves, bounds, strict=True):
             inside = curve <= bound
             under |= inside.all(axis=0)
@@ -85,7 +89,8 @@ def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
         if np.count_nonzero(left) > CROWD * len(found):
             break
         width *= 0.5
-        column, start = np.tile(column[left], 2), np.concatenate([start[left], start[left] + width])
+        column = np.tile(column[left], 2)
+        start = np.concatenate([start[left], start[left] + width])
         curves = [np.concatenate(halves(curve[:, left]), axis=1) for curve in curves]
         bounds = [np.tile(bound[left], 2) for bound in bounds]
     still = np.isnan(found[column])
@@ -106,16 +111,20 @@ def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) 
     order = np.lexsort((-best, group))
     rank = np.arange(len(order)) - np.searchsorted(group[order], group[order], side="left")
     columns = order[rank < PROMISING]
-    u, height = coarse[columns, heights[columns].argmax(axis=1)], best[columns]
-    center, reach = np.full(len(columns), 0.5), 0.5
+    u = coarse[columns, heights[columns].argmax(axis=1)]
+    height = best[columns]
+    center = np.full(len(columns), 0.5)
+    reach = 0.5
     for _ in range(ZOOMS):
         grid = np.clip(center[:, None] + reach * GRID, 0.0, 1.0)
         values = _high(score(columns, grid))
         place = values.argmax(axis=1)
         rows = np.arange(len(columns))
         better = values[rows, place] > height
-        u, height = np.where(better, grid[rows, place], u), np.where(better, values[rows, place], height)
-        center, reach = u, reach / 6.0
+        u = np.where(better, grid[rows, place], u)
+        height = np.where(better, values[rows, place], height)
+        center = u
+        reach = reach / 6.0
     order = np.lexsort((-height, group[columns]))
     first = np.unique(group[columns][order], return_index=True)[1]
     return columns[order][first], u[order][first]

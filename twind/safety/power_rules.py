@@ -41,7 +41,8 @@ class CurrentRules:
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R17, where the load is known. Motors recover at rest; who is tired is not armed."""
-        load, bounds = facts.load, self._bounds
+        load = facts.load
+        bounds = self._bounds
         span = facts.now - self._last
         if load is None or (not self._high and 0.0 <= span < bounds.look - ROUNDING):
             return
@@ -52,7 +53,8 @@ class CurrentRules:
         np.maximum(self._tired, 0.0, out=self._tired)
         if every(load < bounds.load_warn) and every(self._tired < bounds.tired_warn):
             if self._high:
-                self._above[:], self._high = inf, False
+                self._above[:] = inf
+                self._high = False
             return
         self._high = True
         if is_torque_held(facts):
@@ -71,7 +73,8 @@ class CurrentRules:
         for joint in np.flatnonzero(
             (warned >= bounds.load_warn_for) | (high >= bounds.load_hold_for)
         ).tolist():
-            value, long = float(load[joint]), float(high[joint])
+            value = float(load[joint])
+            long = float(high[joint])
             if not long >= bounds.load_hold_for:
                 yield RuleResult(
                     _load(joint, value, bounds.load_warn, "of its current limit: what loads it?")
@@ -120,7 +123,8 @@ class VoltageRules:
     """Remembers per joint: since when its supply is low, by each bound."""
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
-        self._bounds, self._high = bounds, ratings.high_warn + ROUNDING
+        self._bounds = bounds
+        self._high = ratings.high_warn + ROUNDING
         self._low = np.array([ratings.low_warn, ratings.low_settle, ratings.low_fault]) + ROUNDING
         self._fine = self._low.max(axis=0)  # V: above all three, whichever of them are known
         # Without a bound nothing is judged: there are actuators that never tell their supply.
@@ -137,8 +141,12 @@ class VoltageRules:
         """R19: the lowest supply of a robot that our torque holds, and its highest. One says it for all."""
         if not is_torque_held(facts):
             if self._held < inf:
-                self._since[:], self._read[:], self._seen, self._said = inf, -inf, b"", []
-                self._held, self._suspect = inf, False
+                self._since[:] = inf
+                self._read[:] = -inf
+                self._seen = b""
+                self._said = []
+                self._held = inf
+                self._suspect = False
             return
         self._held = min(self._held, facts.now)
         if not same(facts.health_time, self._seen):
@@ -151,8 +159,10 @@ class VoltageRules:
     def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Some were read anew. Low is what two readings, of one servo or of two, say `volt_for` apart."""
         fresh = facts.health_time != self._read
-        self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
-        volts, fine = facts.voltage, not self._suspect
+        self._read = facts.health_time.copy()
+        self._seen = facts.health_time.tobytes()
+        volts = facts.voltage
+        fine = not self._suspect
         if fine and every(self._unjudged | ((volts > self._fine) & (volts <= self._high))):
             return
         read = self._read > -inf
@@ -179,7 +189,8 @@ class VoltageRules:
             ("is too low to hold: soft, then off", Reaction.DAMP, True),
         )
         for level in (2, 1, 0):
-            since, newest = self._since[level], np.where(low[level], facts.health_time, -inf)
+            since = self._since[level]
+            newest = np.where(low[level], facts.health_time, -inf)
             if not newest.max() - since.min() >= self._bounds.volt_for - ROUNDING:
                 continue
             joint = int(np.argmin(np.where(low[level], np.nan_to_num(facts.voltage, nan=-1.0), inf)))
@@ -191,7 +202,8 @@ class VoltageRules:
     def _unread(self, facts: GuardInput) -> RuleResult:
         age = facts.now - facts.health_time
         joint = int(np.argmax(age))
-        value, bound = float(age[joint]), self._bounds.unread
+        value = float(age[joint])
+        bound = self._bounds.unread
         message = "s since its temperature and supply were read"
         finding = Finding(ReasonCode.VOLTAGE, joint, value=value, bound=bound, message=message)
         return RuleResult(finding)

@@ -24,7 +24,9 @@ class ReadingRules:
 
     def __init__(self, limits: JointLimits, bounds: GuardThresholds, free: bool) -> None:
         """`free`: nothing carries the robot but itself."""
-        self._limits, self._bounds, self._free = limits, bounds, free
+        self._limits = limits
+        self._bounds = bounds
+        self._free = free
         self._hard_lower = limits.hard_lower - bounds.beyond_hard
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
@@ -32,7 +34,8 @@ class ReadingRules:
         """R05, R13 and R14: every joint is heard, where it can be, and inside its limits."""
         if some(facts.jumps):
             yield from self._jumps(facts)
-        measured, limits = facts.measured, self._limits
+        measured = facts.measured
+        limits = self._limits
         if measured is None:
             if is_torque_held(facts):
                 yield RuleResult(
@@ -65,11 +68,15 @@ class ReadingRules:
         bounds = self._bounds
         for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
             value = float(age[joint])
-            bound, reaction, gone = bounds.stale_warn, Reaction.NONE, not value <= bounds.stale_fault
+            bound = bounds.stale_warn
+            reaction = Reaction.NONE
+            gone = not value <= bounds.stale_fault
             if gone:
-                bound, reaction = bounds.stale_fault, Reaction.SETTLE if self._free else hold(facts)
+                bound = bounds.stale_fault
+                reaction = Reaction.SETTLE if self._free else hold(facts)
             elif not value <= bounds.stale_hold:
-                bound, reaction = bounds.stale_hold, hold(facts)
+                bound = bounds.stale_hold
+                reaction = hold(facts)
             finding = Finding(
                 ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
             )
@@ -80,7 +87,8 @@ class ReadingRules:
 
     def _beyond(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
         """R14: past the hard limit. A joint that was never heard (NaN) is R05's."""
-        low, high = position < self._hard_lower, position > self._hard_upper
+        low = position < self._hard_lower
+        high = position > self._hard_upper
         for joint in np.flatnonzero(low | high).tolist():
             bound = float((self._hard_lower if low[joint] else self._hard_upper)[joint])
             message = "past the hard limit: move it inside by hand, check its calibration"
@@ -96,7 +104,9 @@ class ReadingRules:
         """R14: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
         if facts.goal is None or facts.previous is None or facts.motion not in MOVING:
             return
-        goal, previous, limits = facts.goal.position, facts.previous, self._limits
+        goal = facts.goal.position
+        previous = facts.previous
+        limits = self._limits
         above = (position > limits.upper) & (goal > limits.upper) & (goal > previous + ROUNDING)
         below = (position < limits.lower) & (goal < limits.lower) & (goal < previous - ROUNDING)
         for joint in np.flatnonzero(above | below).tolist():

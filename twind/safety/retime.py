@@ -53,7 +53,8 @@ def with_stop(
         pressed = np.where(path.commanded, np.abs(v) / (share * limits.acceleration), 0.0)
         T = max(float(np.max(pressed)) * (1.0 + NUDGE), thresholds.min_dt)
     reason = "a ramp to rest of this many seconds follows the last point"
-    place, t = len(path.time) - 1, float(path.time[-1])
+    place = len(path.time) - 1
+    t = float(path.time[-1])
     return ramped(path, T), [Finding(ReasonCode.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
 
 

@@ -37,8 +37,11 @@ def judge(
     refusals = _form(joints, position, velocity, len(limits.lower), valid_for)
     if refusals:
         return SetpointResult(Verdict(tuple(refusals)), joints, position, velocity)
-    low, high, fastest = limits.lower[joints], limits.upper[joints], limits.velocity[joints]
-    inside, slow = np.clip(position, low, high), velocity
+    low = limits.lower[joints]
+    high = limits.upper[joints]
+    fastest = limits.velocity[joints]
+    inside = np.clip(position, low, high)
+    slow = velocity
     found = [
         Finding(
             ReasonCode.POS_LIMIT,

@@ -30,11 +30,14 @@ class TimeGapRules:
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """TIME_GAP: longer than the servos' watchdogs wait. They may have stopped: the last goal again, and
         a fault, so that somebody disarms, which puts the goals where the joints are."""
-        last, asleep = self._last, facts.suspended - self._suspended
-        self._last, self._suspended = facts.now, facts.suspended
+        last = self._last
+        asleep = facts.suspended - self._suspended
+        self._last = facts.now
+        self._suspended = facts.suspended
         if last is None or not is_torque_ours(facts):
             return
-        gap, bound = facts.now - last - facts.period, self._bounds.gap
+        gap = facts.now - last - facts.period
+        bound = self._bounds.gap
         if gap + asleep < bound:
             return
         what = "s that the machine slept" if asleep >= bound else "s without a tick"
@@ -50,8 +53,10 @@ class HoldRules:
     """Remembers since when a free-standing robot is held, and why. Others may be held for ever."""
 
     def __init__(self, free: bool, bounds: GuardThresholds) -> None:
-        self._free, self._bounds = free, bounds
-        self._since, self._why = inf, Finding(ReasonCode.INTERNAL)
+        self._free = free
+        self._bounds = bounds
+        self._since = inf
+        self._why = Finding(ReasonCode.INTERNAL)
         self._ended = False  # a motion, by it
 
     def judge(self, facts: GuardInput, said: list[RuleResult]) -> Iterator[RuleResult]:
@@ -60,16 +65,19 @@ class HoldRules:
         if not self._free:
             return
         if not is_torque_held(facts) or not facts.torque_settled:
-            self._since, self._ended = inf, False
+            self._since = inf
+            self._ended = False
             return
         holds = next((one.finding for one in said if one.reaction is Reaction.HOLD), None)
         rests = facts.motion is Motion.HOLDING
         if holds is None and not (rests and (self._ended or facts.state in LATCHED)):
-            self._since, self._ended = inf, False
+            self._since = inf
+            self._ended = False
         elif holds is not None:
             self._ended |= not rests
             if self._since == inf:
-                self._since, self._why = facts.now, holds
+                self._since = facts.now
+                self._why = holds
         most = self._bounds.hold_most
         if facts.now - self._since >= most:
             message = f"held for {most:g} s without support: lowered ({self._why.message})"

@@ -37,7 +37,9 @@ class EventNotAllowed(Exception):
     def __init__(self, state: RobotState, event: RobotEvent, allowed: tuple[RobotState, ...]) -> None:
         names = ", ".join(allowed)
         super().__init__(f"{event.value} is not possible while {state.value}; allowed while {names}")
-        self.state, self.event, self.allowed = state, event, allowed
+        self.state = state
+        self.event = event
+        self.allowed = allowed
 
 
 LATCHED = (RobotState.FAULT, RobotState.ESTOP)

@@ -42,7 +42,8 @@ class TrackingRules:
         """`linked`: whose actuators turn joints together."""
         count = len(limits.lower)
         self._linked = linked
-        self._bounds, self._velocity = bounds, limits.velocity
+        self._bounds = bounds
+        self._velocity = limits.velocity
         self._fastest = bounds.overspeed * limits.velocity + bounds.overspeed_slack
         self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
         self._off_since, self._drift_since = np.full((2, count), NEVER)
@@ -57,7 +58,8 @@ class TrackingRules:
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """R15, R16 and R25, of a robot that our torque holds."""
-        measured, goal = facts.measured, facts.previous
+        measured = facts.measured
+        goal = facts.previous
         if measured is None or not is_torque_held(facts):
             self._forget()
             return
@@ -65,7 +67,8 @@ class TrackingRules:
         if not velocity.dot(velocity) <= self._slowest or np.count_nonzero(self._fast):
             yield from self._speeding(facts, measured)
         if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing that counts
-            self._off_since[:], self._place = NEVER, None
+            self._off_since[:] = NEVER
+            self._place = None
             return
         error = measured.position - goal
         if not error.dot(error) <= self._bounds.follow**2 or self._off_since.min() < NEVER:
@@ -133,16 +136,20 @@ class TrackingRules:
         works = ((moved >= bounds.frozen_moved) & on) | ((moved >= bounds.frozen_far) & idle)
         long = facts.now - self._turned >= bounds.frozen_for - ROUNDING
         for joint in np.flatnonzero(works & long & measured.heard).tolist():
-            value, bound = float(facts.now - self._turned[joint]), bounds.frozen_for
+            value = float(facts.now - self._turned[joint])
+            bound = bounds.frozen_for
             message = "s with the very same position while its motor works: encoder, horn, gear?"
             finding = Finding(ReasonCode.SENSE_FROZEN, joint, value=value, bound=bound, message=message)
             yield RuleResult(finding, hold(facts), latches=True)
 
     def _of_actuators(self, measured: JointState, goal: Floats) -> tuple[Floats, Floats, Floats]:
         """Where the actuators stand, where they are to, and what they turn at; NaN: not known."""
-        place, velocity = measured.position, measured.velocity
+        place = measured.position
+        velocity = measured.velocity
         if self._linked:
-            place, goal, velocity = place.copy(), goal.copy(), velocity.copy()
+            place = place.copy()
+            goal = goal.copy()
+            velocity = velocity.copy()
         for each in self._linked:
             each.angles(place)
             each.angles(goal)
@@ -157,7 +164,8 @@ class TrackingRules:
         fast = ~(speed <= self._fastest)
         self._fast = np.where(measured.heard, np.where(fast, self._fast + 1, 0), self._fast)
         for joint in np.flatnonzero(measured.heard & (self._fast >= self._bounds.overspeed_row)).tolist():
-            value, bound = float(speed[joint]), float(self._fastest[joint])
+            value = float(speed[joint])
+            bound = float(self._fastest[joint])
             message = "rad/s, faster than it may turn: holding: what drives it, its gains?"
             finding = Finding(ReasonCode.OVERSPEED, joint, value=value, bound=bound, message=message)
             yield RuleResult(finding, hold(facts))
@@ -174,14 +182,17 @@ class TrackingRules:
         self._drift_since = _since(self._drift_since, bad, measured.heard, facts.now)
         long = facts.now - self._drift_since >= self._bounds.drift_for - ROUNDING
         for joint in np.flatnonzero(bad & long).tolist():
-            value, bound = float(apart[joint]), self._bounds.drift
+            value = float(apart[joint])
+            bound = self._bounds.drift
             message = f"{DRIFT}: calibration, load, gains?"
             yield RuleResult(
                 Finding(ReasonCode.MIRROR_DRIFT, joint, value=value, bound=bound, message=message)
             )
 
     def _forget(self) -> None:
-        self._off_since[:], self._drift_since[:], self._fast[:] = NEVER, NEVER, 0
+        self._off_since[:] = NEVER
+        self._drift_since[:] = NEVER
+        self._fast[:] = 0
         self._place = None
 
 

@@ -85,7 +85,8 @@ def _shapes(rows: Sequence[PointRow | tuple[Any, ...]], width: int) -> Iterator[
             if column is None and what != "positions":
                 continue
             if column is None or len(column) != width:
-                have, reason = 0 if column is None else len(column), f"{what}: one number per named joint"
+                have = 0 if column is None else len(column)
+                reason = f"{what}: one number per named joint"
                 yield Finding(ReasonCode.BAD_SHAPE, point=point, value=have, bound=width, message=reason)
             elif not _numbers(column):
                 yield Finding(ReasonCode.BAD_SHAPE, point=point, message=f"{what}: not all are numbers")
@@ -223,7 +224,8 @@ def _disorder(time: Floats, min_dt: float) -> Iterator[Finding]:
     short[0] &= time[0] > 0.0
     for point in np.flatnonzero(short)[:1]:
         reason = "times must increase by at least this (s)"
-        step, at = float(steps[point]), float(time[point])
+        step = float(steps[point])
+        at = float(time[point])
         yield Finding(
             ReasonCode.TIME_ORDER, point=int(point), time=at, value=step, bound=min_dt, message=reason
         )

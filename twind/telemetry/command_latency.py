@@ -95,7 +95,8 @@ class CommandLatencyTracer:
         """A goal (n,) left; `state` is what was known of whom it went to before."""
         accepted = self._accepted
         if accepted is not None:
-            self._accepted, taken = None, accepted.taken
+            self._accepted = None
+            taken = accepted.taken
             self._health.hop("written", at - accepted.judged, at)
             self._health.hop("command", at - taken.received, at, taken.bound)
             if accepted.id != STREAM or self._watch is None:  # of a stream not every goal is a new one

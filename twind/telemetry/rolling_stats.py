@@ -17,7 +17,10 @@ from twind.robot.arrays import Ints
 SIZE = 100  # values of a window
 KEPT = 1024  # values of a `RecentValues`: half a second at up to 1000 Hz and beyond
 RECENT = 0.5  # s
-SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
+# the run's quantiles: 1 µs to 9 s in bins 4 % wide
+SMALLEST = 1e-6
+BINS = 400
+STEP = 0.04
 _FIRST = log(SMALLEST)
 BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
@@ -45,7 +48,9 @@ class RollingStats:
 
     def add(self, value: float, now: float = nan, bound: float | None = None) -> None:
         """Add a value, at time `now` (needed for `at`). `bound`: used in place of the threshold."""
-        place, self.count, self.at = self.count % SIZE, self.count + 1, now
+        place = self.count % SIZE
+        self.count = self.count + 1
+        self.at = now
         if not 0.0 <= value < inf:
             self.now = self._ring[place] = nan
             self._late[place] = 1
@@ -105,7 +110,8 @@ class RollingStats:
 
     def _work_out(self) -> "_RollingFigures":
         seen = self._counts.cumsum()
-        p50, p99 = self._quantile(seen, 0.5), self._quantile(seen, 0.99)
+        p50 = self._quantile(seen, 0.5)
+        p99 = self._quantile(seen, 0.99)
         known = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
         if not len(known):
             return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)

@@ -40,7 +40,9 @@ class TimingMonitor:
             name: RollingStats(threshold) for name in (*READING, *COMMAND)
         }
         self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
-        self._time, self._trip = -inf, nan  # s, of the last exchange in which anybody answered
+        # s, of the last exchange in which anybody answered
+        self._time = -inf
+        self._trip = nan
         self._recent = RecentValues()  # of `total`
         self._alarms = {name: LatencyAlarm(name) for name in ("total", *self.hops)}
         self._alerts: list[LatencyAlert] = []
@@ -54,7 +56,8 @@ class TimingMonitor:
     def update(self, measured: JointState, exchange: ExchangeTiming, now: float, *, live: bool) -> None:
         """After each exchange; `now` is the tick's start, `live`: a bus is open."""
         if not live:
-            self._time, self._trip = -inf, nan
+            self._time = -inf
+            self._trip = nan
             for name in ("total", *READING):
                 self._queue_alert(self._alarms[name].drop())
             return
@@ -69,7 +72,8 @@ class TimingMonitor:
         for name, duration in zip(READING, exchange.hops, strict=False):
             self.hop(name, duration, now)
         if some(measured.heard):
-            self._time, self._trip = measured.time, measured.round_trip
+            self._time = measured.time
+            self._trip = measured.round_trip
 
     def hop(self, name: str, duration: float, now: float, bound: float | None = None) -> None:
         """One hop took `duration` s, and more than `bound` is too long (None: the threshold).
@@ -85,7 +89,8 @@ class TimingMonitor:
 
     def alerts(self) -> list[LatencyAlert]:
         """Return the latency alerts raised since the last call."""
-        alerts, self._alerts = self._alerts, []
+        alerts = self._alerts
+        self._alerts = []
         return alerts
 
     def latency(self, now: float) -> float:

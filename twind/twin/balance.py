@@ -46,9 +46,11 @@ class Balance:
     """
 
     def __init__(self, binding: Binding, model: Any, data: Any) -> None:
-        self._model, self._data = model, data
+        self._model = model
+        self._data = data
         base = model.body(binding.robot.base)
-        self._base, self._address = int(base.id), int(base.jntadr[0])
+        self._base = int(base.id)
+        self._address = int(base.jntadr[0])
         self._qpos = int(model.jnt_qposadr[self._address])
         data.qpos[index(binding.qpos)] = binding.rest
         self._turn(np.array([1.0, 0.0, 0.0, 0.0]))
@@ -180,7 +182,8 @@ def _nothing_below(found: tuple[int, Floats, float]) -> float:
 
 def _onto(up: Floats) -> Floats:
     """The rotation (3, 3) that turns `up` onto the vertical."""
-    axis, cosine = np.cross(up, UP), float(up @ UP)
+    axis = np.cross(up, UP)
+    cosine = float(up @ UP)
     if cosine < -1.0 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
@@ -196,15 +199,18 @@ def _quaternion(rotation: Floats) -> Floats:
 
 def _shape(model: Any, geom: int) -> tuple[Floats, float] | None:
     """Corners (c, 3) in the body's frame and the radius around them; None: no shape that can stand."""
-    size, kind = model.geom_size[geom], model.geom_type[geom]
+    size = model.geom_size[geom]
+    kind = model.geom_type[geom]
     kinds = mujoco.mjtGeom
     radius = 0.0
     if kind == kinds.mjGEOM_BOX:
         corners = size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     elif kind == kinds.mjGEOM_SPHERE:
-        corners, radius = np.zeros((1, 3)), float(size[0])
+        corners = np.zeros((1, 3))
+        radius = float(size[0])
     elif kind == kinds.mjGEOM_CAPSULE:
-        corners, radius = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]]), float(size[0])
+        corners = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
+        radius = float(size[0])
     elif kind == kinds.mjGEOM_CYLINDER:
         turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
         rim = [np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1) * size[0] for _ in range(2)]

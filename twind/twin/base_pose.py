@@ -50,7 +50,8 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> None:
 def touching(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
     """Geoms: the floors, and what of the robot can stand on one."""
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
-    still, touches = model.geom_bodyid == 0, model.geom_contype != 0
+    still = model.geom_bodyid == 0
+    touches = model.geom_contype != 0
     floors = np.flatnonzero(still & (model.geom_type == plane)).tolist()
     return floors, np.flatnonzero(~still & touches).tolist()
 
@@ -62,7 +63,8 @@ def touch_down(
     mujoco.mj_kinematics(model, data)
     floors, solid = geoms
     if floors and solid:
-        distance, floor = mujoco.mj_geomDistance, floors[0]
+        distance = mujoco.mj_geomDistance
+        floor = floors[0]
         data.qpos[height] -= min([distance(model, data, floor, geom, 10.0, None) for geom in solid])
 
 

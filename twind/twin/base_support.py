@@ -14,17 +14,24 @@ from twind.twin.base_pose import stand
 
 WELD = "crane"  # the equality's name, in the model
 PATIENCE = 1.0  # s of torque in all legs before it lets go
-BY_TORQUE, BY_ORDER, NEVER = "torque", "order", "never"
+BY_TORQUE = "torque"
+BY_ORDER = "order"
+NEVER = "never"
 HOLDS = (BY_TORQUE, BY_ORDER, NEVER)
-STRONGEST, SHORTEST, LONGEST = 100.0, 0.002, 2.0  # N·s, s, s: a push beyond them is a typing error
+# N·s, s, s: a push beyond them is a typing error
+STRONGEST = 100.0
+SHORTEST = 0.002
+LONGEST = 2.0
 
 
 def hang(spec: mujoco.MjSpec, base: str, step: float) -> None:
     """Put the weld into a model with a free base; it is as stiff as `step` (s) of the physics allows."""
     weld = spec.add_equality(name=WELD, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
-    weld.name1, weld.name2 = "world", base
+    weld.name1 = "world"
+    weld.name2 = base
     weld.active = False
-    weld.solref, weld.solimp[:2] = [2.0 * step, 1.0], [0.9999, 0.9999]
+    weld.solref = [2.0 * step, 1.0]
+    weld.solimp[:2] = [0.9999, 0.9999]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +50,14 @@ class BaseSupport:
         """The model has been through `hang`. Raises ValueError: `how.hold` is not one of `HOLDS`."""
         if how.hold not in HOLDS:
             raise ValueError(f"hold: {how.hold!r} is none of {', '.join(HOLDS)}")
-        self._model, self._data, self._name = model, data, how.base
-        self._base, self._weld = int(model.body(how.base).id), int(model.equality(WELD).id)
+        self._model = model
+        self._data = data
+        self._name = how.base
+        self._base = int(model.body(how.base).id)
+        self._weld = int(model.equality(WELD).id)
         joint = model.joint(int(model.body(how.base).jntadr[0]))
-        self._qpos, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
+        self._qpos = int(joint.qposadr[0])
+        self._dof = int(joint.dofadr[0])
         self._legs: Ints = np.array(how.legs, np.int64)
         self._auto = how.hold == BY_TORQUE
         self._since = np.inf  # s, from when on all legs had torque while it holds
@@ -92,7 +103,8 @@ class BaseSupport:
     def let_go(self) -> None:
         """Free the base from now on."""
         self._data.eq_active[self._weld] = 0
-        self._since, self._carried = np.inf, False
+        self._since = np.inf
+        self._carried = False
 
     def watch(self, on: Bools, now: float) -> None:
         """Release a body whose legs have had torque for `PATIENCE` s, and hold a limp one again.
@@ -153,4 +165,5 @@ class BaseSupport:
         row[:3], row[3:6] = 0.0, data.xpos[self._base]
         row[6:10], row[10] = data.xquat[self._base], 1.0
         data.eq_active[self._weld] = 1
-        self._since, self._carried = np.inf, False
+        self._since = np.inf
+        self._carried = False

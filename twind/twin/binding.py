@@ -181,7 +181,8 @@ def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
             f"{where} has {len(driving)} actuators, needs one: <position joint=.../> for {name}"
         )
     actuator = int(driving[0])
-    pull, back = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
+    pull = model.actuator_gainprm[actuator, 0]
+    back = model.actuator_biasprm[actuator, 1]
     if not (pull > 0.0 and math.isclose(pull, -back) and model.actuator_ctrlnum[actuator] == 1):
         raise BindingError(f"{where}: its actuator is no position servo: use <position joint=.../>")
     return int(model.actuator_ctrladr[actuator])

@@ -90,7 +90,8 @@ class CollisionModel:
         self.levers = levers(model, binding.qpos, [pair.geoms for pair in self.pairs])
         self._prepare(None if clearance.judge_world else strangers(model, binding.robot.base))
         self.data = mujoco.MjData(model)
-        self._place, self._qpos = index(binding.qpos), self.data.qpos
+        self._place = index(binding.qpos)
+        self._qpos = self.data.qpos
         boxes = [place for place, pair in enumerate(self.pairs) if _boxes(model, pair.geoms)]
         self.boxes = np.array(boxes, np.int64)  # pairs that `distances` does not know: ask `between`
         self._contact = np.full((model.ngeom, model.ngeom), -1)
@@ -101,9 +102,13 @@ class CollisionModel:
 
     def _prepare(self, ignored: frozenset[int] | None) -> None:
         """Margins, so that near pairs are contacts; what is never judged is never looked at."""
-        model, reach = self.model, self.reach
-        model.geom_margin[:], model.geom_gap[:] = 0.5 * reach, 0.0  # of a pair they are summed
-        model.pair_margin[:], model.pair_gap[:] = reach, 0.0
+        model = self.model
+        reach = self.reach
+        # of a pair they are summed
+        model.geom_margin[:] = 0.5 * reach
+        model.geom_gap[:] = 0.0
+        model.pair_margin[:] = reach
+        model.pair_gap[:] = 0.0
         for geom in ignored or ():
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
@@ -120,9 +125,14 @@ class CollisionModel:
         Of two boxes only the pairs `boxes` are measured, at most `most`; the others are left at `reach`.
         """
         measured = [] if boxes is None else boxes.tolist()
-        model, data, place, qpos = self.model, self.data, self._place, self._qpos
+        model = self.model
+        data = self.data
+        place = self._place
+        qpos = self._qpos
         found = np.full((len(positions), len(self.pairs)), self.reach)
-        rows, geoms, gaps = [], [], []
+        rows = []
+        geoms = []
+        gaps = []
         for row, position in enumerate(positions):
             qpos[place] = position
             mujoco.mj_kinematics(model, data)
@@ -136,7 +146,8 @@ class CollisionModel:
                 found[row, pair] = self.between(pair, most)
         if rows:
             row_of = np.repeat(rows, [len(each) for each in gaps])
-            pair, gap = np.concatenate(geoms), np.concatenate(gaps)
+            pair = np.concatenate(geoms)
+            gap = np.concatenate(gaps)
             column = self._contact[pair[:, 0], pair[:, 1]]
             known = column >= 0
             np.minimum.at(found, (row_of[known], column[known]), gap[known])
@@ -153,7 +164,8 @@ class CollisionModel:
 
 def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, ...]:
     """The pairs that are judged. Raises BindingError where the robot file names what is not there."""
-    clearance, where = robot.gate.collision, f"{robot.path}: collision"
+    clearance = robot.gate.collision
+    where = f"{robot.path}: collision"
     world = strangers(model, robot.base)
     pairs = [pair for pair in candidates(model) if clearance.judge_world or not world & set(pair)]
     allowed = _geom_pair_names(model, clearance.allow, f"{where}.allow")
@@ -191,11 +203,14 @@ def _collides(model: mujoco.MjModel, a: int, b: int) -> bool:
         model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
     ):
         return False
-    one, other = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
-    low, high = min(one, other), max(one, other)
+    one = int(model.geom_bodyid[a])
+    other = int(model.geom_bodyid[b])
+    low = min(one, other)
+    high = max(one, other)
     if (low << 16) + high in model.exclude_signature:
         return False
-    first, second = int(model.body_weldid[one]), int(model.body_weldid[other])
+    first = int(model.body_weldid[one])
+    second = int(model.body_weldid[other])
     if first == second:
         return False
     above = [int(model.body_weldid[model.body_parentid[weld]]) for weld in (first, second)]

@@ -56,7 +56,9 @@ class _UnprovedPieces:
     bound: Floats
 
     def take(self, chosen: Bools) -> "_UnprovedPieces":
-        first, last, bound = self.first[chosen], self.last[chosen], self.bound[chosen]
+        first = self.first[chosen]
+        last = self.last[chosen]
+        bound = self.bound[chosen]
         return _UnprovedPieces(self.piece[chosen], self.pair[chosen], first, last, bound)
 
 
@@ -82,13 +84,15 @@ class _CurvePieces:
         middle = 0.5 * (self.start + self.end)
         shape = (len(left), 2 * len(middle), left.shape[2])
         both = np.stack([left, right], axis=2).reshape(shape)
-        starts, ends = np.stack([self.start, middle], 1), np.stack([middle, self.end], 1)
+        starts = np.stack([self.start, middle], 1)
+        ends = np.stack([middle, self.end], 1)
         return _CurvePieces(both, starts.ravel(), ends.ravel())
 
 
 def bernstein(curve: Spline) -> _CurvePieces:
     """The segments of a spline."""
-    powers, T = curve.coefficients, np.diff(curve.time)
+    powers = curve.coefficients
+    T = np.diff(curve.time)
     degree = powers.shape[1] - 1
     scaled = powers * (T[:, None] ** np.arange(degree + 1))[:, :, None]
     turn = np.array(
@@ -102,7 +106,8 @@ def bernstein(curve: Spline) -> _CurvePieces:
 
 def _groups(share: Floats) -> Ints:
     """The last piece of each group of pieces that together move by a share of at most 1 (or of one alone)."""
-    ends, total = [], 0.0
+    ends = []
+    total = 0.0
     for piece, part in enumerate(share.tolist()):
         if piece and not total + part <= 1.0:
             ends.append(piece - 1)
@@ -115,7 +120,8 @@ class CurveSweep:
     """One curve on its way through the judgement."""
 
     def __init__(self, bodies: CollisionModel) -> None:
-        self._bodies, self._work = bodies, 0
+        self._bodies = bodies
+        self._work = 0
         self._bound = bodies.block.copy()
         self._leaving = np.zeros(len(bodies.pairs), np.bool_)  # too close at the start, and not yet out of it
         self._bad: dict[int, CloseGeoms] = {}
@@ -180,7 +186,8 @@ class CurveSweep:
         share = (moved / (SHARE * 2.0 * (bodies.reach - bodies.block))).max(axis=1)
         ends = _groups(share)
         starts = np.concatenate([[0], ends[:-1] + 1])
-        poses, together = pieces.curve[-1, ends], np.add.reduceat(moved, starts, axis=0)
+        poses = pieces.curve[-1, ends]
+        together = np.add.reduceat(moved, starts, axis=0)
         bodies.place(poses[-1])
         last = np.array([bodies.between(pair, FAR) for pair in bodies.boxes])
         near = ~(row[bodies.boxes] + last - together[:, bodies.boxes].sum(axis=0) > 2.0 * bodies.reach)
@@ -207,7 +214,8 @@ class CurveSweep:
         found: list[tuple[int, int, float, float, float]] = []
         for group in np.flatnonzero(unproved.any(axis=1)):
             pairs = np.flatnonzero(unproved[group])
-            first, inside = rows[group, pairs], range(int(starts[group]), int(ends[group]))
+            first = rows[group, pairs]
+            inside = range(int(starts[group]), int(ends[group]))
             for piece in (*inside, int(ends[group])):
                 last = rows[group + 1, pairs]
                 if piece in inside:
@@ -223,7 +231,9 @@ class CurveSweep:
 
     def _close_in(self, pieces: _CurvePieces, rows: _UnprovedPieces) -> Generator[None, None, None]:
         """Halve what is not proved until it is, or is found too close."""
-        bodies, levers, since = self._bodies, self._bodies.levers, 0
+        bodies = self._bodies
+        levers = self._bodies.levers
+        since = 0
         while True:
             moved = np.einsum("rn,rn->r", levers[rows.pair], pieces.motion()[rows.piece])
             rows_open = ~(rows.first + rows.last - moved > 2.0 * rows.bound)
@@ -287,7 +297,8 @@ class CurveSweep:
         place = rows.argmin(axis=0)
         least = rows[place, np.arange(rows.shape[1])]
         lower = least < self._least
-        self._least[lower], self._when[lower] = least[lower], times[place[lower]]
+        self._least[lower] = least[lower]
+        self._when[lower] = times[place[lower]]
         near = rows < self._bodies.block + self._bodies.band
         if near.any():
             first = np.where(near.any(axis=0), times[near.argmax(axis=0)], np.inf)
@@ -300,7 +311,8 @@ class CurveSweep:
         lower = distance < self._least[pair]
         for p, d, t in zip(pair[lower], distance[lower], times[lower], strict=True):
             if d < self._least[p]:
-                self._least[p], self._when[p] = d, t
+                self._least[p] = d
+                self._when[p] = t
         near = distance < self._bodies.block[pair] + self._bodies.band
         np.minimum.at(self._near_since, pair[near], times[near])
 
@@ -312,8 +324,10 @@ class CurveSweep:
 
     def _found(self, pieces: _CurvePieces, rows: _UnprovedPieces, place: int) -> None:
         """Too close somewhere on a piece: the first moment, to a thousandth of the piece."""
-        pair, piece = int(rows.pair[place]), int(rows.piece[place])
-        early, late = float(pieces.start[piece]), float(pieces.end[piece])
+        pair = int(rows.pair[place])
+        piece = int(rows.piece[place])
+        early = float(pieces.start[piece])
+        late = float(pieces.end[piece])
         time = early if not rows.first[place] > rows.bound[place] else late
         if rows.first[place] > rows.bound[place] and not rows.last[place] > rows.bound[place]:
             part = pieces.take(np.array([piece]))

@@ -18,7 +18,9 @@ from twind.twin.binding import Binding
 from twind.twin.mirror import index
 
 SHARE = 0.8  # of what a joint can give: more than that is told or refused
-PINNED, FREE = 128, 8  # samples between two yields: some 1 ms each
+# samples between two yields: some 1 ms each
+PINNED = 128
+FREE = 8
 MOVES = 1e-9  # m or rad per rad: less than that, a joint does not move a foot
 HEAVIER = 1.01  # times the torque of the standing start: more than that is the path's own doing
 
@@ -32,9 +34,12 @@ class Dynamics:
             bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{off}")
             self._model.opt.disableflags |= int(bit)
         self._data = mujoco.MjData(self._model)
-        self._bound, self._limits = SHARE * binding.limits.effort, binding.limits
+        self._bound = SHARE * binding.limits.effort
+        self._limits = binding.limits
         self._strict = binding.robot.gate.on_torque == "reject"
-        self._place, self._speed, self._dof = index(binding.qpos), index(binding.dof), binding.dof
+        self._place = index(binding.qpos)
+        self._speed = index(binding.dof)
+        self._dof = binding.dof
         self._base = binding.robot.base
         self._balance = Balance(binding, self._model, self._data) if binding.floating else None
 
@@ -52,7 +57,8 @@ class Dynamics:
         margin = np.full(count, np.nan)  # m, of the centre of mass
         step = PINNED if self._balance is None else FREE
         slower = self._slower(velocity, acceleration)
-        velocity, acceleration = velocity / slower, acceleration / slower**2
+        velocity = velocity / slower
+        acceleration = acceleration / slower**2
         still = np.zeros(position.shape[1])
         standing = self._sample(position[0], still, still)[0] if count else still
         for i in range(0, count, step):
@@ -109,7 +115,8 @@ class Dynamics:
 
     def _excess(self, time: Floats, torque: Floats, standing: Floats) -> "list[_Excess]":
         """Return every joint that needs too much torque: since when, and how much at worst."""
-        size, bound = np.abs(torque), self._bound
+        size = np.abs(torque)
+        bound = self._bound
         known = ~np.isnan(bound)
         over = known & ~(size <= bound)  # NaN is over
         return [
@@ -137,7 +144,9 @@ class _Excess:
 
 def _excess(joint: int, time: Floats, size: Floats, over: Ints, bound: Floats, standing: Floats) -> _Excess:
     worst = int(np.where(np.isnan(size), np.inf, size).argmax())
-    value, most, before = float(size[worst]), float(bound[joint]), abs(float(standing[joint]))
+    value = float(size[worst])
+    most = float(bound[joint])
+    before = abs(float(standing[joint]))
     hangs = before > most
     reason = f"more than {SHARE:g} of what the joint can give (N·m), most at {time[worst]:.3g} s"
     if hangs:

@@ -15,7 +15,9 @@ from twind.robot.attitude import UPRIGHT, G, Quaternion, conjugate, matrix, prod
 from twind.robot.state import Imu
 from twind.twin.joint_range import BindingError
 
-GYRO, ACCELERATION, QUATERNION = "twind gyro", "twind acceleration", "twind quaternion"
+GYRO = "twind gyro"
+ACCELERATION = "twind acceleration"
+QUATERNION = "twind quaternion"
 
 
 def mount(model: Any, imu: ImuSpec) -> Quaternion:
@@ -63,7 +65,8 @@ class ImuModel:
         self._stands = _of_site(model, site)
         self._turn = matrix(self._stands)
         at = [model.sensor(name).adr[0] for name in (GYRO, ACCELERATION, QUATERNION)]
-        self._gyro, self._force = data.sensordata[at[0] : at[0] + 3], data.sensordata[at[1] : at[1] + 3]
+        self._gyro = data.sensordata[at[0] : at[0] + 3]
+        self._force = data.sensordata[at[1] : at[1] + 3]
         self._quaternion = data.sensordata[at[2] : at[2] + 4]
         self._gravity = model.opt.gravity
 

@@ -41,18 +41,19 @@ def _direct(
     joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None
 ) -> JointRange:
     """The tightest of robot file, measured travel, the servo's own limits and the model."""
-    hard_lower, hard_upper = joint.lower - BEYOND, joint.upper + BEYOND
+    hard_lower = joint.lower - BEYOND
+    hard_upper = joint.upper + BEYOND
     if model_range is not None:
-        hard_lower, hard_upper = (
-            max(hard_lower, float(model_range[0])),
-            min(hard_upper, float(model_range[1])),
-        )
+        hard_lower = max(hard_lower, float(model_range[0]))
+        hard_upper = min(hard_upper, float(model_range[1]))
     least, most = goals(joint, entry)
     if entry is not None:
         ends = sorted(angle_of(joint, zero, ticks) for ticks in entry.sweep_ticks)
-        hard_lower, hard_upper = max(hard_lower, ends[0]), min(hard_upper, ends[1])
+        hard_lower = max(hard_lower, ends[0])
+        hard_upper = min(hard_upper, ends[1])
     first, last = tick_range(joint, zero, hard_lower, hard_upper)
-    first, last = max(first, least), min(last, most)
+    first = max(first, least)
+    last = min(last, most)
     if first >= last:
         raise BindingError(
             f"{joint.name}: no count is inside its limits, its travel and the servo's own {least}..{most} "
@@ -62,7 +63,8 @@ def _direct(
     # A goal is rounded to the nearest count, and that must be one the servo takes.
     edge = ROUNDING * abs(rad_per_tick(joint))
     own, sent = (sorted(angle_of(joint, zero, u) for u in pair) for pair in ((least, most), (first, last)))
-    hard_lower, hard_upper = max(hard_lower, own[0] - edge), min(hard_upper, own[1] + edge)
+    hard_lower = max(hard_lower, own[0] - edge)
+    hard_upper = min(hard_upper, own[1] + edge)
     return JointRange(
         lower=max(joint.lower, hard_lower, sent[0] - edge),
         upper=min(joint.upper, hard_upper, sent[1] + edge),
@@ -122,7 +124,8 @@ class JointActuator(NamedTuple):
 
 def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRange]:
     """The whole box of limits of its joints must lie within the counts of its actuators."""
-    specs, law = [seat.joint for seat in seats], spec.law
+    specs = [seat.joint for seat in seats]
+    law = spec.law
     ranges = [(-math.inf, math.inf) if seat.model_range is None else seat.model_range for seat in seats]
     limits = np.array([[joint.lower, joint.upper] for joint in specs]).T
     try:
@@ -169,7 +172,8 @@ def goals(joint: JointSpec, entry: JointCalibration | None) -> tuple[int, int]:
     least, most = joint.type.goals(joint.mode, recorded)
     if entry is not None and joint.type.fenced(joint.mode):  # beyond its one turn it reads another count
         first = turn_begin(joint, entry)
-        least, most = max(least, first), min(most, first + joint.type.ticks_per_turn - 1)
+        least = max(least, first)
+        most = min(most, first + joint.type.ticks_per_turn - 1)
     return least, most
 
 

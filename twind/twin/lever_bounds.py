@@ -40,7 +40,8 @@ def _arms(model: mujoco.MjModel, data: mujoco.MjData, geom: int, moved: dict[int
     found: dict[int, float] = {}
     beyond = 0.0  # from the anchor of the joint after this one to the farthest point
     for at, joint in enumerate(chain):
-        anchor, axis = data.xanchor[joint], data.xaxis[joint]
+        anchor = data.xanchor[joint]
+        axis = data.xaxis[joint]
         if at == 0:
             found[moved[joint]] = radius + max(_off(points, anchor, axis))
             beyond = radius + float(np.linalg.norm(points - anchor, axis=1).max())
@@ -55,7 +56,8 @@ def _chain(model: mujoco.MjModel, body: int, moved: dict[int, int]) -> list[int]
     """Driven joints that move a body, from the nearest to the root."""
     chain: list[int] = []
     while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         chain += [joint for joint in reversed(range(first, first + count)) if joint in moved]
         body = int(model.body_parentid[body])
     return chain
@@ -70,13 +72,17 @@ def _off(points: Floats, anchor: Floats, axis: Floats) -> Floats:
 
 def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[Floats, float]:
     """Points (k, 3) in the world and a radius: all of the geom is within it of their hull."""
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    rotation, centre = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    kind = int(model.geom_type[geom])
+    size = model.geom_size[geom]
+    rotation = data.geom_xmat[geom].reshape(3, 3)
+    centre = data.geom_xpos[geom]
     radius = 0.0
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        local, radius = np.zeros((1, 3)), float(size[0])
+        local = np.zeros((1, 3))
+        radius = float(size[0])
     elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        local, radius = np.array([[0.0, 0.0, size[1]], [0.0, 0.0, -size[1]]]), float(size[0])
+        local = np.array([[0.0, 0.0, size[1]], [0.0, 0.0, -size[1]]])
+        radius = float(size[0])
     elif kind == mujoco.mjtGeom.mjGEOM_BOX:
         local = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
     elif kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -84,5 +90,6 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[Flo
         first = int(model.mesh_vertadr[mesh])
         local = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], np.float64)
     else:
-        local, radius = np.zeros((1, 3)), float(model.geom_rbound[geom])
+        local = np.zeros((1, 3))
+        radius = float(model.geom_rbound[geom])
     return centre + local @ rotation.T, radius

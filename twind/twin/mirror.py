@@ -27,8 +27,11 @@ class TwinMirror:
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         self.data = mujoco.MjData(self.model)
         self.refused = 0  # readings that were heard but not believable
-        self._place, self._speed = index(binding.qpos), index(binding.dof)
-        self._qpos, self._qvel, self._force = self.data.qpos, self.data.qvel, self.data.qfrc_inverse
+        self._place = index(binding.qpos)
+        self._speed = index(binding.dof)
+        self._qpos = self.data.qpos
+        self._qvel = self.data.qvel
+        self._force = self.data.qfrc_inverse
         self._seen = np.zeros(len(binding.qpos), np.bool_)
         self._whole = False  # every joint has been seen
         self._qpos[self._place] = binding.rest
@@ -49,7 +52,8 @@ class TwinMirror:
 
     def update(self, measured: JointState) -> None:
         """Take a reading. Joints not heard, or not believable, keep their last."""
-        position, velocity = measured.position, measured.velocity
+        position = measured.position
+        velocity = measured.velocity
         fresh = believable(position, velocity)
         if not (every(fresh) and every(measured.heard)):
             self.refused += int(np.count_nonzero(measured.heard & ~fresh))
@@ -74,7 +78,8 @@ def believable(position: Floats, velocity: Floats) -> Bools:
 
 def index(addresses: Ints) -> slice | Ints:
     """A slice where the addresses are one run: writing through it is twice as fast."""
-    first, count = int(addresses[0]), len(addresses)
+    first = int(addresses[0])
+    count = len(addresses)
     if np.array_equal(addresses, np.arange(first, first + count)):
         return slice(first, first + count)
     return addresses

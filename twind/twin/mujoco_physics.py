@@ -23,7 +23,9 @@ from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, 
 from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
 
 __all__ = ["BusPhysics", "MujocoPhysics", "PhysicsDiverged", "ServoMotor", "body_of"]
-SETTLE, STILL = 20.0, 1e-3  # s without torque before time begins, at most; rad/s that is rest
+# s without torque before time begins, at most; rad/s that is rest
+SETTLE = 20.0
+STILL = 1e-3
 
 
 class PhysicsDiverged(RuntimeError):
@@ -115,7 +117,8 @@ class MujocoPhysics:
         if steps < 1:
             return
         self._time += steps * STEP
-        data, crane = self.data, self.crane
+        data = self.data
+        crane = self.crane
         if crane is not None:
             crane.watch(self._loops.on, self._time)
         if self._loops.busy or (crane is not None and crane.pushing):
@@ -142,10 +145,14 @@ class BusPhysics:
     """The motors of one bus. Keeps the protocol of `MujocoPhysics` for m of its n motors."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole, self._loops, self._at = whole, loops, at
+        self._whole = whole
+        self._loops = loops
+        self._at = at
         self.stall = whole.stall[at]
-        self.position, self.velocity = whole.position[at], whole.velocity[at]
-        self.current, self.pwm = whole.current[at], whole.pwm[at]
+        self.position = whole.position[at]
+        self.velocity = whole.velocity[at]
+        self.current = whole.current[at]
+        self.pwm = whole.pwm[at]
 
     def drive(self, drive: MotorDrive) -> None:
         """As `MujocoPhysics.drive`."""
@@ -179,7 +186,9 @@ class CanBusPhysics:
     Arrays (m,), SI."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole, self._loops, self._at = whole, loops, at
+        self._whole = whole
+        self._loops = loops
+        self._at = at
         self.position, self.velocity, self.torque = loops.read_shafts(whole.data, at)
         self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
 
@@ -237,7 +246,8 @@ def body_of(
     `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
     `hold`: of `crane.HOLDS`, where its support is free and it is upright.
     """
-    rub, ends = friction or {}, stops or {}
+    rub = friction or {}
+    ends = stops or {}
     motors = [
         ServoMotor.from_joint(
             joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name)
@@ -306,8 +316,10 @@ def _compile(
         target = f"{PREFIX}{motor.joint}" if row in together else motor.joint
         actuator = spec.add_actuator(name=motor.joint, target=target)
         actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON if row in together else mujoco.mjtTrn.mjTRN_JOINT
-        actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.forcelimited, actuator.forcerange = True, [-1.0, 1.0]
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.forcelimited = True
+        actuator.forcerange = [-1.0, 1.0]
         actuator.ctrllimited = False  # whatever the model's own servos inherit: N·m or rad/s are no angle
     strung(spec, groups)
     spec.option.timestep = STEP

@@ -22,14 +22,24 @@ from twind.robot.arrays import Bools, Floats
 from twind.twin.tendon_coupling import Coupling, MotorGroup
 
 STEP = 0.002  # s
-STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
+# N·m, rad/s at full voltage
+STALL = 4.1
+FREE = 4.82
 CYCLE = 0.001  # s, of the servo's own loop
-FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 has
+# N·m, N·m·s/rad: the least a gear of 353:1 has
+FRICTION = 0.05
+DAMPING = 0.01
 TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
-CURRENT, VELOCITY, CURRENT_POSITION, PWM = 0, 1, 5, 16  # operating modes; 3 and 4 seek a position too
+# operating modes; 3 and 4 seek a position too
+CURRENT = 0
+VELOCITY = 1
+CURRENT_POSITION = 5
+PWM = 16
 BLOCKED = 1e4  # N·m, the friction of a joint that something holds fast
 HAND = 30.0  # N·m, what somebody's hand can do at a limp joint: it lifts every limb, and slips at a hard stop
-GRIP, STEADY = 5000.0, 250.0  # N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
+# N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
+GRIP = 5000.0
+STEADY = 250.0
 Places = NDArray[np.intp]
 
 
@@ -87,7 +97,8 @@ class ServoMotor:
     ) -> "ServoMotor":
         """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
         kind = joint.type
-        unit, limit = kind.effort_lsb_nm, kind.effort_limit_nm
+        unit = kind.effort_lsb_nm
+        limit = kind.effort_limit_nm
         return cls(
             joint=joint.model_joint,
             zero=zero,
@@ -132,14 +143,16 @@ class MotorControlLoops:
         usual = np.where(direct, np.maximum(model.dof_frictionloss[self.v], FRICTION), FRICTION)
         self._friction = np.where(np.isnan(own), usual, own)
         self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
-        model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3] = 0.0, 0.0
+        model.actuator_gainprm[:, 0] = 0.0
+        model.actuator_biasprm[:, :3] = 0.0
         model.actuator_forcerange[:] = 0.0
         everyone = np.arange(len(motors))
         self._damp(everyone, self._damping)
         self._rub(everyone, self._friction)
         model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
         model.dof_solref[self.v, 0] = 2.0 * STEP
-        model.tendon_solimp_fri[:, :2], model.tendon_solref_fri[:, 0] = 0.9999, 2.0 * STEP
+        model.tendon_solimp_fri[:, :2] = 0.9999
+        model.tendon_solref_fri[:, 0] = 2.0 * STEP
         fence(model, joints, motors)
         count = len(motors)
         self._hand, self._lead, self._reach = (np.full(count, np.nan) for _ in range(3))  # rad, rad, rad/s
@@ -148,8 +161,12 @@ class MotorControlLoops:
         self._loose = np.ones(count)  # 0: what the actuator does is the hand's, not the motor's
         self.integral = np.zeros(count)  # N·m
         self._mode = np.full(count, 3)
-        self._ki, self._emf, self._full = np.zeros(count), np.zeros(count), np.ones(count)
-        self._output, self._floor, self._ceiling = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._ki = np.zeros(count)
+        self._emf = np.zeros(count)
+        self._full = np.ones(count)
+        self._output = np.zeros(count)
+        self._floor = np.zeros(count)
+        self._ceiling = np.zeros(count)
         self._most = np.zeros(count)
         self._live: Places = np.zeros(0, np.intp)
         self._simple = True  # does everyone seek a position?
@@ -167,9 +184,13 @@ class MotorControlLoops:
 
     def drive(self, at: Places, drive: MotorDrive) -> None:
         """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
-        model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])
-        mode, on = np.asarray(drive.mode), drive.on
-        seeks, spins = (mode >= 3) & (mode <= CURRENT_POSITION), mode == VELOCITY
+        model = self._model
+        ratio = self._ratio[at]
+        ticks = np.abs(self._ticks[at])
+        mode = np.asarray(drive.mode)
+        on = drive.on
+        seeks = (mode >= 3) & (mode <= CURRENT_POSITION)
+        spins = mode == VELOCITY
         full = self._stall[at] / drive.full * ratio * drive.supply  # N·m per count
         raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
         kp = np.where(on & seeks, drive.p / 128.0 * ticks, 0.0) * full
@@ -190,9 +211,12 @@ class MotorControlLoops:
         ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
         self._ki[at] = ki / 65536.0 * full / CYCLE
         self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
-        self._mode[at], self._full[at] = mode, np.maximum(full, 1e-12)
-        self._output[at], self._most[at] = output, current
-        self._floor[at], self._ceiling[at] = -current, current
+        self._mode[at] = mode
+        self._full[at] = np.maximum(full, 1e-12)
+        self._output[at] = output
+        self._most[at] = current
+        self._floor[at] = -current
+        self._ceiling[at] = current
         most = np.where(mode == CURRENT_POSITION, 2.0 * output, output)  # braking adds the back-EMF
         self._each[at] = on & ((self._ki[at] > 0.0) | (mode == CURRENT) | (current < most))
         self._live = np.flatnonzero(self._each)
@@ -204,7 +228,8 @@ class MotorControlLoops:
         angle = (goal - self._zero[at]) / self._ticks[at]
         if self._simple:
             return angle
-        mode, way = self._mode[at], self._way[at]
+        mode = self._mode[at]
+        way = self._way[at]
         speed = goal * self._speed_lsb[at] * way / self._ratio[at]
         torque = goal * self._torque_lsb[at] * self._ratio[at] * way
         torque = np.clip(torque, -self._most[at], self._most[at])
@@ -219,13 +244,15 @@ class MotorControlLoops:
         SI at the shaft; their current loop makes that torque whatever the back-EMF is. Damping acts
         implicitly. `steer` must follow.
         """
-        model, ratio = self._model, self._ratio[at]
+        model = self._model
+        ratio = self._ratio[at]
         stiff, damp = (np.where(on, gain * ratio**2, 0.0) for gain in (kp, kd))
         most = np.where(on, limit * ratio, 0.0)
         model.actuator_gainprm[at, 0] = 1.0
         model.actuator_biasprm[at, 1], model.actuator_biasprm[at, 2] = -stiff, -damp
         model.actuator_forcerange[at] = np.stack([-most, most], axis=-1)
-        self._emf[at], self._each[at] = 0.0, False
+        self._emf[at] = 0.0
+        self._each[at] = False
         self._damp(at, self._damping[at])
         self._live = np.flatnonzero(self._each)
         self._grasp(at, on)
@@ -239,7 +266,8 @@ class MotorControlLoops:
 
     def read_shafts(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
         """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
-        ratio, way = self._ratio[at], self._way[at]
+        ratio = self._ratio[at]
+        way = self._way[at]
         turned, speed = self._shafts(data)
         angle = self._zero[at] * self._angle[at] + turned[at] * ratio * way
         force = data.actuator_force[at] * self._loose[at]
@@ -257,7 +285,8 @@ class MotorControlLoops:
     def _grip(self, at: Places, angle: Floats, speed: Floats) -> None:
         let_go = at[np.isnan(angle) & ~self._on[at]]
         self._model.actuator_forcerange[let_go] = 0.0
-        self._hand[at], self._reach[at] = angle, speed
+        self._hand[at] = angle
+        self._reach[at] = speed
         self._grasp(at, self._on[at])
 
     def _grasp(self, at: Places, on: Bools) -> None:
@@ -265,8 +294,10 @@ class MotorControlLoops:
         self._on[at] = on
         held = np.isfinite(self._hand) & ~self._on
         self._lead[~held] = np.nan
-        self._gripped, self._loose = np.flatnonzero(held), np.where(held, 0.0, 1.0)
-        model, rows = self._model, self._gripped
+        self._gripped = np.flatnonzero(held)
+        self._loose = np.where(held, 0.0, 1.0)
+        model = self._model
+        rows = self._gripped
         model.actuator_gainprm[rows, 0] = GRIP
         model.actuator_biasprm[rows, 1], model.actuator_biasprm[rows, 2] = -GRIP, -STEADY
         model.actuator_forcerange[rows] = [-HAND, HAND]
@@ -287,7 +318,8 @@ class MotorControlLoops:
         if self._gripped.size:
             self._carry(data, turned)
         at = self._live
-        speed, most = speeds[at], self._output[at]
+        speed = speeds[at]
+        most = self._output[at]
         actual = np.where(self._mode[at] == VELOCITY, speed, turned[at])
         low, high = (
             np.clip(bound[at] + self._emf[at] * speed, -most, most) for bound in (self._floor, self._ceiling)
@@ -318,7 +350,8 @@ class MotorControlLoops:
 
     def _shafts(self, data: mujoco.MjData) -> tuple[Floats, Floats]:
         """Angle and speed (n,) of what the motors drive."""
-        angle, speed = data.qpos[self.q], data.qvel[self.v]
+        angle = data.qpos[self.q]
+        speed = data.qvel[self.v]
         for each in self._couplings:
             angle[each.rows], speed[each.rows] = each.place(data)
         return angle, speed
@@ -338,6 +371,7 @@ def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[ServoMo
     """Stops as hard as metal: the soft default gives by degrees where a small limb is pushed with 1 N·m."""
     for joint, motor in zip(joints, motors, strict=True):
         if motor.stops is not None:
-            model.jnt_limited[joint.id], model.jnt_range[joint.id] = True, motor.stops
+            model.jnt_limited[joint.id] = True
+            model.jnt_range[joint.id] = motor.stops
         model.jnt_solref[joint.id, 0] = 2.0 * STEP
         model.jnt_solimp[joint.id, :2] = 0.9999

@@ -45,15 +45,21 @@ class Simulation:
         self.warnings = 0  # of MuJoCo, all kinds
         self.resets = 0  # times the physics broke down and was put back to the last good pose
         self.frozen = False
-        self._floating, self._base = binding.floating, binding.robot.base
+        self._floating = binding.floating
+        self._base = binding.robot.base
         imu = binding.robot.imu
         self._felt = None if imu is None else ImuModel(self.model, self.data, imu.site)
         self._dof = binding.dof
-        self._place, self._speed = index(binding.qpos), index(binding.dof)
+        self._place = index(binding.qpos)
+        self._speed = index(binding.dof)
         self._goal = index(binding.actuators)
-        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
-        self._force, self._warned = self.data.qfrc_actuator, self.data.warning.number
-        self._age, self._heard = np.zeros(len(binding.rest)), np.ones(len(binding.rest), np.bool_)
+        self._qpos = self.data.qpos
+        self._qvel = self.data.qvel
+        self._ctrl = self.data.ctrl
+        self._force = self.data.qfrc_actuator
+        self._warned = self.data.warning.number
+        self._age = np.zeros(len(binding.rest))
+        self._heard = np.ones(len(binding.rest), np.bool_)
         self._age.setflags(write=False)
         self._heard.setflags(write=False)
         self.place(binding.rest)
@@ -69,7 +75,8 @@ class Simulation:
         self._ctrl[self._goal] = position
         if self._floating:
             stand(self.model, self.data, self._base)
-        self._good, self._sound = (np.array(self._qpos), np.array(self._ctrl)), False
+        self._good = (np.array(self._qpos), np.array(self._ctrl))
+        self._sound = False
 
     def halt(self) -> None:
         """Stop where it is: the pose of now is the goal; none is taken until `place` or `release`."""

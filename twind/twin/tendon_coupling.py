@@ -40,12 +40,14 @@ class Coupling:
     def __init__(self, model: mujoco.MjModel, group: MotorGroup) -> None:
         self.rows = np.array(group.rows, np.intp)
         self.tendons = np.array([model.tendon(f"{PREFIX}{joint}").id for joint in group.joints], np.intp)
-        self._law, self._model = group.law, model
+        self._law = group.law
+        self._model = model
         joints = [model.joint(joint) for joint in group.joints]
         self._q = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
         self._v = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
         self._wraps = np.array([model.tendon_adr[t] + np.arange(len(joints)) for t in self.tendons])
-        self._joints, self._shafts = np.zeros(len(joints)), np.zeros(len(joints))
+        self._joints = np.zeros(len(joints))
+        self._shafts = np.zeros(len(joints))
         self._back: Floats = np.eye(len(joints))  # dshaft/djoint at the last place
         middle = group.law.places.mean(axis=0)
         self._keep(group.law.forward(middle), middle)
@@ -65,7 +67,8 @@ class Coupling:
         by the length of its tendon."""
         self._model.wrap_prm[self._wraps] = self._back
         length = self._back @ data.qpos[self._q]
-        model, rows = self._model, self.rows
+        model = self._model
+        rows = self.rows
         model.actuator_biasprm[rows, 0] = model.actuator_biasprm[rows, 1] * (shafts - length)
 
     def to_joints(self, torque: Floats) -> tuple[np.ndarray, Floats]:
@@ -73,5 +76,6 @@ class Coupling:
         return self._v, self._back.T @ torque
 
     def _keep(self, joints: Floats, shafts: Floats) -> None:
-        self._joints, self._shafts = joints, shafts
+        self._joints = joints
+        self._shafts = shafts
         self._back = np.asarray(np.linalg.inv(self._law.jacobian(shafts)), np.float64)

@@ -43,7 +43,9 @@ class TrajectoryPrecheck:
     def __init__(self, binding: Binding, period: float, strength: DynamicsCheck | None = None) -> None:
         """`period`: s, of a tick. Raises BindingError where no two bodies could be judged."""
         self.bodies = CollisionModel(binding)
-        self._limits, self._period, self._strength = binding.limits, period, strength
+        self._limits = binding.limits
+        self._period = period
+        self._strength = strength
         if not self.bodies.pairs:
             file = binding.robot.path
             raise BindingError(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
@@ -81,7 +83,8 @@ class TrajectoryPrecheck:
     def _finding(self, close: CloseGeoms, path: Trajectory, late: float, *, near: bool) -> Finding:
         """When it begins, and how near they come at worst. `near`: within the band that warns alone."""
         pair = self.bodies.pairs[close.pair]
-        time, least = max(close.time - late, 0.0), max(close.at - late, 0.0)
+        time = max(close.time - late, 0.0)
+        least = max(close.at - late, 0.0)
         bound = pair.block + self.bodies.band if near else pair.block
         what = "near each other" if near else "too close"
         reason = f"{pair.name} {what} (m between them; the least at {least:.3g} s)"
@@ -102,7 +105,8 @@ def samples(curve: Spline) -> tuple[Floats, Floats, Floats, Floats]:
     if not len(curve.coefficients):
         return time, still + curve.end, still, still
     segment = np.clip(np.searchsorted(curve.time, time, side="right") - 1, 0, len(curve.coefficients) - 1)
-    rows, u = curve.coefficients[segment], (time - curve.time[segment])[:, None]
+    rows = curve.coefficients[segment]
+    u = (time - curve.time[segment])[:, None]
     power = np.arange(rows.shape[1])
     found = []
     for _ in range(3):  # the value and both derivatives

@@ -32,7 +32,9 @@ class TransmissionRangeError(ValueError):
 
     def __init__(self, place: int, least: float, most: float) -> None:
         super().__init__(f"{least:.4f}..{most:.4f} rad")
-        self.place, self.least, self.most = place, least, most
+        self.place = place
+        self.least = least
+        self.most = most
 
 
 def box(
@@ -55,7 +57,8 @@ def box(
         low, high = span(law, *widened(by))
         return np.asarray(~((low >= allowed[0]) & (high <= allowed[1])))  # NaN is outside
 
-    fits, fails = -TAKEN_IN, beyond
+    fits = -TAKEN_IN
+    fails = beyond
     if not outside(beyond).any():
         fits = beyond
     elif not outside(0.0).any():

@@ -26,7 +26,9 @@ from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 from twind_drivers.virtual.virtual_servos import BAUDS, ServoSpec
 
 FIRMWARE = 47
-MIDDLE, SPREAD = 2048, 400  # ticks: where such servos stand, and how far from there
+# ticks: where such servos stand, and how far from there
+MIDDLE = 2048
+SPREAD = 400
 PLUGGED = 20_000  # ms: they got power one by one in the time before
 BITRATE = 1_000_000  # bit/s of a CAN bus
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
@@ -131,7 +133,8 @@ def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], li
 
     Else two with one id would say the same bits for ever, and no scan could tell that there are two.
     """
-    random, count = np.random.default_rng(seed), len(specs)
+    random = np.random.default_rng(seed)
+    count = len(specs)
     ticks = random.permutation(np.arange(MIDDLE - SPREAD, MIDDLE + SPREAD + 1))[:count]
     powered = random.permutation(PLUGGED)[:count] * 1e-3
     laid = [replace(spec, powered=float(since)) for spec, since in zip(specs, powered, strict=True)]

@@ -144,7 +144,8 @@ class FaultCommandSocket:
 
     def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
         """Raises OSError: the path cannot be bound."""
-        self._path, self._answer = path, answer
+        self._path = path
+        self._answer = answer
         if path.is_socket():
             _refuse_taken(path)
             path.unlink()

@@ -48,15 +48,18 @@ def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     """
     if truth.zero_ticks is not None:
         return truth.zero_ticks
-    turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
+    turn = joint.type.ticks_per_turn
+    start = turn_start(joint.type)
     low, high = tick_range(joint, 0, *margined(joint))
-    first, last = start + SEAM - low, start + turn - 1 - SEAM - high
+    first = start + SEAM - low
+    last = start + turn - 1 - SEAM - high
     if first > last:
         raise VirtualRobotSpecError(
             f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}"
         )
     middle = (first + last) // 2
-    first, last = max(first, middle - SCATTER), min(last, middle + SCATTER)
+    first = max(first, middle - SCATTER)
+    last = min(last, middle + SCATTER)
     return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
 
 

@@ -44,7 +44,8 @@ class VirtualPtyPort:
 
         Raises OSError, before the link is touched: somebody else serves it.
         """
-        self.name, self._link = name, link
+        self.name = name
+        self._link = link
         self._lock = -1 if link is None else _claim(link)
         self.path = ""
         self._fd = -1
@@ -70,7 +71,8 @@ class VirtualPtyPort:
         self.path = os.ttyname(other)
         os.close(other)
         os.set_blocking(master, False)
-        self._fd, self._poll = master, select.poll()
+        self._fd = master
+        self._poll = select.poll()
         self._poll.register(master, 0)  # only to be told of hang-up
         if self._link is not None:
             fresh = self._link.with_name(f".{self._link.name}.new")
@@ -83,7 +85,8 @@ class VirtualPtyPort:
         if self._fd < 0:
             return
         os.close(self._fd)
-        self._fd, self.present = -1, False
+        self._fd = -1
+        self.present = False
         if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.path:
             self._link.unlink()
 

@@ -24,7 +24,10 @@ MAX_TICKS = 2**31 - 1
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator
 FLOATS = ("friction_nm", "backlash_ticks")
 LOOSE = (0.02, 0.08)  # rad, how far beyond the limits the stops of a random specimen are
-RUBBING, PLAY, WOUND = (0.03, 0.1), 4.0, 2  # N·m; ticks; turns either way
+# N·m; ticks; turns either way
+RUBBING = (0.03, 0.1)
+PLAY = 4.0
+WOUND = 2
 CLEAR = 8  # ticks from the seam that the travel of a random mode 3 joint keeps
 
 
@@ -98,7 +101,8 @@ def load_truth(path: Path, robot: RobotFile) -> Truth:
 
 def _joint(section: ConfigSection) -> JointTruth:
     made: dict[str, object] = {}
-    ticks, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
+    ticks = {"least": -MAX_TICKS, "most": MAX_TICKS}
+    byte = {"least": 0, "most": 255}
     bounds = {
         "zero_ticks": ticks,
         "sign": {"least": -1, "most": 1},
@@ -193,7 +197,8 @@ def random_truth(robot: RobotFile, seed: int) -> Truth:
 def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     below, above = random.uniform(*LOOSE, 2)
     stops = (joint.span[0] - float(below), joint.span[1] + float(above))
-    turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
+    turn = joint.type.ticks_per_turn
+    start = turn_start(joint.type)
     low, high = sorted(ticks_of(joint, 0, stop) for stop in stops)
     one_turn = isinstance(joint.type, CanType) or joint.operating_mode == 3
     if one_turn and high - low < turn - 2 * CLEAR:
@@ -204,7 +209,8 @@ def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     ends = None if joint.transmission else stops  # its actuators end where their joints do
     if isinstance(joint.type, CanType):
         return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
-    play, turns = float(random.uniform(0.0, PLAY)), int(random.integers(-WOUND, WOUND + 1))
+    play = float(random.uniform(0.0, PLAY))
+    turns = int(random.integers(-WOUND, WOUND + 1))
     if joint.operating_mode == 3 and not isinstance(joint.type, CanType):
         turns = 0  # it wakes up on one turn
     return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns)

@@ -17,7 +17,8 @@ def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> Virtual
     imu = robot.imu
     if imu is None or imu.bus != bus:
         return None
-    spec, turned = imu, mount_of(robot, imu)
+    spec = imu
+    turned = mount_of(robot, imu)
 
     def tell() -> list[Floats]:
         return in_device(still(0.0) if body is None else body.imu(), spec, turned)

@@ -38,7 +38,9 @@ class ServoClock:
     """Time as the servos live it. Never more than `STALL` at once, so catching up is bounded."""
 
     def __init__(self, clock: Clock) -> None:
-        self._clock, self._last, self._lost = clock, clock.now(), 0.0
+        self._clock = clock
+        self._last = clock.now()
+        self._lost = 0.0
 
     @property
     def skipped_time(self) -> float:
@@ -68,7 +70,10 @@ class VirtualBusServer:
         crane: BaseSupport | None = None,
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
-        self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
+        self._buses = buses
+        self._ports = ports
+        self._clock = clock
+        self._said = said
         self._crane = crane
         self._lost = clock.skipped_time  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server

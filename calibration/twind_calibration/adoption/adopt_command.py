@@ -61,7 +61,8 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
 
 
 def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dict[str, At]) -> int:
-    robot, heard = described.robot, {}
+    robot = described.robot
+    heard = {}
     for bus, at in opened.items():
         rates = " and ".join(map(str, lookout(robot, robot.bus(bus))))
         _print_line(options, f"looking for servos on bus {bus} at {rates} baud ...")

@@ -31,7 +31,8 @@ class AdoptionPlan:
 
     def lines(self) -> list[str]:
         """Return the confirmation text: the servo, the values to write, the effect on the calibration."""
-        chosen, joint = self.chosen, self.chosen.joint
+        chosen = self.chosen
+        joint = self.chosen.joint
         said = [
             f"{chosen.found.model_name}, firmware {self.firmware}, {chosen.place}, torque off",
             f"becomes {joint.name}: {chosen.home} on bus {chosen.bus.name}",
@@ -63,7 +64,8 @@ class AdoptionPlan:
 
         After an interruption at any point, a repeated adoption finds the servo and completes the steps.
         """
-        joint, known = self.chosen.joint, self.hand.table
+        joint = self.chosen.joint
+        known = self.hand.table
         self.entry.strike_out()
         for step in self.steps:
             self.hand.write(step.register, step.then)
@@ -82,7 +84,8 @@ def prepare(
     Also rejected: a servo at the final id and rate whose joint is calibrated. It is presumably the servo of
     that joint, and adoption would discard its calibration.
     """
-    model, firmware = chosen.found.model, chosen.found.firmware
+    model = chosen.found.model
+    firmware = chosen.found.firmware
     assert model is not None  # `choose` lets no other pass
     assert firmware is not None
     hand = ServoConfigurator(at, table(model, firmware), chosen.place)

@@ -33,7 +33,9 @@ class ServoConfigurator:
         self, at: Callable[[int], WritableProber], table: ControlTable, place: ServoLocation
     ) -> None:
         """`at` sets the port to a rate."""
-        self._at, self.table, self.place = at, table, place
+        self._at = at
+        self.table = table
+        self.place = place
         self._setter = at(place.baud)
 
     def is_free(self, place: ServoLocation) -> bool:
@@ -54,7 +56,8 @@ class ServoConfigurator:
 
     def write(self, name: str, value: int) -> None:
         """One register, read back. The servo stays where it is: not for its id or its rate."""
-        field, refused = self.table[name], ""
+        field = self.table[name]
+        refused = ""
         for _ in range(TRIES):
             heard = self._setter.write(self.place.id, field.address, field.encode(value))
             refused = _refusal(heard, self.place.id) or refused
@@ -71,7 +74,9 @@ class ServoConfigurator:
             self._move("baud_rate", RATES.index(to.baud), to)
 
     def _move(self, name: str, value: int, to: ServoLocation) -> None:
-        field, before, refused = self.table[name], self.place, ""
+        field = self.table[name]
+        before = self.place
+        refused = ""
         field.check(value)
         for _ in range(TRIES):
             heard = self._setter.write(before.id, field.address, field.encode(value))
@@ -96,14 +101,16 @@ class ServoConfigurator:
                 and not heard.strays
                 and int.from_bytes(sound[0][:2], "little") == self.table.number
             ):
-                self.place, self._setter = place, setter
+                self.place = place
+                self._setter = setter
                 return True
         self._setter = self._at(self.place.baud)
         return False
 
     def _block(self, fields: Sequence[TableRegister]) -> Mapping[str, int]:
         """The values of registers of one memory, by the smallest block that holds them."""
-        first, end = min(each.address for each in fields), max(each.end for each in fields)
+        first = min(each.address for each in fields)
+        end = max(each.end for each in fields)
         several = False
         for _ in range(PROBES):
             heard = self._setter.read(self.place.id, first, end - first)

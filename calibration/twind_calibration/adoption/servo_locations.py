@@ -66,7 +66,8 @@ def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
 
     Excluded are the locations of other joints, and id 1 at the rate of the bus where a joint has id 1.
     """
-    fresh, baud = delivered(joint), robot.bus(joint.bus).baud
+    fresh = delivered(joint)
+    baud = robot.bus(joint.bus).baud
     others = {each.id for each in robot.joints if each.bus == joint.bus and each.name != joint.name}
     places = [
         fresh,
@@ -167,11 +168,10 @@ def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
 
 def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation:
     """Return the location of the only candidate servo."""
-    bus, fresh = robot.bus(joint.bus), delivered(joint)
-    home, candidates = (
-        ServoLocation(joint.id, bus.baud),
-        [each for each in ways(robot, joint) if each in found],
-    )
+    bus = robot.bus(joint.bus)
+    fresh = delivered(joint)
+    home = ServoLocation(joint.id, bus.baud)
+    candidates = [each for each in ways(robot, joint) if each in found]
     strangers = [each for each in found if each.baud != bus.baud and each not in candidates]
     if len(candidates) + len(strangers) > 1 and home in found:
         others = _format_list([each for each in [*candidates, *strangers] if each != home])
@@ -195,7 +195,8 @@ def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, Scan
 
 
 def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
-    bus, fresh = robot.bus(joint.bus), delivered(joint)
+    bus = robot.bus(joint.bus)
+    fresh = delivered(joint)
     yield f"a {joint.type.device} as delivered is {fresh}, and nobody answers there."
     owner = [each.name for each in robot.joints if each.bus == bus.name and each.id == fresh.id]
     if fresh.baud == bus.baud and owner and owner[0] != joint.name:

@@ -34,7 +34,8 @@ BESIDE = (
 
 def scan(options: argparse.Namespace) -> int:
     """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
-    known, checks = check_table.complaints(), [each for each in check_table.checks() if each.what in LOOKS]
+    known = check_table.complaints()
+    checks = [each for each in check_table.checks() if each.what in LOOKS]
     examined = examine(options, HostInspector(), MonotonicClock())
     try:
         with ProgressLine(options, "scan") as progress:

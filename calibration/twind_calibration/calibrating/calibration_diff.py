@@ -41,7 +41,8 @@ def changes(
     """Everything that differs, in the robot's order."""
     found: list[CalibrationChange] = []
     for slot in slots:
-        old, new = before.by_name.get(slot.name), after.by_name.get(slot.name)
+        old = before.by_name.get(slot.name)
+        new = after.by_name.get(slot.name)
         if old is not None and new is not None:
             found.extend(_compare_entries(slot, old, new))
         elif old is not None or new is not None:
@@ -61,7 +62,8 @@ def _compare_entries(
         if was != now:
             yield CalibrationChange(slot.name, what, was, now, degrees((now - was) * slot.rad_per_tick))
     for what in KEPT:
-        before, after = getattr(old, what), getattr(new, what)
+        before = getattr(old, what)
+        after = getattr(new, what)
         if before != after:
             yield CalibrationChange(slot.name, what, before, after)
     if device := differences(old.device, new.device):

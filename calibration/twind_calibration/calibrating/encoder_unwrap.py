@@ -51,8 +51,10 @@ class UnwrappedEncoder:
         self.turn = ticks_per_turn
         self.heard = False
         self.place = self.low = self.high = 0
-        self._last, self._speed = EncoderSample(0.0, 0), 0.0
-        self._anchor, self._since = 0, 0.0
+        self._last = EncoderSample(0.0, 0)
+        self._speed = 0.0
+        self._anchor = 0
+        self._since = 0.0
         self._rests: tuple[int | None, int | None] = (None, None)
 
     def take(self, sample: EncoderSample) -> str:
@@ -96,8 +98,10 @@ class UnwrappedEncoder:
     def _begin(self, sample: EncoderSample) -> None:
         self.heard = True
         self.place = self.low = self.high = sample.ticks
-        self._last, self._speed = sample, 0.0
-        self._anchor, self._since = sample.ticks, sample.time
+        self._last = sample
+        self._speed = 0.0
+        self._anchor = sample.ticks
+        self._since = sample.time
         self._rests = (None, None)
 
     def _rest(self, time: float) -> None:
@@ -105,7 +109,8 @@ class UnwrappedEncoder:
         if self.span <= self._still:
             self._since = time
         elif abs(self.place - self._anchor) > self._still:
-            self._anchor, self._since = self.place, time
+            self._anchor = self.place
+            self._since = time
         elif time - self._since >= DWELL:
             lower, upper = self._rests
             self._rests = (

@@ -41,7 +41,8 @@ class EndstopPlan:
         kind = self.slot.joint.type
         assert isinstance(kind, ServoType)
         share = USUAL_SHARE if self.share is None else self.share
-        most, pull = share * kind.current_limit_a, share * kind.effort_limit_nm
+        most = share * kind.current_limit_a
+        pull = share * kind.effort_limit_nm
         strength = f"{share:.0%} of its current limit" + (f", {most:.2f} A" if isfinite(most) else "")
         strength += f", about {pull:.2f} N·m" if isfinite(pull) else ""
         way = "" if at is None else f", {abs(self.stop - at):.2f} rad from where it is"
@@ -87,7 +88,8 @@ def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPla
     """Raises Rejected: no such joint, no such stop; UsageError: nobody says which."""
     every = {slot.name: slot for slot in slots(place.robot)}
     [name] = place.select_actuators([options.joint], list(every))
-    slot, joint = every[name], every[name].joint
+    slot = every[name]
+    joint = every[name].joint
     ends = joint.stops.endstops_by_side
     if not ends:
         raise Rejected(f"{name}: {place.robot.path} describes no stop of it (`stop_rad`)")
@@ -139,7 +141,9 @@ def _capture_stops(options: argparse.Namespace, client: Client, touch: EndstopPl
     """The captures. Raises Rejected: none, and why; ClientError."""
     how = {"current_share": touch.share, "speed": touch.speed, "times": touch.times}
     given = {key: value for key, value in how.items() if value is not None}
-    last, phase, told = {}, "", -inf
+    last = {}
+    phase = ""
+    told = -inf
     with ProgressLine(options, touch.slot.name) as progress:
         for last in client.stream("FindStop", joint=touch.slot.joint.name, side=touch.side, **given):
             if options.json:
@@ -148,7 +152,8 @@ def _capture_stops(options: argparse.Namespace, client: Client, touch: EndstopPl
             elif progress.live:
                 progress.update(last["phase"], last["progress"])
             elif last["phase"] != phase or last["progress"] - told >= 0.1:
-                phase, told = last["phase"], last["progress"]
+                phase = last["phase"]
+                told = last["progress"]
                 print(f"{touch.slot.name}: {phase}, {told:.0%}", file=sys.stderr, flush=True)
     if not last.get("ticks"):
         why = "; ".join(finding["message"] for finding in last.get("findings") or ()) or "it was cut short"
@@ -156,12 +161,15 @@ def _capture_stops(options: argparse.Namespace, client: Client, touch: EndstopPl
     return [int(count) for count in last["ticks"]]
 
 
-def make_endstop_entry(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
+def make_endstop_entry(
+    touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]
+) -> JointCalibration:
     """The entry with the zero that follows, and the travel's end where the stop was met.
 
     `counts` may be whole turns off the file's. Raises Rejected: it does not fit the travel.
     """
-    slot, turn = touch.slot, touch.slot.joint.type.ticks_per_turn
+    slot = touch.slot
+    turn = touch.slot.joint.type.ticks_per_turn
     mean = fmean(counts)
     mean += on_turn(round(mean), turn_band(entry.sweep_ticks, turn)) - round(mean)
     zero = ZeroOffset(round(mean - touch.stop / slot.rad_per_tick), pstdev(counts), len(counts), "endstop")

@@ -19,7 +19,8 @@ from twind_calibration.calibrating.travel_verdict import judge
 from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
 
 REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
-DYNAMIXEL, FEETECH = "dynamixel", "feetech"
+DYNAMIXEL = "dynamixel"
+FEETECH = "feetech"
 Ticks = tuple[int, int]
 Convention = int | None  # count at joint angle 0, as the source counts; None: the middle of the travel
 
@@ -79,9 +80,11 @@ def convert_entry(
     refused = _refusal_reason(slot, source, device)
     if refused or source.travel is None:
         return ImportResult(slot, None, (refused,))
-    turn, now = slot.joint.type.ticks_per_turn, device.homing_offset_ticks
+    turn = slot.joint.type.ticks_per_turn
+    now = device.homing_offset_ticks
     moved = now - source.homing_offset
-    low, high = source.travel[0] + moved, source.travel[1] + moved
+    low = source.travel[0] + moved
+    high = source.travel[1] + moved
     sweep = framed(low, high, slot.start + now, turn)
     zero = (low + high) // 2 if zero_at is None else zero_at + moved
     zero += sweep[0] - low
@@ -98,7 +101,8 @@ def convert_entry(
 
 def _refusal_reason(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
     """Return the reason why none of the values is usable; "" where they are."""
-    joint, now = slot.joint, device.homing_offset_ticks
+    joint = slot.joint
+    now = device.homing_offset_ticks
     if not isinstance(joint.type, ServoType):
         return f"is a {joint.type.device} on CAN: registers and files like these say nothing of it"
     if source.make == FEETECH:

@@ -51,7 +51,9 @@ def _archive(place: CalibrationContext) -> CalibrationArchive:
 def _show(options: argparse.Namespace) -> int:
     place = _place(options)
     archive = _archive(place)
-    one, file, earlier = archive.read(options.which), archive.file(options.which), archive.numbers()
+    one = archive.read(options.which)
+    file = archive.file(options.which)
+    earlier = archive.numbers()
     data = {"file": str(file), **asdict(one), "earlier": list(earlier)}
     show(options, data, "\n".join(_page(one, str(file), earlier, slots(place.robot))))
     return DONE
@@ -130,7 +132,8 @@ def _rollback(options: argparse.Namespace) -> int:
     require_somebody(options)
     place = _place(options)
     archive = _archive(place)
-    earlier, file = archive.read(options.which), archive.file(options.which)
+    earlier = archive.read(options.which)
+    file = archive.file(options.which)
     try:
         bind(place.robot, earlier)
     except BindingError as error:

@@ -58,7 +58,8 @@ def _take(options: argparse.Namespace, client: Client) -> int:
         raise Rejected(f"{options.file} says nothing of {', '.join(absent)}")
     chosen = [slot for slot in every if slot.name in asked and (motors is None or slot.name in motors)]
     zeros = _zeros(options, place, names)
-    calibration, draft = place.calibration(), drafts.load(place.path, place.robot)
+    calibration = place.calibration()
+    draft = drafts.load(place.path, place.robot)
     found = records(client, place.robot, chosen, of_file(calibration) | draft.devices)
     sources = {name: of_motor(motor, options.make) for name, motor in (motors or {}).items()}
     folded = [_fold(slot, found, sources, draft, zeros, wide=options.wide) for slot in chosen]
@@ -99,12 +100,14 @@ def _fold(
     *,
     wide: bool,
 ) -> ImportResult:
-    device, swept = found.get(slot.name), draft.swept.get(slot.name)
+    device = found.get(slot.name)
+    swept = draft.swept.get(slot.name)
     if device is None:
         return ImportResult(slot, None, ("nobody answers there",))
     if slot.name not in zeros:
         return ImportResult(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
-    source, note = sources.get(slot.name), ""
+    source = sources.get(slot.name)
+    note = ""
     if source is None:
         changed = [] if swept is None else differences(swept.device, device)
         source = of_registers(slot, device, None if swept is None or changed else swept.sweep_ticks)

@@ -28,7 +28,9 @@ def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) 
         return JointCapture(0, 0.0, 0.0, "it was not heard")
     first = readings[0]
     way = [first + shortest(each - first, ticks_per_turn) for each in readings]  # 4095 and 0 are neighbours
-    mean, sigma, most = fmean(way), pstdev(way), MOST_SIGMA * max(1.0, ticks_per_turn / TURN)
+    mean = fmean(way)
+    sigma = pstdev(way)
+    most = MOST_SIGMA * max(1.0, ticks_per_turn / TURN)
     third = max(1, len(way) // THIRD)
     drift = fmean(way[-third:]) - fmean(way[:third])
     wrong = ""

@@ -32,7 +32,8 @@ from twind_calibration.calibrating.zero_placement import expected_servo_limits, 
 from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import MonotonicClock
 
-LEAST, MOST = "min_position_limit", "max_position_limit"
+LEAST = "min_position_limit"
+MOST = "max_position_limit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,8 @@ class ServoLimitChange:
     @property
     def writes(self) -> list[tuple[str, int]]:
         """What differs, in an order in which the lower limit never passes the upper one."""
-        low, high = (LEAST, self.wanted[0]), (MOST, self.wanted[1])
+        low = (LEAST, self.wanted[0])
+        high = (MOST, self.wanted[1])
         order = [high, low] if self.wanted[0] > self.held[0] else [low, high]
         held = dict(zip((LEAST, MOST), self.held, strict=True))
         return [(name, value) for name, value in order if held[name] != value]
@@ -83,7 +85,8 @@ def limits(options: argparse.Namespace) -> int:
 
 
 def _limits(options: argparse.Namespace, client: Client) -> int:
-    place, clock = ground(options, client), MonotonicClock()
+    place = ground(options, client)
+    clock = MonotonicClock()
     place.select_actuators(options.joints, [slot.name for slot in slots(place.robot)])
     require_somebody(options)
     if client.call("GetStatus")["status"]["mode"] != "live":
@@ -131,7 +134,8 @@ def fences_of(
     """Those whose servo or record has other limits. Raises Rejected: one that they are not written to."""
     fences = []
     for slot in chosen:
-        entry, device = calibration.by_name[slot.name], found.get(slot.name)
+        entry = calibration.by_name[slot.name]
+        device = found.get(slot.name)
         wanted = expected_servo_limits(slot, entry.zero_ticks)
         if wanted is None:
             continue
@@ -145,7 +149,8 @@ def fences_of(
 
 def _require_fit(each: ServoLimitChange, device: DeviceRecord | None) -> None:
     """Raises Rejected: the servo is not as its calibration has it, limits aside, or has no room for them."""
-    entry, name = each.entry, each.slot.name
+    entry = each.entry
+    name = each.slot.name
     changed = ["nobody answers there"] if device is None else differences(entry.device, device, but=FENCE)
     if changed:
         raise Rejected(
@@ -188,7 +193,8 @@ def carry_out(
 
 def _write(client: Client, each: ServoLimitChange) -> tuple[int, int]:
     """What differs; both limits, as they read back."""
-    joint, held = each.slot.joint, dict(zip((LEAST, MOST), each.held, strict=True))
+    joint = each.slot.joint
+    held = dict(zip((LEAST, MOST), each.held, strict=True))
     for name, value in each.writes:
         answer = client.call("WriteRegister", bus=joint.bus, id=joint.id, name=name, value=value)
         held[name] = int(answer["register"]["value"])

@@ -9,7 +9,9 @@ import argparse
 
 from twind_calibration.calibrating.file_option import add_arguments as add_common
 
-LEAST, MOST = 3.0, 45.0  # degrees
+# degrees
+LEAST = 3.0
+MOST = 45.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -35,7 +35,8 @@ def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawReading]]:
 
 
 def _reading(news: Mapping[str, Any]) -> RawReading:
-    raw, time = news["raw"], float(news["time"])
+    raw = news["raw"]
+    time = float(news["time"])
     rows = zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True)
     samples = {
         name: EncoderSample(time - age * 1e-3, int(ticks))

@@ -51,7 +51,8 @@ def records(
 def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
     settings = {name: int(value) for name, value in (told.get("settings") or {}).items()}
     firmware = int(told.get("firmware") or 0)
-    name, unique = told.get("model_name"), told.get("unique_id")
+    name = told.get("model_name")
+    unique = told.get("unique_id")
     device = IdentifiedDevice(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
     try:
         return make_device_record(device, tagged=tagged)

@@ -98,13 +98,17 @@ class SweepSession:
     ) -> None:
         self.draft = drafts.CalibrationDraft()
         self.records: Mapping[str, DeviceRecord] = {}
-        self._options, self._place, self._clock = options, place, clock
+        self._options = options
+        self._place = place
+        self._clock = clock
         self._slots = {slot.name: slot for slot in every}
         self._asked = asked
         self._travels = SweepTracker(every, asked, wide=options.wide)
         columns, rows = shutil.get_terminal_size()
         self._board = SweepDisplay(live=sys.stdout.isatty() and not options.json, rows=rows, columns=columns)
-        self._begun, self._drawn, self._told = clock.now(), 0.0, dict.fromkeys(asked, 0.0)
+        self._begun = clock.now()
+        self._drawn = 0.0
+        self._told = dict.fromkeys(asked, 0.0)
 
     def begin(self) -> None:
         """Print the instructions and discard earlier travels of these joints.
@@ -200,13 +204,15 @@ class SweepSession:
         before = self.draft.swept.get(name)
         if before is None or (before.sweep_ticks, before.device) != (swept, record):
             fresh = DraftTravel(record, swept, now())
-            path, robot = self._place.path, self._place.robot
+            path = self._place.path
+            robot = self._place.robot
             self.draft = drafts.change(path, robot, lambda known: known.joined(name, fresh))
 
     def _forget(self, names: Iterable[str]) -> None:
         """Remove a travel from the draft."""
         if self.draft.without(names) != self.draft:
-            path, robot = self._place.path, self._place.robot
+            path = self._place.path
+            robot = self._place.robot
             self.draft = drafts.change(path, robot, lambda known: known.without(names))
 
     def _news(self, news: SweepEvent) -> None:

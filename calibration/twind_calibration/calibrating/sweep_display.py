@@ -42,7 +42,9 @@ class SweepDisplay:
 
     def __init__(self, out: TextIO | None = None, *, live: bool, rows: int = 24, columns: int = 80) -> None:
         self._out = out or sys.stdout
-        self._live, self._rows, self._columns = live, rows, columns
+        self._live = live
+        self._rows = rows
+        self._columns = columns
         self._drawn: list[str] = []
 
     def draw(self, lines: Sequence[str]) -> None:

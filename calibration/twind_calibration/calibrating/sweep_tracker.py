@@ -66,7 +66,8 @@ class SweepTracker:
 
     def progress(self, name: str) -> SweepProgress:
         """Return the progress of one actuator."""
-        slot, track = self._slots[name], self._tracks[name]
+        slot = self._slots[name]
+        track = self._tracks[name]
         low, high = self._kept.get(name, (track.low, track.high))
         span = max(track.span, high - low)
         ends = (True, True) if name in self._kept else self._rested(name)
@@ -90,7 +91,8 @@ class SweepTracker:
         return all(self._stages[name] in (SweepStage.DONE, SweepStage.WRONG) for name in self.asked)
 
     def _process_sample(self, name: str, sample: EncoderSample) -> list[SweepEvent]:
-        track, before = self._tracks[name], self._stages[name]
+        track = self._tracks[name]
+        before = self._stages[name]
         why = track.take(sample)
         if why:
             self._stages[name] = SweepStage.DONE if name in self._kept else SweepStage.STILL

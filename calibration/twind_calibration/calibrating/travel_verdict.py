@@ -87,7 +87,9 @@ class UnexpectedMotion:
         )
 
 
-UNMOVED, MOVED = 0.05, 0.30  # shares of the described range
+# shares of the described range
+UNMOVED = 0.05
+MOVED = 0.30
 
 
 def strayed(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:

@@ -64,7 +64,8 @@ class ZeroResult:
         if self.entry is None:
             return f"NOT  {self.slot.name}: {'; '.join(self.wrong)}"
         where = "by the ends of its travel" if self.angle is None else f"held at {self.angle:+.3f} rad"
-        one, known = self.entry, self.spread
+        one = self.entry
+        known = self.spread
         wide = "unknown" if known is None else f"{known:4.1f} ticks"
         return (
             f"ok   {self.slot.name:<{width}} zero at {one.zero_ticks:>6}, spread {wide}; {where}; "
@@ -99,7 +100,8 @@ def zero(options: argparse.Namespace) -> int:
 
 
 def _zero(options: argparse.Namespace, client: Client) -> int:
-    place, clock = ground(options, client), MonotonicClock()
+    place = ground(options, client)
+    clock = MonotonicClock()
     every = slots(place.robot)
     place.select_actuators(
         options.joints, [slot.name for slot in every]

@@ -87,7 +87,8 @@ def _explain_sign_error(slot: CalibrationActuator, sweep: Ticks, zero: int, spar
 
 def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int) -> list[str]:
     """A servo in position mode knows one turn: it goes the long way round (e-manual, operating mode 3)."""
-    joint, turn = slot.joint, slot.joint.type.ticks_per_turn
+    joint = slot.joint
+    turn = slot.joint.type.ticks_per_turn
     if not joint.type.fenced(joint.mode):
         return []
     seam = slot.start + device.homing_offset_ticks

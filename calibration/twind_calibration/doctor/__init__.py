@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> int:
     def look() -> CheckContext:
         return examine(options, HostInspector(), MonotonicClock())
 
-    known, checks = check_table.complaints(), check_table.checks()
+    known = check_table.complaints()
+    checks = check_table.checks()
     asks = options.fix and not options.yes
     if asks and (options.json or not sys.stdin.isatty()):
         raise UsageError("--fix asks before it changes anything; where nobody can answer, say --fix --yes")

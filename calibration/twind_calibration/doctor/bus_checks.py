@@ -18,7 +18,9 @@ from twind_drivers.dynamixel.dynamixel_identification import supports_fast
 from twind_drivers.dynamixel.serial_cycle_budget import budget
 from twind_drivers.slow_read_rate import upkeep_stride
 
-FACTORY_BAUD, FACTORY_ID = 57_600, 1  # as delivered (e-manual)
+# as delivered (e-manual)
+FACTORY_BAUD = 57_600
+FACTORY_ID = 1
 LOST = 0.01  # of the answers of those who are there: more is no accident
 LEAST = 3  # lost or garbled answers below which nothing is said
 LATE = 0.001  # s that a servo's quickest answer may be later than the others'
@@ -162,7 +164,8 @@ def _delays(examined: CheckContext) -> Iterator[DoctorFinding]:
     for _, servo in servos(examined):
         assert servo.joint is not None
         assert isinstance(servo.joint.type, ServoType)
-        described, counts = servo.joint.type.return_delay_us, servo.values.get("return_delay_time")
+        described = servo.joint.type.return_delay_us
+        counts = servo.values.get("return_delay_time")
         if counts is not None and 2 * counts > described:
             wanted = described // 2
             yield DoctorFinding(
@@ -191,7 +194,8 @@ def _late(survey: SerialSurvey) -> Iterator[DoctorFinding]:
 
 def _budget(examined: CheckContext, survey: SerialSurvey) -> Iterator[DoctorFinding]:
     """The cycle with the return delays and firmwares that are really there."""
-    robot, known = examined.need_robot(), survey.described_servos
+    robot = examined.need_robot()
+    known = survey.described_servos
     rate = examined.settings.rate_hz if examined.settings and examined.settings.rate_hz else robot.rate_hz
     joints = [joint for joint in robot.joints if joint.bus == survey.spec.name]
     tables = [table(number_of(joint.type.device)) for joint in joints]

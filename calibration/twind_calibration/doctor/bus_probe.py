@@ -31,7 +31,8 @@ class BusProbe:
 
     def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
         """`timer` (s): the adapter's latency timer, by which every answer may be late."""
-        self._transport, self._clock = transport, clock
+        self._transport = transport
+        self._clock = clock
         self._line = HalfDuplexTransactor(
             transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=PATIENCE + timer
         )

@@ -3,7 +3,9 @@
 from twind_calibration.doctor.cautions import ALONE, FIRMWARE, OTHER_MASTER, UNPLUGGED
 from twind_calibration.doctor.check import Check, Severity
 
-FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
+FAULT = Severity.FAULT
+WARNING = Severity.WARNING
+NOTE = Severity.NOTE
 
 LINE = (
     Check(

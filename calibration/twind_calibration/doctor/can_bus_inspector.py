@@ -34,7 +34,11 @@ class CanBusInspector:
 
         `why`: the reason that no daemon was reached.
         """
-        self.port, self.spec, self.robot, self.host, self.clock = port, spec, robot, host, clock
+        self.port = port
+        self.spec = spec
+        self.robot = robot
+        self.host = host
+        self.clock = clock
         self._why = why
         self._open: CanChannel | None = None
 

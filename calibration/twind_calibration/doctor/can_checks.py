@@ -59,7 +59,8 @@ def _nodes(survey: CanSurvey) -> Iterator[DoctorFinding]:
         yield from _mode(node)
         if node.faults:
             yield DoctorFinding("CAN_FAULT", node.thing, ", ".join(node.faults), "no fault")
-        volts, least = node.values.get("bus_voltage"), node.joint.type.supply.warn
+        volts = node.values.get("bus_voltage")
+        least = node.joint.type.supply.warn
         if volts is not None and volts * 1e-3 <= least:
             yield DoctorFinding(
                 "CAN_VOLTAGE_LOW", node.thing, f"{volts * 1e-3:.1f} V", f"above {least:.1f} V"
@@ -69,7 +70,8 @@ def _nodes(survey: CanSurvey) -> Iterator[DoctorFinding]:
 def _ranges(node: SurveyedCanActuator) -> Iterator[DoctorFinding]:
     kind = _kind(node.joint)
     for name, (key, unit) in RANGES.items():
-        value, described = node.values.get(name), getattr(kind.ranges, key)
+        value = node.values.get(name)
+        described = getattr(kind.ranges, key)
         if value is not None and abs(value - round(1e3 * described)) > ROUNDING:
             expected = f"{described:g} {unit}, `ranges.{key}` of type {kind.name}"
             yield DoctorFinding("CAN_RANGE", node.thing, f"{name} is {value / 1e3:g} {unit}", expected)

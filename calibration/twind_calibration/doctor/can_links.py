@@ -37,7 +37,8 @@ class CanNetworkInterface:
 def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
     """Read an interface from the kernel; None: there is none of that name."""
     folder = host.sys / "class/net" / name
-    kind, queue = host.number(folder / "type"), host.number(folder / "tx_queue_len")
+    kind = host.number(folder / "type")
+    queue = host.number(folder / "tx_queue_len")
     flags = host.text(folder / "flags")
     if kind is None or queue is None or flags is None:
         return None
@@ -90,7 +91,8 @@ def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Itera
 
     Checks bit rate, link and controller state, queue length and restart time.
     """
-    name, again = link.name, f"sudo ip link set {link.name} down\n{_up(link.name, bitrate)}"
+    name = link.name
+    again = f"sudo ip link set {link.name} down\n{_up(link.name, bitrate)}"
     if link.up:  # down, it takes the goals from who is armed: the actuators run into their watchdogs
         again = f"twindctl disarm\n{again}"
     if link.bitrate is not None and link.bitrate != bitrate:
@@ -114,7 +116,8 @@ def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Itera
 
 def _configured_interfaces(x: CheckContext) -> list[tuple[str, str]]:
     """Return bus and interface of every socketcan port. Raises CheckNotApplicable."""
-    robot, found = x.need_robot(), []
+    robot = x.need_robot()
+    found = []
     for bus, port in x.ports.items():
         if port is not None and robot.bus(bus).kind == CAN:
             parts = can_ports.parse(port)

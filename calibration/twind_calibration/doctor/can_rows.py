@@ -3,7 +3,9 @@
 from twind_calibration.doctor.cautions import ALONE, OTHER_MASTER, RATED, SUPPORT, UNPLUGGED
 from twind_calibration.doctor.check import Check, Severity
 
-FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
+FAULT = Severity.FAULT
+WARNING = Severity.WARNING
+NOTE = Severity.NOTE
 
 ROWS = (
     Check(

@@ -19,7 +19,9 @@ from twind_drivers.run_script import perform
 LISTEN = 0.12  # s: an ODrive tells its state ten times a second, another master speaks more often
 AFTER = 0.01  # s after an answer in which a second one of the same id would come, or a late one
 TRIES = 3  # of a question that one does not answer
-ROUNDS, MOST = 5, 3  # of questions to all; in so many a second answer must come before it counts
+# of questions to all; in so many a second answer must come before it counts
+ROUNDS = 5
+MOST = 3
 UNTOLD = 255  # torque of an actuator that does not tell it
 # Bits of a CAN actuator's fault, as the drivers tell them.
 FAULTS = (
@@ -41,7 +43,8 @@ def survey_can_line(line: CanBusInspector) -> CanSurvey:
 
 
 def _survey(line: CanBusInspector) -> CanSurvey:
-    reader, clock = line.reader, line.clock
+    reader = line.reader
+    clock = line.clock
     clock.sleep_until(clock.now() + LISTEN)
     unasked = reader.fleet.decode_frames(line.channel.receive(clock.now()))
     perform(reader, reader.identify(), clock)  # ranges that they tell become those of the frames
@@ -79,11 +82,15 @@ def _rounds(line: CanBusInspector) -> tuple[set[int], set[int], int]:
     Not in each of them: a second answer may come too late, or the two may be one frame on the wire. Nor in
     any: where nobody was there to acknowledge, questions wait, and are then answered all at once.
     """
-    reader, clock = line.reader, line.clock
-    spoke, more, strangers = np.zeros(len(reader.ids), np.bool_), np.zeros(len(reader.ids), np.int64), 0
+    reader = line.reader
+    clock = line.clock
+    spoke = np.zeros(len(reader.ids), np.bool_)
+    more = np.zeros(len(reader.ids), np.int64)
+    strangers = 0
     for _ in range(ROUNDS):
         _ask(line)
-        count, wanted = reader.line.heard.count.copy(), reader.line.expect.copy()
+        count = reader.line.heard.count.copy()
+        wanted = reader.line.expect.copy()
         clock.sleep_until(clock.now() + AFTER)
         late = reader.fleet.decode_frames(line.channel.receive(clock.now()))
         count += late.count
@@ -99,7 +106,8 @@ def _ids(reader: CanReader, rows: Bools) -> set[int]:
 
 def _ask(line: CanBusInspector) -> Mapping[int, bytes]:
     """What everybody says of torque and faults, by id."""
-    reader, clock = line.reader, line.clock
+    reader = line.reader
+    clock = line.clock
     reader.begin(ReadRequest(reader.ids, STATE, 3), clock.now())
     while not reader.feed(clock.now()) and clock.now() < reader.deadline:
         clock.wait([reader.channel], reader.deadline)

@@ -117,7 +117,8 @@ def _scan(client: Client, bus: str) -> dict[int, Told]:
 
 
 def _servo(client: Client, joint: JointSpec, found: Told, told: Told) -> SurveyedServo:
-    number, firmware = int(found["model"]), int(found.get("firmware") or 0)
+    number = int(found["model"])
+    firmware = int(found.get("firmware") or 0)
     table = table_of(number, firmware)
     values = {name: int(value) for name, value in (found.get("settings") or {}).items()}
     if (

@@ -63,7 +63,8 @@ def calibration(x: CheckContext) -> Iterator[DoctorFinding]:
 
 def edited(x: CheckContext) -> Iterator[DoctorFinding]:
     """FILES_EDITED: robot file and calibration as the daemon read them, against what stands there now."""
-    daemon, told = x.need_daemon(), x.need_daemon().robot
+    daemon = x.need_daemon()
+    told = x.need_daemon().robot
     path = Path(str(told["robot"]["path"]))
     if not path.is_absolute():
         raise CheckUnavailable(f"the daemon read {path}, relative to the folder it was started in")

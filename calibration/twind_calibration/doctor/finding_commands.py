@@ -36,7 +36,8 @@ def add_commands(
 def _ready(each: DoctorFinding, row: Check, again: CommandHint, fix: str, *, daemon: bool) -> DoctorFinding:
     if each.code in OTHERS:
         return each
-    command, advice = _shortest(each.command), each.advice
+    command = _shortest(each.command)
+    advice = each.advice
     if not daemon and ASKS.search(each.command):
         if each.fix is not None:
             return replace(each, command=fix, advice=again.prose(advice))

@@ -40,7 +40,8 @@ class HostInspector:
 
         A child that holds what its parent holds is left out: it has it by inheritance.
         """
-        real, found = os.path.realpath(path), set(self._lockers(path))
+        real = os.path.realpath(path)
+        found = set(self._lockers(path))
         for entry in self.proc.iterdir():
             if entry.name.isdigit():
                 try:
@@ -117,7 +118,8 @@ class HostInspector:
 
     def age(self, pid: int) -> float | None:
         """Seconds since a process began; None where it is hidden or gone."""
-        words, up = self.stat(pid), self.text(self.proc / "uptime")
+        words = self.stat(pid)
+        up = self.text(self.proc / "uptime")
         if words is None or up is None:
             return None
         return float(up.split()[0]) - int(words[19]) / os.sysconf("SC_CLK_TCK")  # field 22 (proc(5))
@@ -126,7 +128,8 @@ class HostInspector:
         """Pid and age (s) of the children of a process with `word` in their command line."""
         found = []
         for other in self.processes():
-            words, age = self.stat(other), self.age(other)
+            words = self.stat(other)
+            age = self.age(other)
             if words is not None and age is not None and int(words[1]) == pid and word in command(other):
                 found.append((other, age))
         return found

@@ -5,7 +5,9 @@ from twind_calibration.doctor.check import Check, Severity
 from twind_calibration.doctor.machine_rows import MACHINE
 from twind_calibration.doctor.port_rows import PORTS
 
-FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
+FAULT = Severity.FAULT
+WARNING = Severity.WARNING
+NOTE = Severity.NOTE
 
 FILES = (
     Check(

@@ -38,7 +38,8 @@ def floors(x: CheckContext) -> Iterator[DoctorFinding]:
             wire = (len(packet.ping(1)) + ANSWER) * 10 / line.baud
             # The first meets the timer anywhere; on a busy machine one may be luck, and most are slow.
             quick = wire + sorted(delays[1:])[1]
-            timer, what = x.bus(name).latency_timer_ms, f"the quicker of {len(delays)} pings"
+            timer = x.bus(name).latency_timer_ms
+            what = f"the quicker of {len(delays)} pings"
             yield from judge(line.port, quick, wire + LONGEST_DELAY, timer, what)
     if silent:
         raise CheckUnavailable("; ".join(silent))

@@ -21,8 +21,12 @@ OTHER_CORES = (
     "where it drives no motor and watches over nothing, a lower priority: `sudo chrt -f -p 10 {0}`"
 )
 THRIFTY = ("powersave", "ondemand", "conservative")
-NICE, LOCK = 23, 14  # CAP_SYS_NICE, CAP_IPC_LOCK (linux/capability.h)
-UNSYNCED, ERROR = 0x40, 5  # STA_UNSYNC, TIME_ERROR (adjtimex(2))
+# CAP_SYS_NICE, CAP_IPC_LOCK (linux/capability.h)
+NICE = 23
+LOCK = 14
+# STA_UNSYNC, TIME_ERROR (adjtimex(2))
+UNSYNCED = 0x40
+ERROR = 5
 LEAD = 300.0  # s that a file may be ahead of the clock
 KERNEL = 2  # pid of kthreadd, the parent of the kernel's own threads
 
@@ -77,7 +81,9 @@ def rivals(x: CheckContext) -> Iterator[DoctorFinding]:
             command(pid)
         ):  # of another robot: at the same priority nobody interrupts, and ticks are short
             continue
-        priority, policy = int(words[37]), int(words[38])  # fields 40 and 41 (proc(5))
+        # fields 40 and 41 (proc(5))
+        priority = int(words[37])
+        policy = int(words[38])
         if policy in (os.SCHED_FIFO, os.SCHED_RR) and priority >= PRIORITY:
             what = f"pid {pid} ({command(pid)})"
             kind = "FIFO" if policy == os.SCHED_FIFO else "RR"
@@ -123,10 +129,8 @@ def _allowed(x: CheckContext) -> tuple[int | None, int | None, str]:
         seen = systemd.service(x)
     except CheckNotApplicable:
         caps = _capabilities(x.host)
-        nice, locked = (
-            resource.getrlimit(resource.RLIMIT_RTPRIO)[1],
-            resource.getrlimit(resource.RLIMIT_MEMLOCK)[1],
-        )
+        nice = resource.getrlimit(resource.RLIMIT_RTPRIO)[1]
+        locked = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
         priority = None if caps >> NICE & 1 or nice < 0 else nice
         return priority, None if caps >> LOCK & 1 or locked < 0 else locked, "the limit of this user"
     return _limit(seen.get("LimitRTPRIO")), _limit(seen.get("LimitMEMLOCK")), x.unit

@@ -4,7 +4,9 @@ from twind.loop.realtime import LIMIT
 from twind_calibration.doctor.cautions import SUPPORT
 from twind_calibration.doctor.check import Check, Severity
 
-FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
+FAULT = Severity.FAULT
+WARNING = Severity.WARNING
+NOTE = Severity.NOTE
 
 MACHINE: tuple[Check, ...] = (
     Check(

@@ -47,7 +47,8 @@ class PortDevice(NamedTuple):
 
 def nodes(x: CheckContext) -> list[PortDevice]:
     """Serial devices of all buses that have a port. Raises NothingThere, CannotLook."""
-    robot, found = x.need_robot(), []
+    robot = x.need_robot()
+    found = []
     for name, port in x.ports.items():
         if port is None:
             continue
@@ -109,7 +110,8 @@ def permitted(x: CheckContext) -> Iterator[DoctorFinding]:
                 continue
         except OSError:
             continue  # PORT_MISSING says it
-        group, mode = user_account.group_name(found.st_gid), f"{stat.S_IMODE(found.st_mode):04o}"
+        group = user_account.group_name(found.st_gid)
+        mode = f"{stat.S_IMODE(found.st_mode):04o}"
         said = f"{whose} {who.name} may not; it is {user_account.user_name(found.st_uid)}:{group} {mode}"
         group_may = found.st_mode >> 3 & 6 == 6 and found.st_gid != 0
         if group_may and user_account.enrolled(who.uid, found.st_gid):
@@ -155,7 +157,8 @@ def timers(x: CheckContext) -> Iterator[DoctorFinding]:
     """LATENCY_TIMER: what the adapter says of itself, once asked for low latency as the daemon asks."""
     for node in nodes(x):
         file = x.host.sys / "class/tty" / node.tty / "device/latency_timer"
-        value, wanted = x.host.number(file), _timer_of(x, node)
+        value = x.host.number(file)
+        wanted = _timer_of(x, node)
         if value is not None and value > wanted and node.bus in x.lines:
             with suppress(CheckUnavailable):  # held, or not ours to open: then it stays as it is
                 x.lines[node.bus].transport  # noqa: B018  opening it asks
@@ -174,7 +177,8 @@ def usb(x: CheckContext) -> Iterator[DoctorFinding]:
     if not places:
         raise CheckNotApplicable("no port hangs on USB")
     for node, place in places:
-        control, delay = place / "power/control", x.host.number(place / "power/autosuspend_delay_ms")
+        control = place / "power/control"
+        delay = x.host.number(place / "power/autosuspend_delay_ms")
         if x.host.text(control) == "auto" and (delay is None or delay >= 0):
             command = f"echo on | sudo tee {control}"
             fix = Fix("keep it awake", lambda file=control: _write(file, "on"))  # type: ignore[misc]
@@ -280,7 +284,8 @@ def _held(
 
 def _another(host: HostInspector, pid: int) -> str:
     """How to come to another twind, or to end it; by its command line, or its service."""
-    words, unit = host.command_line(pid), host.unit(pid)
+    words = host.command_line(pid)
+    unit = host.unit(pid)
     told = [word.partition("=")[2] or follows for word, follows in pairwise([*words, ""]) if _names(word)]
     name = unit.removeprefix("twind@").removesuffix(".service")
     place = told[-1] if told else f"{SYSTEM}/{name}" if unit.startswith("twind@") else ""

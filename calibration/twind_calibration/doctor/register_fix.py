@@ -38,7 +38,8 @@ def register(examined: CheckContext, servo: SurveyedServo, name: str, value: int
     if servo.joint is not None and servo.joint.registers.get(name, value) != value:
         return None
     text = f"{name} := {value} (is {servo.values[name]})"
-    daemon, line = examined.daemon, examined.lines.get(servo.bus)
+    daemon = examined.daemon
+    line = examined.lines.get(servo.bus)
     if daemon is not None:
         if not daemon.is_live or daemon.status["armed"] or daemon.status["inherited"]:
             return None
@@ -77,9 +78,11 @@ def _require_same(line: SerialBusInspector, servo: SurveyedServo) -> None:
         heard = asker.ping(servo.id)
     if heard.data is None:
         raise Rejected(f"{servo.thing}: it does not answer any more: nothing was written")
-    model, firmware = int.from_bytes(heard.data[:2], "little"), heard.data[2]
+    model = int.from_bytes(heard.data[:2], "little")
+    firmware = heard.data[2]
     if (model, firmware) != (servo.model, servo.firmware):
-        now, then = f"model {model}, firmware {firmware}", f"model {servo.model}, firmware {servo.firmware}"
+        now = f"model {model}, firmware {firmware}"
+        then = f"model {servo.model}, firmware {servo.firmware}"
         raise Rejected(
             f"{servo.thing}: another servo is there by now ({now}; was {then}): nothing was written"
         )

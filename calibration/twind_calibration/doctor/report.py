@@ -22,7 +22,8 @@ def text(
     ids = outcome.about.get("ids", {})
     fixes = {id(each.found): each for each in mended or ()}
     for place, found in enumerate(outcome.found):
-        because, fix = outcome.because.get(place), fixes.get(id(found))
+        because = outcome.because.get(place)
+        fix = fixes.get(id(found))
         lines += [*_finding(found, complaints[found.code], because, fix, outcome.fix, ids), ""]
     if outcome.fix and mended is None:
         lines += ["what `--fix` can do, all of it, after asking:", f"    {outcome.fix}", ""]

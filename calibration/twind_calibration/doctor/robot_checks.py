@@ -8,7 +8,9 @@ from twind_calibration.doctor.check_context import CheckContext
 
 Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 
-BUSES, SERVOS, ACTUATORS = "serial buses", "servos", "CAN actuators"
+BUSES = "serial buses"
+SERVOS = "servos"
+ACTUATORS = "CAN actuators"
 
 # what it is in a word, the codes it can find, the function
 CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (

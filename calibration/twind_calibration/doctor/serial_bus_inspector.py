@@ -15,7 +15,10 @@ class SerialBusInspector:
 
     def __init__(self, port: str, baud: int, host: HostInspector, clock: Clock) -> None:
         """Opens nothing yet: the port is opened when first used, and stays open until `close`."""
-        self.port, self.baud, self.host, self.clock = port, baud, host, clock
+        self.port = port
+        self.baud = baud
+        self.host = host
+        self.clock = clock
         self._open: SerialTransport | None = None
 
     @cached_property

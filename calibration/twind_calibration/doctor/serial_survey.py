@@ -79,7 +79,8 @@ def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequ
 def _inertial(asker: BusProbe, imu: ImuSpec) -> SurveyedImu:
     """Return the present reading of the inertial sensor."""
     first, size = imu.span
-    data, force = _read(asker, imu.id, first, size), imu.acceleration
+    data = _read(asker, imu.id, first, size)
+    force = imu.acceleration
     if data is None:
         return SurveyedImu(thing_of(imu), False)
     raw = decoded(data, force.address - first, force.kind, 3)
@@ -97,7 +98,8 @@ def _repeat_ping(asker: BusProbe, baud: int, id: int) -> ScannedDevice | None:
     for _ in range(TRIES):
         data = asker.ping(id).data
         if data is not None:
-            number, firmware = int.from_bytes(data[:2], "little"), data[2]
+            number = int.from_bytes(data[:2], "little")
+            firmware = data[2]
             table = table_of(number, firmware)
             return ScannedDevice(baud, id, number, table.model if table else None, firmware, None, None)
     return None
@@ -110,7 +112,8 @@ def _servo(asker: BusProbe, bus: str, answer: ScannedDevice, joint: JointSpec | 
         table = table_of(answer.model, answer.firmware)
         demanded = () if joint is None else tuple(joint.registers)
         values = {} if table is None else _values(asker, answer.id, table, demanded)
-    name, firmware = answer.model_name, answer.firmware
+    name = answer.model_name
+    firmware = answer.firmware
     return SurveyedServo(bus, answer.id, joint, answer.model, name, firmware, values, answer.trouble)
 
 
@@ -143,7 +146,8 @@ def _values(asker: BusProbe, id: int, table: ControlTable, demanded: Sequence[st
 def _block(asker: BusProbe, id: int, fields: Sequence[TableRegister]) -> dict[str, int]:
     if not fields:
         return {}
-    first, end = min(each.address for each in fields), max(each.end for each in fields)
+    first = min(each.address for each in fields)
+    end = max(each.end for each in fields)
     data = _read(asker, id, first, end - first)
     if data is None:
         return {}
@@ -154,7 +158,8 @@ def _maps(asker: BusProbe, id: int, table: ControlTable) -> dict[str, int]:
     """Read the first row of indirect addresses, two bytes each (e-manual, "Indirect Address")."""
     if f"{MAPPED}1" not in table or "indirect_data_1" not in table:
         return {}
-    first, data = table[f"{MAPPED}1"].address, table["indirect_data_1"].address
+    first = table[f"{MAPPED}1"].address
+    data = table["indirect_data_1"].address
     entries = min(ENTRIES, (data - first) // 2)
     raw = _read(asker, id, first, 2 * entries)
     if raw is None:

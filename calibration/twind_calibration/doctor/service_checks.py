@@ -43,7 +43,8 @@ def judge_unit(name: str, seen: Mapping[str, str], last_words: Callable[[], str]
         said = f"failed ({reason}, status {seen.get('ExecMainStatus')})"
         yield DoctorFinding("UNIT_FAILED", name, said, "active", again, advice=_mend(last_words()))
     elif seen.get("ActiveState") == "activating" and seen.get("SubState") == "auto-restart":
-        said, more = f"starts again and again ({result})", f"journalctl -u {name} -n 50"
+        said = f"starts again and again ({result})"
+        more = f"journalctl -u {name} -n 50"
         yield DoctorFinding("UNIT_FAILED", name, said, "active", more, advice=_mend(last_words()))
     elif int(seen.get("NRestarts") or 0) >= RESTARTS:
         times = "once" if seen["NRestarts"] == "1" else f"{seen['NRestarts']} times"
@@ -127,7 +128,8 @@ def versions(x: CheckContext) -> Iterator[DoctorFinding]:
 
 def front(x: CheckContext) -> Iterator[DoctorFinding]:
     """FRONT_RESTARTED: a front that is younger than its loop is not the first one."""
-    pid, figures = systemd.daemon_pid(x), x.need_daemon().status["loop"]
+    pid = systemd.daemon_pid(x)
+    figures = x.need_daemon().status["loop"]
     loop = (figures["ticks"] + figures["missed"]) / figures["rate_hz"]  # the front is started with the first
     fronts = x.host.children(pid, "twind.front")
     if not fronts:
@@ -175,7 +177,8 @@ def _denied(path: Path, found: os.stat_result, start: str) -> DoctorFinding:
         said = f"it is {owner}'s alone: a twind that {owner} started by hand, not as the service"
         advice = f"ask it as {owner}; or end it, then start it as its service, else as yourself:"
         return DoctorFinding("DAEMON_DENIED", str(path), said, command=start, advice=advice)
-    group, user = user_account.group_name(found.st_gid), user_account.user_name(os.geteuid())
+    group = user_account.group_name(found.st_gid)
+    user = user_account.user_name(os.geteuid())
     said = f"user {user} is not in group {group}, which the socket belongs to"
     if user_account.enrolled(os.geteuid(), found.st_gid):
         said = f"user {user} is in group {group}, but this session began before it was"

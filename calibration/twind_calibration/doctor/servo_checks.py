@@ -14,8 +14,11 @@ from twind_calibration.doctor.survey import MAPPED, SurveyedServo
 from twind_drivers.dynamixel.control_tables import number_of, table
 
 # Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).
-REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 1, 4, 8
-TORQUE_AT_BOOT, RAM_RESTORED = 1, 2
+REVERSE = 1
+TIME_PROFILE = 4
+TORQUE_BY_GOAL = 8
+TORQUE_AT_BOOT = 1
+RAM_RESTORED = 2
 PROTECTION = {4: "overheating", 16: "electrical shock", 32: "overload"}
 MAX_OFFSET = 1024  # counts: beyond it position mode ignores the homing offset (e-manual, address 20)
 CAPPED = "current_based_position"
@@ -69,7 +72,8 @@ def _level(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
 
 def _mode(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
-    mode, wanted = servo.values.get("operating_mode"), servo.joint.operating_mode
+    mode = servo.values.get("operating_mode")
+    wanted = servo.joint.operating_mode
     if mode is not None and mode != wanted:
         how = register_fix.command(servo, "operating_mode", wanted)
         yield DoctorFinding("OPERATING_MODE", servo.thing, f"operating mode (11) is {mode}", f"{wanted}", how)
@@ -168,7 +172,9 @@ def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
 
     Uncalibrated: by width.
     """
-    joint, least, most = servo.joint, "min_position_limit", "max_position_limit"
+    joint = servo.joint
+    least = "min_position_limit"
+    most = "max_position_limit"
     assert joint is not None
     if joint.mode != "position" or least not in servo.values or most not in servo.values:
         return
@@ -181,7 +187,8 @@ def _fence(examined: CheckContext, servo: SurveyedServo) -> Iterator[DoctorFindi
     if tight:
         span = f"{needs[0]}..{needs[1]}" if entry is not None else f"a width of {needs[1] - needs[0]}"
         measured = f"position limits (52, 48) are {fence[0]}..{fence[1]}"
-        command, advice = "", ""
+        command = ""
+        advice = ""
         if entry is not None:
             then = entry.device.min_ticks, entry.device.max_ticks
             command = "\n".join(
@@ -205,7 +212,8 @@ def _delivered(servo: SurveyedServo, name: str) -> str:
 def _cap(servo: SurveyedServo) -> Iterator[DoctorFinding]:
     assert servo.joint is not None
     assert isinstance(servo.joint.type, ServoType)
-    cap, limit = servo.joint.current_cap, servo.values.get("current_limit")
+    cap = servo.joint.current_cap
+    limit = servo.values.get("current_limit")
     if cap is not None and limit is not None and 0 < limit < cap:
         amperes = f"{limit * servo.joint.type.current_lsb_a:.2f} A"
         measured = f"current limit (38) is {limit}, {amperes}"
@@ -267,7 +275,8 @@ def _state(examined: CheckContext) -> Iterator[DoctorFinding]:
             if bits >> bit & 1:
                 how = "" if torque else f"twindctl reboot {servo.bus} {servo.id}"  # it would let go
                 yield DoctorFinding(code, servo.thing, f"hardware error (70) is {bits}: {name}", "0", how)
-        warm, bound = servo.values.get("present_temperature"), servo.joint.type.heat.warn
+        warm = servo.values.get("present_temperature")
+        bound = servo.joint.type.heat.warn
         if warm is not None and warm >= bound:
             yield DoctorFinding("SERVO_HOT", servo.thing, f"{warm} degC", f"below {bound:g} degC")
         if torque and not armed:

@@ -3,7 +3,9 @@
 from twind_calibration.doctor.cautions import MEANING, RAISED, RATED, REBOOT, SUPPORT, ZERO_MOVES
 from twind_calibration.doctor.check import Check, Severity
 
-FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
+FAULT = Severity.FAULT
+WARNING = Severity.WARNING
+NOTE = Severity.NOTE
 WRITE = "`twindctl register write BUS ID {0}`, torque off"
 # Why `--fix` leaves a thing alone.
 ZERO = "; not by `--fix`: the zero changes"

@@ -49,7 +49,8 @@ def disks(x: CheckContext) -> Iterator[DoctorFinding]:
             continue
         seen.add(device)
         disk = os.statvfs(there)
-        free, size = disk.f_bavail * disk.f_frsize, disk.f_blocks * disk.f_frsize
+        free = disk.f_bavail * disk.f_frsize
+        size = disk.f_blocks * disk.f_frsize
         least = min(SPARE, int(size * SHARE)) if size else 0
         if size and free < max(least, 1):
             said = f"{free >> 20} MiB free of {size >> 20}"

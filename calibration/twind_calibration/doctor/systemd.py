@@ -55,7 +55,8 @@ def asleep(host: HostInspector, path: str) -> str:
     if not BOOTED.is_dir() or SYSTEM not in (folder, above):
         return ""
     at = "" if folder == SYSTEM else f"@{instance}"
-    service, listener = f"twind{at}.service", f"twind-{file.removesuffix('.sock')}{at}.socket"
+    service = f"twind{at}.service"
+    listener = f"twind-{file.removesuffix('.sock')}{at}.socket"
     try:
         states = host.program("systemctl", "show", "-P", "ActiveState", service, listener).split()
     except CheckUnavailable:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from twind_calibration.doctor import cautions, check_table
 
-BEGIN, END = "<!-- from the doctor's table -->", "<!-- end of the doctor's table -->"
+BEGIN = "<!-- from the doctor's table -->"
+END = "<!-- end of the doctor's table -->"
 
 # Cautions of several rows stand once in the page, under these labels.
 SHARED = {

@@ -30,7 +30,9 @@ class ExpectedLoads:
     """Loads of one joint (place in joint order) at poses (k, n), rad, as the servos tell them."""
 
     def __init__(self, body: PosedModel, poses: Floats, joint: int) -> None:
-        self._body, self._poses, self._joint = body, poses, joint
+        self._body = body
+        self._poses = poses
+        self._joint = joint
 
     def right(self, zeros: Floats = ASKED) -> Floats:
         """(d, k) N·m, rows for errors of the joint's zero between those of `zeros`."""
@@ -94,7 +96,8 @@ def look_ahead(
 
     `entry`: its calibration; None: as if it had been swept from end to end.
     """
-    spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept(pose, joint, places), joint)
+    spec = body.robot.joints[joint]
+    expected = ExpectedLoads(body, swept(pose, joint, places), joint)
     room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
     return foresee(expected.right(FEW), expected.loads_with_wrong_sign(mirror(spec, entry), FEW, GROSS), room)
 

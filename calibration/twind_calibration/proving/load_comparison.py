@@ -43,7 +43,8 @@ def weigh(
     `entry`: its calibration, by which a wrong sign would have another zero; None: as if its travel was swept
     from end to end.
     """
-    spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept.poses, joint)
+    spec = body.robot.joints[joint]
+    expected = ExpectedLoads(body, swept.poses, joint)
     lsb = spec.ratio * spec.type.effort_lsb_nm
     right = expected.right()
     wrong = expected.loads_with_wrong_sign(mirror(spec, entry))
@@ -66,7 +67,8 @@ def weigh(
             return LoadComparison(
                 judged, untold=tuple(o for o, place in places.items() if place is JointMatch.UNTOLD)
             )
-    measured, room = swept.effort[:, joint], judged.foreseen.slack
+    measured = swept.effort[:, joint]
+    room = judged.foreseen.slack
     standing = np.flatnonzero(np.abs(swept.poses[0]) > BENT).tolist()
     bent = [
         other for other in standing if other != joint and is_explained(measured, expected.bent(other), room)
@@ -88,9 +90,13 @@ class _LoadMatch:
     def __init__(
         self, joint: int, swept: MeasuredLoads, expected: ExpectedLoads, right: Floats, rooms: Floats
     ) -> None:
-        self._joint, self._swept, self._expected = joint, swept, expected
-        self._right, self._rooms = right, rooms
-        self._all, self._others = expected.all(), np.arange(len(rooms)) != joint
+        self._joint = joint
+        self._swept = swept
+        self._expected = expected
+        self._right = right
+        self._rooms = rooms
+        self._all = expected.all()
+        self._others = np.arange(len(rooms)) != joint
 
     def place(self, other: int) -> JointMatch:
         """Return whether the servo sits at joint `other`.

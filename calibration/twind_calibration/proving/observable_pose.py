@@ -10,7 +10,9 @@ from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected, UsageError, lease
 from twind_calibration.wiggling.joint_move import goal_of
 
-SPEED, QUICKEST = 0.4, 1.0  # rad/s, and s at least on the way
+# rad/s, and s at least on the way
+SPEED = 0.4
+QUICKEST = 1.0
 
 
 def wanted_pose(robot: RobotFile, name: str | None, bends: Sequence[str]) -> dict[str, float]:
@@ -51,7 +53,8 @@ def posed(client: Client, goals: Mapping[str, float], *, take: bool) -> Iterator
 
 def _move(client: Client, start: Mapping[str, float], goals: Mapping[str, float], *, take: bool) -> None:
     farthest = max(abs(goals[name] - start[name]) for name in goals)
-    time, still = max(farthest / SPEED, QUICKEST), [0.0] * len(goals)
+    time = max(farthest / SPEED, QUICKEST)
+    still = [0.0] * len(goals)
     point = {"positions": list(goals.values()), "velocities": still, "time_from_start": time}
     with lease(client, take=take):
         try:

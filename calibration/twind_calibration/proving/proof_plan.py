@@ -67,7 +67,8 @@ def _seen(
     body: PosedModel, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
 ) -> tuple[LoadPrediction, bool] | None:
     """What it shows, and whether it strains the joint."""
-    pose, spec = rest.copy(), body.robot.joints[joint]
+    pose = rest.copy()
+    spec = body.robot.joints[joint]
     if bend is not None:
         pose[bend[0]] = bend[1]
     ways = sweeps(float(pose[joint]), spec.lower, spec.upper, size)
@@ -103,7 +104,8 @@ def told_plan(options: argparse.Namespace) -> int:
         if name not in robot.names:
             raise Rejected(f"{robot.name} has no joint {name!r}; it has {', '.join(robot.names)}")
     chosen = [place for place, name in enumerate(robot.names) if name in options.joints or not options.joints]
-    size, friction = radians(options.degrees), float(options.friction)
+    size = radians(options.degrees)
+    friction = float(options.friction)
     ways = {place: best(body, place, size, friction) for place in chosen}
     rows = [_row(robot, place, way) for place, way in ways.items()]
     show(
@@ -153,7 +155,8 @@ def _strain(body: PosedModel, base: str, bend: str | None) -> list[str]:
 
 def _lines(body: PosedModel, rows: list[dict[str, Any]]) -> list[str]:
     """Return one command for all joints that share base and bend, and the remaining joints."""
-    said, groups = [], dict[tuple[str, str | None], list[dict[str, Any]]]()
+    said = []
+    groups = dict[tuple[str, str | None], list[dict[str, Any]]]()
     for row in rows:
         if row["observable"]:
             groups.setdefault((row["base_pose"], row["with"]), []).append(row)

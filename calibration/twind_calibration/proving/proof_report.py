@@ -115,7 +115,8 @@ class ProofVerdict:
 
     def to_json(self) -> dict[str, Any]:
         """Return one line of JSON; unknown values are null."""
-        weighed, seen = self.weighed, self.seen
+        weighed = self.weighed
+        seen = self.seen
         return {
             "joint": self.joint,
             "bus": self.bus,
@@ -170,7 +171,8 @@ class ProofVerdict:
         if self.against is ProofContradiction.MOTION:
             said += self._motion()
         if self.weighed is not None and self.proof is SignProof.CONTRADICTED:
-            like, bent = self._joint_names(self.weighed.like), self._joint_names(self.weighed.bent)
+            like = self._joint_names(self.weighed.like)
+            bent = self._joint_names(self.weighed.bent)
             said += [f"it measures what the servo of {each} should: are the two exchanged?" for each in like]
             said += [f"it measures what a wrong sign of {each} would make of it" for each in bent]
         if self.weighed is not None and self.is_consistent and 0 < len(self.weighed.untold) <= MOST_NAMED:

@@ -16,7 +16,9 @@ from twind_calibration.wiggling.state_trace import PLACE, HoldMean, HoldMeans
 
 PLACES = 4
 OVER = 0.03  # rad beyond the outermost place: more than friction and backlash take
-SPEED, QUICKEST = 0.3, 0.4  # rad/s, and s at least on each way
+# rad/s, and s at least on each way
+SPEED = 0.3
+QUICKEST = 0.4
 INSIDE = 0.01  # rad that are kept from the limits
 LEAST = 0.05  # rad between first and last place: nearer together they show nothing
 
@@ -31,7 +33,8 @@ class ProofSweep:
     @property
     def visits(self) -> list[float]:
         """Every place where it stays, in order: home, the places upwards, downwards, home."""
-        low, high = float(self.places[0]) - OVER, float(self.places[-1]) + OVER
+        low = float(self.places[0]) - OVER
+        high = float(self.places[-1]) + OVER
         upwards = self.places.tolist()
         way = [self.home, low, *upwards, high, *upwards[::-1]]
         return way if abs(way[-1] - self.home) < PLACE else [*way, self.home]  # it may be home by then
@@ -54,10 +57,12 @@ def sweeps(home: float, lower: float, upper: float, size: float) -> list[ProofSw
 
     They keep inside the limits, and so may be shorter.
     """
-    low, high = lower + OVER + INSIDE, upper - OVER - INSIDE
+    low = lower + OVER + INSIDE
+    high = upper - OVER - INSIDE
     found = []
     for first, last in ((home - size, home + size), (home, home + 2.0 * size), (home - 2.0 * size, home)):
-        first, last = max(first, low), min(last, high)
+        first = max(first, low)
+        last = min(last, high)
         if last - first >= LEAST:
             found.append(ProofSweep(home, np.linspace(first, last, PLACES)))
     return found
@@ -77,8 +82,10 @@ class MeasuredLoads:
 def swept(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
     """Compute the measured loads from the stays at `sweep.visits`."""
     count = len(sweep.places)
-    up, down = stays[2 : 2 + count], stays[3 + count : 3 + 2 * count][::-1]
-    rose, fell = np.array([stay.effort for stay in up]), np.array([stay.effort for stay in down])
+    up = stays[2 : 2 + count]
+    down = stays[3 + count : 3 + 2 * count][::-1]
+    rose = np.array([stay.effort for stay in up])
+    fell = np.array([stay.effort for stay in down])
     poses = np.array([(a.position + b.position) / 2.0 for a, b in zip(up, down, strict=True)])
     far = int(np.abs(np.array(sweep.visits) - sweep.home).argmax())
     return MeasuredLoads(poses, (rose + fell) / 2.0, rose, fell, HoldMeans(stays[0], stays[far], stays[-1]))

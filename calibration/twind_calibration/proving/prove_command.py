@@ -90,7 +90,9 @@ class ProofSession:
     """State of robot and daemon while joints are proved."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
-        self._options, self._client, self._clock = options, client, clock
+        self._options = options
+        self._client = client
+        self._clock = clock
         self._ground: CalibrationContext = ground(options, client)
         self.names = list(self._ground.robot.names)
         self.chosen = self._ground.select_actuators(options.joints, self.names)
@@ -198,7 +200,8 @@ class ProofSession:
             return ProofVerdict(
                 gone=gone, seen=EncoderObservation(motion, way.farthest, nan, nan, nan), **who
             )
-        shown, friction = swept(way, stays), float(self._options.friction)
+        shown = swept(way, stays)
+        friction = float(self._options.friction)
         weighed = None if joint.transmission else weigh(self._body, place, shown, friction, entry)
         verdict = ProofVerdict(
             gone=gone, seen=answer(shown.ends, place, way.farthest), weighed=weighed, **who

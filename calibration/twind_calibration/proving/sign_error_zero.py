@@ -35,5 +35,6 @@ def mirror(joint: JointSpec, entry: JointCalibration | None) -> Mirror:
 
 def offsets(sums: Mirror, step: float = STEP) -> Floats:
     """Zero errors (rad, ascending) by which a wrong sign has to be tried so: 5 degrees beyond each."""
-    first, last = -sums[1] - GROSS, -sums[0] + GROSS
+    first = -sums[1] - GROSS
+    last = -sums[0] + GROSS
     return np.linspace(first, last, max(2, 1 + int(np.ceil((last - first) / step))))

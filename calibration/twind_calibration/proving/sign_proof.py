@@ -117,7 +117,8 @@ def refined(family: Floats) -> Floats:
 
 def foresee(right: Floats, wrong: WrongSignLoads, slack: float) -> LoadPrediction:
     """`right`: (d, k), the middle row without a zero error."""
-    described, every = right[len(right) // 2], wrong.all
+    described = right[len(right) // 2]
+    every = wrong.all
     return LoadPrediction(
         span=float(np.ptp(described)),
         flip=float(np.sqrt(((every - described) ** 2).mean(axis=1)).min()),
@@ -128,7 +129,9 @@ def foresee(right: Floats, wrong: WrongSignLoads, slack: float) -> LoadPredictio
 
 def apart(one: Floats, other: Floats) -> float:
     """Least distance (rms) of two families (d, k), (e, k), each row stretched as it likes within 40 %."""
-    a, b, ab = (one**2).sum(axis=1)[:, None], (other**2).sum(axis=1)[None], one @ other.T
+    a = (one**2).sum(axis=1)[:, None]
+    b = (other**2).sum(axis=1)[None]
+    ab = one @ other.T
     least = np.inf
     for s in STRETCH:  # the least of a bowl that opens at nought lies on the edge of what is allowed
         for first, second in ((a, b), (b, a)):
@@ -165,7 +168,8 @@ def judge(
 
     `friction` (N·m): the least that is reckoned with; more is, where the directions lie farther apart.
     """
-    measured, rubbed = (up + down) / 2.0, float(np.abs(up - down).mean()) / 2.0
+    measured = (up + down) / 2.0
+    rubbed = float(np.abs(up - down).mean()) / 2.0
     room = slack(max(friction, rubbed) if np.isfinite(rubbed) else friction, lsb)
     foreseen = foresee(right[NEAR], wrong, room)
     if not np.isfinite(measured.sum() + right.sum() + wrong.all.sum()):
@@ -196,7 +200,8 @@ def _verdict(
 ) -> tuple[SignProof, ProofContradiction]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = foreseen.slack
-    near, mirrored = is_explained(measured, wrong.near, room), is_explained(measured, wrong.mirrored, room)
+    near = is_explained(measured, wrong.near, room)
+    mirrored = is_explained(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
             return SignProof.UNOBSERVABLE, ProofContradiction.NOTHING

@@ -10,8 +10,12 @@ from twind.client.errors import finding_text
 from twind.ctl.verb import lease
 from twind_drivers.clock import Clock
 
-OUT, STAY = 1.0, 0.6  # s: on each way, and until it leaves again
-PATIENCE, AGAIN = 10.0, 0.3  # s: how long, and how often, the way home is asked for
+# s: on each way, and until it leaves again
+OUT = 1.0
+STAY = 0.6
+# s: how long, and how often, the way home is asked for
+PATIENCE = 10.0
+AGAIN = 0.3
 NEAR = 1e-3  # rad: closer than that it is told to be home
 # What the other direction may be free of.
 ONE_SIDED = frozenset({"POS_LIMIT", "BRAKE_DISTANCE", "SELF_COLLISION", "KEEP_OUT", "FLOOR"})
@@ -39,7 +43,8 @@ def path(joint: str, home: float, way: float) -> dict[str, Any]:
 
 def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
     """One place (rad) after the other, so many seconds on the way, at rest and with a stay at each."""
-    points, time = [], 0.0
+    points = []
+    time = 0.0
     for place, seconds in legs:
         for after in (seconds, STAY):
             time += after
@@ -116,7 +121,8 @@ def back(client: Client, clock: Clock, joint: str, home: float, way: float) -> f
     still for a second, the robot may be somebody else's. Nor is it brought from farther away than it went.
     """
     point = {"positions": [home], "velocities": [0.0], "time_from_start": OUT}
-    homewards, away = {"joint_names": [joint], "points": [point]}, 0.0
+    homewards = {"joint_names": [joint], "points": [point]}
+    away = 0.0
     until = clock.now() + PATIENCE
     while clock.now() < until:
         ours = _renewed(client)  # first: what is read after it is nobody else's doing

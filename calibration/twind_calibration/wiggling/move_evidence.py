@@ -128,7 +128,8 @@ def weigh(measured: float, model: float, reversed: float, friction: float) -> To
     if not np.isfinite(measured + model + reversed):
         return make_observation(TorqueResponse.UNKNOWN)
     slack = max(friction, UNSURE * max(abs(model), abs(reversed)))
-    fits, fits_reversed = abs(measured - model) <= slack, abs(measured - reversed) <= slack
+    fits = abs(measured - model) <= slack
+    fits_reversed = abs(measured - reversed) <= slack
     if not abs(model - reversed) > 2.0 * slack:
         return make_observation(
             TorqueResponse.UNOBSERVABLE if fits or fits_reversed else TorqueResponse.NEITHER

@@ -23,8 +23,11 @@ class PosedModel:
     def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
         """`base`: how it is held (`base_pose.BASES`). Raises BindingError, KeyError (no such base pose)."""
         binding = bind(robot, None)
-        self.robot, self.free, self.mjcf = robot, binding.floating, binding.mjcf
-        self._mirror, self._dof = TwinMirror(binding), binding.dof
+        self.robot = robot
+        self.free = binding.floating
+        self.mjcf = binding.mjcf
+        self._mirror = TwinMirror(binding)
+        self._dof = binding.dof
         model = self._mirror.model
         self._joints = [int(model.dof_jntid[dof]) for dof in binding.dof]
         self.lie(base)
@@ -84,7 +87,8 @@ class PosedModel:
         """What a person sees when the joint turns by `way` (rad): `l_foot moves backward`."""
         moved = position.copy()
         moved[joint] += way
-        before, after = self._places(position), self._places(moved)
+        before = self._places(position)
+        after = self._places(moved)
         travel = np.where(self._carried(joint), np.linalg.norm(after - before, axis=1), -1.0)
         farthest = int(travel.argmax())
         model = self._mirror.model
@@ -111,7 +115,8 @@ class PosedModel:
 
     def _pose(self, position: Floats) -> None:
         count = len(position)
-        nothing, heard = np.zeros(count), np.ones(count, np.bool_)
+        nothing = np.zeros(count)
+        heard = np.ones(count, np.bool_)
         self._mirror.update(JointState(0.0, position, nothing, nothing, nothing, heard))
 
 

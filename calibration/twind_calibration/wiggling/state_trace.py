@@ -57,7 +57,8 @@ class StateTrace:
     def visits(self, joint: int, places: Sequence[float]) -> list[HoldMean] | None:
         """The stays of a joint at each of these places (rad), in this order; None: it was not told to."""
         goals = np.array([row[3][joint] for row in self.rows])
-        found, first = [], 0
+        found = []
+        first = 0
         for place in places:
             away = np.abs(goals - place) >= PLACE
             begun = np.flatnonzero(~away[first:])
@@ -87,7 +88,9 @@ def _mean(values: Floats) -> Floats:
 @contextmanager
 def record_states(client: Client, names: Sequence[str]) -> Iterator[StateTrace]:
     """States while the body runs, on a connection of their own. Raises ClientError: none can be had."""
-    trace, ended, began = StateTrace(names), threading.Event(), threading.Event()
+    trace = StateTrace(names)
+    ended = threading.Event()
+    began = threading.Event()
     client.connect()
 
     def listen() -> None:

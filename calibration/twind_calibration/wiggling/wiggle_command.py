@@ -69,7 +69,9 @@ class WiggleSession:
     """State of robot and daemon while joints are wiggled."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
-        self._options, self._client, self._clock = options, client, clock
+        self._options = options
+        self._client = client
+        self._clock = clock
         self._robot: Mapping[str, Any] = client.call("GetRobot")["robot"]
         self.names: list[str] = [joint["name"] for joint in self._robot["joints"]]
         self.mode: str = client.call("GetStatus")["status"]["mode"]
@@ -148,7 +150,8 @@ class WiggleSession:
 
     def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
         """The mean of the stays on both ends: friction has another sign on the way there and home."""
-        body, friction = self._body, float(self._options.friction)
+        body = self._body
+        friction = float(self._options.friction)
         if body is None or stays is None or body.stands_on(place):
             return None
         both = (stays.out, stays.home)

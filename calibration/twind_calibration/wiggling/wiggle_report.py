@@ -75,7 +75,8 @@ class WiggleVerdict:
 
     def to_json(self) -> dict[str, Any]:
         """One line of JSON; what is not known is null."""
-        seen, weighed = self.seen, self.weighed
+        seen = self.seen
+        weighed = self.weighed
         return {
             "joint": self.joint,
             "bus": self.bus,
@@ -154,7 +155,7 @@ class WiggleVerdict:
             ),
             TorqueResponse.UNOBSERVABLE: f"     by load: the sign cannot be told in this pose: {felt}",
         }
-        names = ' or '.join(self._joint_names(w.like))
+        names = " or ".join(self._joint_names(w.like))
         like = f"     it measures what {names} should: are their servos exchanged?"
         return [says[w.load], *([like] if w.like else [])]
 

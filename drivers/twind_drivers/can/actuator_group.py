@@ -74,7 +74,8 @@ class ActuatorGroup:
 
         Raises ValueError for no actuators, for ids given twice, and for rows that are not each there once.
         """
-        self.name, self.actuators = name, tuple(actuators)
+        self.name = name
+        self.actuators = tuple(actuators)
         self.ids = tuple(each.id for each in actuators)
         if not self.ids or len(set(self.ids)) != len(self.ids):
             raise ValueError(f"{name}: distinct ids are needed, got {list(self.ids)}")

@@ -49,7 +49,9 @@ def prepare(
     own.cyclic.barred = own.cyclic.barred | ~there
     own.order(ticks, there)  # judged before anything is sent
     own.aim = ticks.copy()
-    soft, barred, silent = own.soft.copy(), own.cyclic.barred.copy(), None
+    soft = own.soft.copy()
+    barred = own.cyclic.barred.copy()
+    silent = None
     while there.any():
         try:
             yield from _prepared(own, ticks, required, limits, there)
@@ -83,7 +85,8 @@ def _prepared(
 def damp(own: CanCommandEncoder, ticks: Ints) -> Script[tuple[int, ...]]:
     """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
     everybody = np.ones(len(ticks), np.bool_)
-    own.soft, own.line.goals = everybody.copy(), None
+    own.soft = everybody.copy()
+    own.line.goals = None
     soft = own.order(ticks, everybody)
     missing = set(own.reader.ids)
     for _ in range(TRIES):
@@ -118,12 +121,14 @@ def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[N
     state = own.reader.registers
     faulty = there & (state.fault > 0)
     yield BurstWriteRequest((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
-    told, waited = np.zeros(len(there), np.bool_), 0.0
+    told = np.zeros(len(there), np.bool_)
+    waited = 0.0
     for _ in range(TRIES):
         if not (state.fault[faulty] > 0).any():
             return
         reply = yield ReadRequest(tuple(own.by_id(faulty)), STATE, 3)
-        told, waited = told | own.rows(reply.data), waited + reply.waited
+        told = told | own.rows(reply.data)
+        waited = waited + reply.waited
     left = faulty & (state.fault > 0)
     if (left & ~told).any():
         raise NoReply(own.reader.name, own.by_id(left & ~told), waited, "read of its faults")
@@ -198,7 +203,8 @@ def collect(
 ) -> Script[dict[int, bytes]]:
     """One register of several of a family, some at once. Raises NoReply naming the silent."""
     found: dict[int, bytes] = {}
-    waited, count = 0.0, own.reader.at_once
+    waited = 0.0
+    count = own.reader.at_once
     for _ in range(TRIES):
         missing = [id for id in ids if id not in found]
         for first in range(0, len(missing), count):
@@ -218,7 +224,8 @@ def write_and_read_back(
 
     Raises DeviceRefused for the first that reads otherwise, NoReply.
     """
-    ids, count = list(data), own.reader.at_once
+    ids = list(data)
+    count = own.reader.at_once
     left = dict(data)
     for _ in range(TRIES):
         wanted = list(left)

@@ -7,12 +7,16 @@ the pause of three bits between frames included. Each is counted with all the st
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-STANDARD, EXTENDED = 47, 67  # bits around the payload
+# bits around the payload
+STANDARD = 47
+EXTENDED = 67
 STUFFED = {STANDARD: 34, EXTENDED: 54}  # of these bits those that are stuffed, before the payload's own
 WITH_29_BITS = ("robstride",)  # families whose ids are extended
 # Frames of 8 bytes that one actuator sends a second whoever asks: estimates each 10 ms, a heartbeat each 100.
 BY_ITSELF: Mapping[str, float] = {"odrive": 110.0}
-SLICE, SHARE = 0.002, 0.2  # s, and of a period: the bus time that one transaction beside the cycle may take
+# s, and of a period: the bus time that one transaction beside the cycle may take
+SLICE = 0.002
+SHARE = 0.2
 HIGHEST = 1e5  # Hz, where the search for a rate ends
 
 
@@ -57,21 +61,26 @@ def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleB
     if sum(counts.values()) < 1 or bitrate < 1 or not rate_hz > 0.0:
         given = f"{dict(counts)}, {bitrate} and {rate_hz}"
         raise ValueError(f"a budget needs actuators, a bitrate and a rate, got {given}")
-    lines, frames, total = [], 0.0, 0.0
+    lines = []
+    frames = 0.0
+    total = 0.0
     for family, count in counts.items():
         bits = frame_bits(extended=family in WITH_29_BITS)
-        cycle, unasked = 2 * count, count * BY_ITSELF.get(family, 0.0) / rate_hz
+        cycle = 2 * count
+        unasked = count * BY_ITSELF.get(family, 0.0) / rate_hz
         lines.append(
             f"commands to {count} {family} and their replies: {cycle} frames of at most {bits} bits "
             f"= {_us(cycle * bits, bitrate)}"
         )
         if unasked:
             lines.append(f"sent unasked: {unasked:.3g} frames = {_us(unasked * bits, bitrate)}")
-        frames, total = frames + cycle + unasked, total + (cycle + unasked) * bits
+        frames = frames + cycle + unasked
+        total = total + (cycle + unasked) * bits
     asked = min(registers_at_once(bitrate, rate_hz), sum(counts.values()))
     upkeep = _upkeep(counts, bitrate, rate_hz)
     lines.append(f"upkeep: {asked} registers, asked and answered, at most {_us(upkeep, bitrate)}")
-    frames, total = frames + 2 * asked, total + upkeep
+    frames = frames + 2 * asked
+    total = total + upkeep
     lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
     return CanCycleBudget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
 
@@ -92,7 +101,8 @@ def _reachable(counts: Mapping[str, int], bitrate: int) -> float:
             bits += count * (2 + unasked) * frame_bits(extended=family in WITH_29_BITS)
         return bits * rate_hz <= bitrate
 
-    low, high = 0.0, HIGHEST
+    low = 0.0
+    high = HIGHEST
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if fits(middle) else (low, middle)

@@ -36,7 +36,8 @@ class CanCyclicRead:
 
     def __init__(self, fleet: ActuatorGroup, line: CanTransactor) -> None:
         m = len(fleet)
-        self.fleet, self._line = fleet, line
+        self.fleet = fleet
+        self._line = line
         self.attendance = DevicePresence(m)
         self.energised, self.watched, self.barred, self.limp = (np.zeros(m, np.bool_) for _ in range(4))
         self._mute: Bools = fleet.replies & (fleet.answers == 0)
@@ -58,7 +59,8 @@ class CanCyclicRead:
 
     def next(self, commanded: Bools, now: float) -> CanTransaction:
         """Return the request that goes beside the commands of `commanded` (m,)."""
-        self._first, self.cycle = min(self._first, now), self.cycle + 1
+        self._first = min(self._first, now)
+        self.cycle = self.cycle + 1
         silent = ~(commanded & self.fleet.replies)
         if not silent.any():
             return self.nothing
@@ -82,13 +84,16 @@ class CanCyclicRead:
 
     def sample(self, now: float) -> BusSample:
         """Build the sample from the answers to the last, ended request. Zero where no answer is believed."""
-        line, heard = self._line, self._line.heard
+        line = self._line
+        heard = self._line.heard
         if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
-            believed, asked = self._everyone, self.attendance.asked
+            believed = self._everyone
+            asked = self.attendance.asked
             self._take_complete_reading(heard, now)
         else:
             believed, asked = self._look(heard, now)
-        foreign, line.foreign = line.foreign, 0
+        foreign = line.foreign
+        line.foreign = 0
         efforts = believed & (heard.effort == heard.effort)  # NaN: not told
         known = bool(efforts.any())
         faulty = heard.fault.any()
@@ -112,7 +117,8 @@ class CanCyclicRead:
         self.attendance.record_complete_reply()
         if self.energised.any():
             self._bar(now)
-        self.place, self._heard_at[:] = heard.position, now
+        self.place = heard.position
+        self._heard_at[:] = now
         self._line.spoke.fill(False)
 
     def _look(self, heard: GroupFeedback, now: float) -> tuple[Bools, Bools]:
@@ -177,7 +183,8 @@ class CanCyclicRead:
 
     def energise(self, rows: Bools, now: float) -> None:
         """Mark the torque of `rows` (m,) as controlled by this bus; their silence counts from now on."""
-        self.energised, self.limp = rows.copy(), self.limp & ~rows
+        self.energised = rows.copy()
+        self.limp = self.limp & ~rows
         self._heard_at[rows] = np.maximum(self._heard_at[rows], now)
 
 

@@ -12,7 +12,9 @@ import socket
 import struct
 from pathlib import Path
 
-FLAGS, SET_FLAGS = 0x8913, 0x8914  # SIOCGIFFLAGS, SIOCSIFFLAGS (linux/sockios.h)
+# SIOCGIFFLAGS, SIOCSIFFLAGS (linux/sockios.h)
+FLAGS = 0x8913
+SET_FLAGS = 0x8914
 UP = 0x1  # IFF_UP (linux/if.h)
 REQUEST = struct.Struct("=16sH22x")  # struct ifreq: name, flags
 LONG = 100  # frames; two cycles of 24 actuators are 48

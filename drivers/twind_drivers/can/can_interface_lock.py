@@ -15,7 +15,9 @@ from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.dynamixel.port_holder import command
 
 NAME = "\0twind-can-"  # and the interface
-INODE, PATH = 6, 7  # columns of /proc/net/unix (proc(5)); there the leading zero reads as @
+# columns of /proc/net/unix (proc(5)); there the leading zero reads as @
+INODE = 6
+PATH = 7
 
 
 class CanInterfaceLock:

@@ -37,12 +37,16 @@ class CanActuatorModel:
     heat: float | None = None  # °C of the winding that the vendor advises not to pass; None: not known
 
 
-V24, V48 = (15.0, 32.0), (15.0, 52.0)  # Damiao's recommended supplies
+# Damiao's recommended supplies
+V24 = (15.0, 32.0)
+V48 = (15.0, 52.0)
 COIL = 100.0  # °C, Damiao: "recommended" over-temperature threshold
 TURNS_FED = 32.767 * 2.0 * math.pi  # rad/s: the velocity that ODrive's 16-bit feed-forward holds
 ODRIVE_GAIN = 1e4  # no field: kp and kd of an ODrive are floats
 FOUR_PI = 12.57
-STRONG_KP, STRONG_KD = 5000.0, 100.0  # of the large RobStride
+# of the large RobStride
+STRONG_KP = 5000.0
+STRONG_KD = 100.0
 
 _ALL = (
     CanActuatorModel("DM3507", 71001, "damiao", 12.5, 30.0, 10.0, supply=(15.0, 30.0), heat=COIL),

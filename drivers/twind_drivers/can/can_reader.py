@@ -52,7 +52,9 @@ from twind_drivers.slow_read_rate import upkeep_stride
 
 # s that an answer may take beyond its wire time, at most half a period of the loop. USB adapters hand frames
 # on in batches; with 2 ms a machine at its limit lost one reading in ten (2026-11-22, 24 virtual actuators).
-SLACK, RARE_SLACK = 0.0035, 0.002  # a rare transaction ends the tick, so it waits for less
+# a rare transaction ends the tick, so it waits for less
+SLACK = 0.0035
+RARE_SLACK = 0.002
 SLICE = 0.002  # s of bus time that one transaction of a script or of upkeep may take at most ...
 SHARE = 0.2  # ... and of a period
 ROUND = 0.04  # s in which every watchdog is read once
@@ -83,8 +85,11 @@ class CanReader:
         Raises ValueError for no ids, ids given twice or that look alike on the wire; KeyError for an unknown
         model.
         """
-        self.name, self.ids = name, tuple(each.id for each in actuators)
-        self.channel, self.rate_hz, self.bitrate = channel, rate_hz, bitrate
+        self.name = name
+        self.ids = tuple(each.id for each in actuators)
+        self.channel = channel
+        self.rate_hz = rate_hz
+        self.bitrate = bitrate
         self.fleet = ActuatorGroup(name, actuators, _families(name, actuators))
         wait = min(SLACK, 0.5 / rate_hz) if slack is None else slack
         self.line = CanTransactor(
@@ -165,7 +170,9 @@ class CanReader:
 
     def answer(self, now: float) -> RequestReply:
         """End it. What was told of the slow registers is kept, of those whose answers are believed."""
-        exchange, request, self._query = self.line.end(), self._query, None
+        exchange = self.line.end()
+        request = self._query
+        self._query = None
         waited = now - self.line.sent
         if exchange is None or self.line.idle:
             return RequestReply({}, {}, waited, self.line.strays)
@@ -188,7 +195,8 @@ class CanReader:
             )
 
     def _keep(self, rows: Bools) -> None:
-        heard, at = self.line.heard, self.line.received
+        heard = self.line.heard
+        at = self.line.received
         self.slow.update_from_feedback(heard, rows, self.cyclic.barred & self.cyclic.watched, at)
         if heard.answers:
             self.slow.update_from_replies(

@@ -16,7 +16,9 @@ from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback
 from twind_drivers.can.register_access import decode
 
 VOLTAGE = "bus_voltage"  # the register's name in every family that has it
-TRIPPED, LONGEST = 255, 254  # ms: what a watchdog reads as after it ran out, and at most before
+# ms: what a watchdog reads as after it ran out, and at most before
+TRIPPED = 255
+LONGEST = 254
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,22 +88,29 @@ class CanSlowRegisters:
         """The slice whose turn it is; None: nothing need be asked in this turn."""
         if not self._slots:
             return None
-        slot, self._slot = self._slot, (self._slot + 1) % len(self._slots)
+        slot = self._slot
+        self._slot = (self._slot + 1) % len(self._slots)
         if slot != self._healthy:
             return self._slots[slot]
-        turn, self._turn = self._turn, (self._turn + 1) % len(self._health)
+        turn = self._turn
+        self._turn = (self._turn + 1) % len(self._health)
         return self._health[turn]
 
     # --------------------------------------------------------------------------- what was told
 
     def update_from_feedback(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
-        state, everybody = self._state, bool(rows.all())
-        told, faulty = heard.enabled >= 0, heard.fault >= 0
+        state = self._state
+        everybody = bool(rows.all())
+        told = heard.enabled >= 0
+        faulty = heard.fault >= 0
         if everybody and told.all() and faulty.all():
-            state.torque[:], state.fault[:], self._state_time[:] = heard.enabled, heard.fault, time
+            state.torque[:] = heard.enabled
+            state.fault[:] = heard.fault
+            self._state_time[:] = time
         else:
-            told, faulty = rows & told, rows & faulty
+            told = rows & told
+            faulty = rows & faulty
             np.copyto(state.torque, heard.enabled, where=told, casting="unsafe")
             np.copyto(state.fault, heard.fault, where=faulty, casting="unsafe")
             self._state_time[(told | (rows & self._mute)) & faulty] = time
@@ -115,10 +124,12 @@ class CanSlowRegisters:
             if not says.any():
                 continue
             if everybody and says.all():
-                store[:], when[:] = source, time
+                store[:] = source
+                when[:] = time
             else:
                 says &= rows
-                store[says], when[says] = source[says], time
+                store[says] = source[says]
+                when[says] = time
         self._barred = barred
 
     def update_from_replies(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
@@ -132,7 +143,8 @@ class CanSlowRegisters:
                 self._watch_time[row] = time
             volts = family.parameters.get(VOLTAGE)
             if volts is not None and address == volts.address:
-                self._state.voltage[row], self._volt_time[row] = decode(volts, data) * volts.unit, time
+                self._state.voltage[row] = decode(volts, data) * volts.unit
+                self._volt_time[row] = time
         self._barred = barred
 
     def doubt(self, rows: Bools) -> None:

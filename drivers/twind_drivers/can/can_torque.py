@@ -35,7 +35,8 @@ def energise(own: CanCommandEncoder) -> Script[None]:
     """Torque on and read back, held where it was aimed. Raises DeviceRefused, NoReply."""
     if own.aim is None:
         raise DeviceRefused(own.reader.name, own.reader.ids[0], "torque", "prepare and aim come first")
-    state, everybody = own.reader.registers, np.ones(len(own.lower), np.bool_)
+    state = own.reader.registers
+    everybody = np.ones(len(own.lower), np.bool_)
     limp = state.torque != 1
     before = np.where(np.isfinite(own.cyclic.place), own.cyclic.place, own.aim * COUNT)
     own.hold(own.aim, soft=bool(limp.any()))
@@ -80,7 +81,9 @@ def release(own: CanCommandEncoder) -> Script[None]:
 
 def _wait_for_torque_state(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
     """Wait until all report that their torque is `on`. `before` (m,): their earlier positions, rad."""
-    state, answering, mute = own.reader.registers, own.fleet.replies, own.fleet.answers == 0
+    state = own.reader.registers
+    answering = own.fleet.replies
+    mute = own.fleet.answers == 0
     spoke = _acknowledged(own)
     for look in range(BEATS):
         own.reader.slow.assume(spoke & mute, on)

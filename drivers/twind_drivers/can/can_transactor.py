@@ -16,12 +16,18 @@ from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s that an answer may be late and is still known as one
 DEAD = 0.1  # s without anybody: what the actuators' watchdogs are set to; whatever was given before is void
-STANDARD_BITS, EXTENDED_BITS = 135, 160  # of a frame of 8 bytes, stuffed as badly as can be ...
+# of a frame of 8 bytes, stuffed as badly as can be ...
+STANDARD_BITS = 135
+EXTENDED_BITS = 160
 NAP = 0.00015  # s at least between two looks at answers that are coming
 # s by which the first look at an answer is moved where it came too soon, or not; and at most. So two looks of
 # three find the answer whole: adapters, their USB frames, stuffed bits take a time that no table knows.
-LATER, SOONER, LATEST = 0.00006, 0.00003, 0.001
-AROUND, LEAST = 47, 95  # ... of a frame beside its payload, and of the shortest answer (6 bytes), not stuffed
+LATER = 0.00006
+SOONER = 0.00003
+LATEST = 0.001
+# ... of a frame beside its payload, and of the shortest answer (6 bytes), not stuffed
+AROUND = 47
+LEAST = 95
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +75,11 @@ class CanTransactor:
         self, fleet: ActuatorGroup, channel: wire.CanChannel, *, bitrate: int, slack: float, rare_slack: float
     ) -> None:
         """`slack`, `rare_slack` (s): what an answer may take beyond its wire time."""
-        self.fleet, self.channel, self.name = fleet, channel, fleet.name
-        self.slack, self.rare_slack = slack, rare_slack
+        self.fleet = fleet
+        self.channel = channel
+        self.name = fleet.name
+        self.slack = slack
+        self.rare_slack = rare_slack
         self._bit = 1.0 / bitrate  # s
         self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
@@ -118,7 +127,8 @@ class CanTransactor:
 
     def void(self) -> None:
         """From here on no goal given before may leave."""
-        self.goals, self.epoch = None, self.epoch + 1
+        self.goals = None
+        self.epoch = self.epoch + 1
 
     def span(self, exchange: CanTransaction, beside: int = 0) -> float:
         """Bus time (s) that it takes both ways, with so many frames `beside` it."""
@@ -147,7 +157,9 @@ class CanTransactor:
         Raises PortError; PortFull when the queue was still full: it is purged, goals are dropped, an urgent
         order is sent later.
         """
-        self.exchange, self._done, self.strays = None, True, 0
+        self.exchange = None
+        self._done = True
+        self.strays = 0
         self._look_back(self.channel.receive(now), now)
         if self.dead(now):
             exchange = self._revive(exchange, now, order=order)
@@ -164,7 +176,8 @@ class CanTransactor:
             self.void()
             raise
         if len(self.urgent):
-            self._leaving, self.urgent = self.urgent, NOTHING
+            self._leaving = self.urgent
+            self.urgent = NOTHING
         if self._leaves is not None:
             self._keep(self._leaves)
         self._begin(exchange, lead, expect, now, cyclic=goals)
@@ -213,8 +226,14 @@ class CanTransactor:
     def _begin(
         self, exchange: CanTransaction, lead: Frames, expect: Ints, now: float, *, cyclic: bool
     ) -> None:
-        self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
-        self._frames, self._count, self._looked, self.exact = [], 0, -1, False
+        self.exchange = exchange
+        self.sent = now
+        self.received = now
+        self.expect = expect
+        self._frames = []
+        self._count = 0
+        self._looked = -1
+        self.exact = False
         self._sent_frames = len(lead) + len(exchange.frames)
         self._everything = int(expect.sum())  # frames of feedback, of the parked too
         whole = self.asked.all()
@@ -228,7 +247,8 @@ class CanTransactor:
         self._busy = begin + self._sent_frames * self._frame
         back = self._everything + len(exchange.registers)
         back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
-        self._cyclic, self._first_look = cyclic, True
+        self._cyclic = cyclic
+        self._first_look = True
         slack = self.slack if cyclic else min(self.slack, self.rare_slack)
         self.deadline = self._busy + back * self._frame + (slack if waits else 0.0)
         if self._wanted:
@@ -281,17 +301,21 @@ class CanTransactor:
 
     def end(self) -> CanTransaction | None:
         """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
-        exchange, self.exchange, self._done = self.exchange, None, True
+        exchange = self.exchange
+        self.exchange = None
+        self._done = True
         if exchange is not None and not self.idle:
             heard = self._decode()
             if self.exact or self._exact(exchange, heard):
-                self._silent_since, self._leaving = inf, NOTHING
+                self._silent_since = inf
+                self._leaving = NOTHING
                 return exchange
             self.spoke |= heard.count > 0
             self._judge(heard, self._surplus(exchange, heard), self.sent)
             self._owed[self._missing_replies(exchange, heard)] = self.sent + LATE
             if heard.count.any() or heard.answers:
-                self._silent_since, self._leaving = inf, NOTHING
+                self._silent_since = inf
+                self._leaving = NOTHING
         return exchange
 
     @property
@@ -311,11 +335,9 @@ class CanTransactor:
 
     def _decode(self) -> GroupFeedback:
         if self._looked != self._count:
-            self.heard, self._looked, self.exact = (
-                self.fleet.decode_frames(joined(self._frames)),
-                self._count,
-                False,
-            )
+            self.heard = self.fleet.decode_frames(joined(self._frames))
+            self._looked = self._count
+            self.exact = False
         return self.heard
 
     def _complete(self, exchange: CanTransaction) -> bool:
@@ -339,7 +361,8 @@ class CanTransactor:
 
     def _look_back(self, frames: Frames, now: float) -> None:
         """Process the frames that arrived after the end of the last transaction."""
-        before, self._errors = self._errors, self.channel.condition.errors
+        before = self._errors
+        self._errors = self.channel.condition.errors
         self.strays += max(0, self._errors - before)
         self.aside = None
         if not len(frames):

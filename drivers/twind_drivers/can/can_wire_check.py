@@ -17,13 +17,16 @@ class CanWireCheck:
     """
 
     def __init__(self, fleet: ActuatorGroup, lower: Ints, upper: Ints) -> None:
-        self._fleet, self._lower, self._upper = fleet, lower, upper
+        self._fleet = fleet
+        self._lower = lower
+        self._upper = upper
         self._widen()
 
     def judge(self, frames: Frames) -> None:
         """Raises WireClamp for the first frame that may not leave."""
         fleet = self._fleet
-        to, place = fleet.commanded_rows(frames), fleet.decode_commanded_position(frames)
+        to = fleet.commanded_rows(frames)
+        place = fleet.decode_commanded_position(frames)
         if self._ranges is not fleet.ranges:
             self._widen()
         if (to < 0).any():
@@ -43,4 +46,5 @@ class CanWireCheck:
         self._ranges = self._fleet.ranges
         step = np.nan_to_num(2.0 * self._ranges.position / STEPS / COUNT, nan=0.0, posinf=0.0)
         slack = np.maximum(1.0, step)
-        self._least, self._most = (self._lower - slack) * COUNT, (self._upper + slack) * COUNT
+        self._least = (self._lower - slack) * COUNT
+        self._most = (self._upper + slack) * COUNT

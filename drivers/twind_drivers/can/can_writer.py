@@ -70,7 +70,8 @@ class CanWriter:
         Raises ValueError: values of the wrong shape, bounds crossed, a gain outside its field.
         """
         m = len(reader.ids)
-        self._reader, self._name = reader, reader.name
+        self._reader = reader
+        self._name = reader.name
         self._own = CanCommandEncoder(reader, lower, upper, kp, kd)
         limits = np.full(m, np.nan) if torque_limits is None else np.asarray(torque_limits, np.float64)
         required = np.ones(m, np.bool_) if watchdog is None else np.asarray(watchdog, np.bool_)
@@ -78,7 +79,8 @@ class CanWriter:
             raise ValueError(
                 f"{self._name}: {limits.shape} limits, {required.shape} policies for {m} actuators"
             )
-        self._limits, self._required = limits, required
+        self._limits = limits
+        self._required = required
         reader.channel.drive(self)
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:

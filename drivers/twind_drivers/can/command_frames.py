@@ -19,7 +19,9 @@ from twind_drivers.can.frame import Frames
 from twind_drivers.can.register_access import ADDRESS, COMMAND, GAINS, whole_command
 
 FIRMER = 2.0  # times its damping, and no stiffness: a soft actuator; never more than its field holds
-KEPT, CYCLES = 0.5, 10  # s and cycles, the longer: how long a hold is repeated while no goals come
+# s and cycles, the longer: how long a hold is repeated while no goals come
+KEPT = 0.5
+CYCLES = 10
 
 
 class CanCommandEncoder:
@@ -30,7 +32,10 @@ class CanCommandEncoder:
 
     def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
         """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
-        self.reader, self.fleet, self.line, self.cyclic = reader, reader.fleet, reader.line, reader.cyclic
+        self.reader = reader
+        self.fleet = reader.fleet
+        self.line = reader.line
+        self.cyclic = reader.cyclic
         m = len(self.fleet)
         self.kp, self.kd = (np.asarray(each, np.float64) for each in (kp, kd))
         for each in (self.kp, self.kd):
@@ -76,7 +81,9 @@ class CanCommandEncoder:
             fine = (values >= 0.0) & (values <= most)
             if not fine.all():
                 row = int(np.argmin(fine))
-                id, value, bound = self.reader.ids[row], float(values[row]), float(most[row])
+                id = self.reader.ids[row]
+                value = float(values[row])
+                bound = float(most[row])
                 raise ValueError(f"{self.reader.name}: id {id}: {name} {value} is outside 0..{bound}")
 
     def _knock(self) -> None:
@@ -112,7 +119,8 @@ class CanCommandEncoder:
         speed[np.abs(speed) > self.fleet.ranges.velocity] = 0.0
         rows = ~self.cyclic.barred
         frames = self.encode(ticks, speed, rows if self.cyclic.barred.any() else None)
-        self._given, self._given_in = ticks.copy(), self.cyclic.cycle
+        self._given = ticks.copy()
+        self._given_in = self.cyclic.cycle
         self.line.goals = PendingCanGoals(frames, rows, ticks.copy())
 
     def _require(self, ticks: Ints) -> None:

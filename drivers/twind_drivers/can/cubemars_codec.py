@@ -104,16 +104,21 @@ class CubeMarsCodec:
         Firmwares differ in the id. A reply on its own id has the id of a command: no echo of sent frames may
         come here. The feedback does not include the torque state.
         """
-        data, size, came = frames["data"], frames["size"], frames["id"]
+        data = frames["data"]
+        size = frames["size"]
+        came = frames["id"]
         rows = self._hears.take(data[:, 0])
         told = (rows >= 0) & ((size == BYTES) | (size == SHORT)) & ((came == 0) | (came == data[:, 0]))
         if not told.all():
-            rows, data, size = rows[told], data[told], size[told]
+            rows = rows[told]
+            data = data[told]
+            size = size[told]
         position, velocity, effort = self._scale.values(unpack(data), rows)
         whole = size == BYTES
         heat = np.where(whole, _CELSIUS.take(data[:, 6]), np.nan)
         fault = np.where(whole, _FAULT.take(data[:, 7]), -1)
-        unsaid, unknown = np.full(len(rows), -1, np.int64), np.full(len(rows), np.nan)
+        unsaid = np.full(len(rows), -1, np.int64)
+        unknown = np.full(len(rows), np.nan)
         return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:

@@ -31,7 +31,10 @@ from twind_drivers.can.id_lookup import NONE, Table, by_name, checked_ids, four,
 from twind_drivers.can.mit_frame import BITS, FieldScale, commands, is_special_frame, unpack
 
 ASK = 0x7FF  # requests of registers
-READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
+READ = 0x33
+WRITE = 0x55
+STORE = 0xAA
+REFRESH = 0xCC
 LAST_REGISTER = 81
 SPECIAL = {
     ValuelessCommand.ENABLE: 0xFC,
@@ -193,9 +196,11 @@ class DamiaoCodec:
         rows, ours, data = self._match_rows(frames)
         told = ours & ~(_HIGH.take(data[:, 1]) & _ORDER.take(data[:, 2]) & _REGISTER.take(data[:, 3]))
         if not told.all():
-            rows, data = rows[told], data[told]
+            rows = rows[told]
+            data = data[told]
         position, velocity, effort = self._scale.values(unpack(data), rows)
-        enabled, fault = _ENABLED.take(data[:, 0]), _FAULT.take(data[:, 0])
+        enabled = _ENABLED.take(data[:, 0])
+        fault = _FAULT.take(data[:, 0])
         heat = np.maximum(data[:, 6], data[:, 7]).astype(np.float64)
         unknown = np.full(len(rows), np.nan)
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 EXTENDED = 0x8000_0000  # 29-bit id
 REMOTE = 0x4000_0000  # asks for data, and has none
 ERROR = 0x2000_0000  # of the controller, not of the wire: never data
-STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFF_FFFF
+STANDARD_MASK = 0x7FF
+EXTENDED_MASK = 0x1FFF_FFFF
 BYTES = 8  # payload at most
 
 FRAME = np.dtype([("id", "<u4"), ("size", "u1"), ("pad", "V3"), ("data", "u1", (BYTES,))])

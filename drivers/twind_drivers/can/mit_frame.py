@@ -19,7 +19,9 @@ Words = NDArray[np.uint64]
 NAMES = ("position", "velocity", "kp", "kd", "torque")  # in order of the wire
 BITS = (16, 12, 12, 12, 12)
 WIDE = (16, 16, 16, 16, 16)  # RobStride's own protocol
-KP, KD = 500.0, 5.0  # N·m/rad and N·m·s/rad: the gain fields span 0 to this in all three vendors' frames
+# N·m/rad and N·m·s/rad: the gain fields span 0 to this in all three vendors' frames
+KP = 500.0
+KD = 5.0
 
 # As wide as any bus has actuators: arrays of one shape and type take a third of the time of broadcast ones.
 _WIDTH = 64
@@ -103,14 +105,17 @@ class FieldScale:
         self, port: str, ids: Sequence[int], ranges: FieldRanges, bits: tuple[int, ...], told: tuple[int, ...]
     ) -> None:
         """`bits` of the fields of a command; `told` of position, velocity and torque in a reply."""
-        self.port, self.ids = port, tuple(ids)
+        self.port = port
+        self.ids = tuple(ids)
         self._lower, self._upper = bounds(ranges)
         self._span = self._upper - self._lower
         self._most = np.repeat([[2.0**width - 1.0] for width in bits], len(self.ids), axis=1)
         place = [0, 1, 4]
         self._base = self._lower[place]
         self._step = self._span[place] / np.array([2.0**width - 1.0 for width in told])[:, None]
-        self._least, self._place = self._lower[0], self._span[0] / self._most[0]  # of a commanded position
+        # of a commanded position
+        self._least = self._lower[0]
+        self._place = self._span[0] / self._most[0]
 
     def fields(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Words:
         """Whole fields (5, k) of values (k,) each. Raises WireClamp for what a field cannot hold."""

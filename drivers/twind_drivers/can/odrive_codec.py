@@ -40,10 +40,22 @@ from twind_drivers.can.mit_frame import bounds, checked
 
 TURN = 2.0 * pi
 NODES = 0x3F
-HEARTBEAT, STATE, ESTIMATES, MODES, INPUT, LIMITS = 0x01, 0x07, 0x09, 0x0B, 0x0C, 0x0F
-REBOOT, SUPPLY, CLEAR, COUNT, POSITION_GAIN, VELOCITY_GAINS = 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B
-IDLE, CLOSED_LOOP = 1, 8
-POSITION_CONTROL, DIRECT = 3, 1
+HEARTBEAT = 0x01
+STATE = 0x07
+ESTIMATES = 0x09
+MODES = 0x0B
+INPUT = 0x0C
+LIMITS = 0x0F
+REBOOT = 0x16
+SUPPLY = 0x17
+CLEAR = 0x18
+COUNT = 0x19
+POSITION_GAIN = 0x1A
+VELOCITY_GAINS = 0x1B
+IDLE = 1
+CLOSED_LOOP = 8
+POSITION_CONTROL = 3
+DIRECT = 1
 FED = 1e-3  # rev/s and N·m of one count of a feed-forward
 MOST_FED = 32767 * FED
 FARTHEST = 1e6  # rev, rev/s, V: a float beyond it is no reading
@@ -166,7 +178,9 @@ class ODriveCodec:
         lower = self._lower.copy()
         lower[3] = np.finfo(np.float32).tiny
         checked(self.port, self.ids, values, lower, self._upper)
-        modes, outer, inner = self._blank(MODES), self._blank(POSITION_GAIN, 4), self._blank(VELOCITY_GAINS)
+        modes = self._blank(MODES)
+        outer = self._blank(POSITION_GAIN, 4)
+        inner = self._blank(VELOCITY_GAINS)
         modes["data"] = np.frombuffer(struct.pack("<ii", POSITION_CONTROL, DIRECT), np.uint8)
         outer["data"][:, :4] = (values[2] / values[3]).astype("<f4").view(np.uint8).reshape(-1, 4)
         inner["data"][:, :4] = (values[3] * TURN).astype("<f4").view(np.uint8).reshape(-1, 4)
@@ -201,12 +215,15 @@ class ODriveCodec:
         rows, command, data = self._match_rows(frames)
         told = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
         if not told.all():
-            rows, command, data = rows[told], command[told], data[told]
+            rows = rows[told]
+            command = command[told]
+            data = data[told]
         found = untold(rows)
         place, beat, supply = (command == which for which in (ESTIMATES, HEARTBEAT, SUPPLY))
         if place.any():
             turns = _readings(data[place])
-            found.position[place], found.velocity[place] = turns[:, 0] * TURN, turns[:, 1] * TURN
+            found.position[place] = turns[:, 0] * TURN
+            found.velocity[place] = turns[:, 1] * TURN
         if supply.any():
             found.voltage[supply] = _readings(data[supply])[:, 0]
         for at in np.flatnonzero(beat):
@@ -219,7 +236,9 @@ class ODriveCodec:
         found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
         for at in np.flatnonzero(found):
-            content, row, address = data[at].tobytes(), int(rows[at]), int(command[at])
+            content = data[at].tobytes()
+            row = int(rows[at])
+            address = int(command[at])
             answers.append(RegisterReply(row, address, content[:4]))
             if address in (0x14, SUPPLY):
                 answers.append(RegisterReply(row, address + SECOND, content[4:]))

@@ -41,8 +41,13 @@ FULL = frozenset({errno.ENOBUFS, errno.EAGAIN})
 FULL_WORDS = ("transmit buffer full", "could not send message to one or more recipients")  # without a number
 GONE = frozenset({errno.ENODEV, errno.ENXIO, errno.ENETDOWN, errno.ENETUNREACH, errno.EBADF})
 # Of an error frame (linux/can/error.h): in its id, in data[1] of CRTL, in data[2] of PROT.
-CRTL, PROT, BUSOFF, RESTARTED = 0x4, 0x8, 0x40, 0x100
-WARNINGS, PASSIVES, ACTIVE = 0x0C, 0x30, 0x40
+CRTL = 0x4
+PROT = 0x8
+BUSOFF = 0x40
+RESTARTED = 0x100
+WARNINGS = 0x0C
+PASSIVES = 0x30
+ACTIVE = 0x40
 PROT_ACTIVE = 0x40
 # A back end raises CanError, or whatever its vendor's library does (struct.error, RuntimeError,
 # AttributeError after an unplug): each means that this bus no longer works, none may end the daemon.
@@ -58,7 +63,9 @@ class PythonCanChannel:
 
     def __init__(self, interface: str, channel: str, bitrate: int) -> None:
         """Opens the bus. Raises PortError that says what is wrong and what to do; PortTaken."""
-        self.interface, self.channel, self.bitrate = interface, channel, bitrate
+        self.interface = interface
+        self.channel = channel
+        self.bitrate = bitrate
         self.name = channel
         self.condition = CanChannelStatus()
         self._standing = ChannelStatusTracker(self.condition)
@@ -104,7 +111,8 @@ class PythonCanChannel:
     def send(self, frames: Frames, now: float) -> None:
         """All, in this order. Raises PortFull, PortError(lost=True), ValueError for what is no frame."""
         messages = [_message(frame) for frame in frames.tolist()]
-        bus, self._now = self._require(), now
+        bus = self._require()
+        self._now = now
         self._doubtful |= bool(messages) and now - self._heard >= DEAF
         for taken, message in enumerate(messages):
             try:
@@ -119,9 +127,11 @@ class PythonCanChannel:
 
     def receive(self, now: float) -> Frames:
         """All that has arrived; error frames become the condition. Raises PortError(lost=True)."""
-        bus, self._now = self._require(), now
+        bus = self._require()
+        self._now = now
         records: list[bytes] = []
-        message, self._early = self._early, None
+        message = self._early
+        self._early = None
         try:
             for _ in range(MOST):
                 if message is None and (message := bus.recv(timeout=0)) is None:
@@ -131,7 +141,8 @@ class PythonCanChannel:
         except FAILURES as error:
             raise self._make_lost_error("receive", error) from error
         if records:
-            self._heard, self._doubtful = now, False
+            self._heard = now
+            self._doubtful = False
             self._standing.stall.record_reception(now)
         self._standing.settle()
         return np.frombuffer(b"".join(records), FRAME) if records else NOTHING
@@ -178,19 +189,23 @@ class PythonCanChannel:
             self._sign.close()
 
     def _shut(self, *, empties: bool) -> None:
-        bus, self._bus, self._early = self._bus, None, None
+        bus = self._bus
+        self._bus = None
+        self._early = None
         if bus is not None:
             with suppress(FAILURES):  # an unplugged adapter raises here too
                 bus.shutdown()
         waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.is_blocked)
         if waits and empties and self._owner() is not None:
             self._warn(restart(self.channel) or long_queue(self.channel))
-            self._restarted, self._doubtful = self._now, False
+            self._restarted = self._now
+            self._doubtful = False
 
     def _warn(self, text: str) -> None:
         """Set this channel's part of the warning; parts from other sources stay."""
         others = self.warning.removeprefix(self._said).removeprefix("; ")
-        self._said, self.warning = text, "; ".join(part for part in (text, others) if part)
+        self._said = text
+        self.warning = "; ".join(part for part in (text, others) if part)
 
     def _require(self) -> can.BusABC:
         if self._bus is None:
@@ -220,7 +235,8 @@ class PythonCanChannel:
                 self._standing.record_status(line)
             return
         remote = message.is_remote_frame
-        size, data = message.dlc, b"" if remote else bytes(message.data)
+        size = message.dlc
+        data = b"" if remote else bytes(message.data)
         limit = EXTENDED_MASK if message.is_extended_id else STANDARD_MASK
         whole = size <= 8 and (remote or len(data) == size) and 0 <= message.arbitration_id <= limit
         if message.is_fd or not whole:
@@ -238,7 +254,8 @@ class PythonCanChannel:
 def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:
     """One of FRAME, as `tolist` gives it. Raises ValueError for what is no frame."""
     flagged, size, _, data = row
-    extended, remote = bool(flagged & EXTENDED), bool(flagged & REMOTE)
+    extended = bool(flagged & EXTENDED)
+    remote = bool(flagged & REMOTE)
     id = flagged & EXTENDED_MASK
     if flagged & ERROR or size > 8 or id > (EXTENDED_MASK if extended else STANDARD_MASK):
         raise ValueError(

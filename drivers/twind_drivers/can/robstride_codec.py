@@ -32,17 +32,15 @@ from twind_drivers.can.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Fra
 from twind_drivers.can.id_lookup import NONE, by_name, checked_ids, four, to_one, untold
 from twind_drivers.can.mit_frame import WIDE, FieldScale
 
-GET_ID, MOTION, TOLD, ENABLE, STOP, ZERO, GET, SET, FAULTS = (
-    0x00,
-    0x01,
-    0x02,
-    0x03,
-    0x04,
-    0x06,
-    0x11,
-    0x12,
-    0x15,
-)
+GET_ID = 0x00
+MOTION = 0x01
+TOLD = 0x02
+ENABLE = 0x03
+STOP = 0x04
+ZERO = 0x06
+GET = 0x11
+SET = 0x12
+FAULTS = 0x15
 HARMLESS = (GET_ID, GET)  # of what a host may send: neither moves nor changes anything
 BROADCAST = 0xFE  # target of the answer to GET_ID
 ORDERS = {  # type and D0
@@ -112,7 +110,8 @@ class RobStrideCodec:
 
     def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, host: int = 0xFD) -> None:
         """`host`: the id that we speak as. ValueError: ids outside 1..FD, twice the same, or the host's."""
-        self.port, self.host = port, host
+        self.port = port
+        self.host = host
         self.ids = checked_ids(port, self.name, ids, 1, 0xFD)
         if host in self.ids or not 0 <= host <= 0xFF or host == BROADCAST:
             raise ValueError(
@@ -182,14 +181,16 @@ class RobStrideCodec:
             return self._decode_feedback(rows, came, data), whole
         index = data[:, 0] + data[:, 1].astype(np.int64) * 256
         sound = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
-        place, speed = sound & (index == POSITION.address), sound & (index == VELOCITY.address)
+        place = sound & (index == POSITION.address)
+        speed = sound & (index == VELOCITY.address)
         faults = (rows >= 0) & (kind == FAULTS)
         told = whole | place | speed | faults
         found = untold(rows[told])
         found.position[place[told]] = _readings(data[place])
         found.velocity[speed[told]] = _readings(data[speed])
         if whole.any():
-            into, at = whole[told], self._decode_feedback(rows[whole], came[whole], data[whole])
+            into = whole[told]
+            at = self._decode_feedback(rows[whole], came[whole], data[whole])
             for name in ("position", "velocity", "effort", "enabled", "fault", "temperature"):
                 getattr(found, name)[into] = getattr(at, name)
         if faults.any():
@@ -204,7 +205,8 @@ class RobStrideCodec:
         heat = np.where(fields[3] < 32768.0, fields[3], fields[3] - 65536.0) / 10.0
         state = came >> 16 & 0xFF
         unknown = np.full(len(rows), np.nan)
-        enabled, fault = _ENABLED.take(state), _FAULT.take(state)
+        enabled = _ENABLED.take(state)
+        fault = _FAULT.take(state)
         return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
     def decode_register_replies(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:

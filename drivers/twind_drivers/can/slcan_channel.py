@@ -29,11 +29,16 @@ ASK = b"F\r"
 ASK_EVERY = 0.1  # s
 GIVE_UP = 1.0  # s without an answer to the first question: this adapter knows none
 ANSWERS = 0.1  # s after an opening that BELs are answers to it: `C` is refused where it was closed already
-RETRY, TRIES = 0.5, 10  # an adapter that restarts when its port is opened loses what it was told
+# an adapter that restarts when its port is opened loses what it was told
+RETRY = 0.5
+TRIES = 10
 # As LAWICEL numbers them (the SJA1000's; read in public sources, unverified on an adapter; others give
 # the bits other meanings). Bit 2 is the warning level, which is no state of its own.
-PASSIVE, BUS_ERROR = 0x20, 0x80
-ROOM, READS = 4096, 16  # bytes of one read, and reads of one `receive`: a babbling line never runs dry
+PASSIVE = 0x20
+BUS_ERROR = 0x80
+# bytes of one read, and reads of one `receive`: a babbling line never runs dry
+ROOM = 4096
+READS = 16
 
 
 def opening(bitrate: int) -> bytes:
@@ -50,7 +55,8 @@ class SlcanChannel:
 
     def __init__(self, transport: ByteTransport, bitrate: int) -> None:
         """Opens the adapter's channel at once, and waits for nothing. Raises PortError."""
-        self.name, self.warning = transport.name, transport.warning
+        self.name = transport.name
+        self.warning = transport.warning
         self.condition = CanChannelStatus()
         try:
             self._opening = opening(bitrate)
@@ -64,8 +70,11 @@ class SlcanChannel:
         self._room = memoryview(self._buffer)
         self._flushed = True  # an empty output says nothing of what was thrown out of it
         self._answering = self._since = inf  # s; of the present opening, once time is known
-        self._answered, self._tries = False, 0
-        self._asks, self._knows = True, False  # for flags at all; it has answered
+        self._answered = False
+        self._tries = 0
+        # for flags at all; it has answered
+        self._asks = True
+        self._knows = False
         self._asked = -inf  # s
         self._last = 0  # bytes of the last write
         self._open = True
@@ -107,7 +116,8 @@ class SlcanChannel:
     def receive(self, now: float) -> Frames:
         """All frames that have arrived. Raises PortError(lost=True)."""
         if self._since == inf:
-            self._since, self._answering = now, now + ANSWERS
+            self._since = now
+            self._answering = now + ANSWERS
         found = self._drain(now)
         if self._asks or not self._answered:
             self._converse(now)
@@ -167,7 +177,8 @@ class SlcanChannel:
     def _drain(self, now: float) -> Frames:
         parts: list[Frames] = []
         lines = self._lines
-        before, acknowledged = lines.refused, lines.acknowledged
+        before = lines.refused
+        acknowledged = lines.acknowledged
         errors = lines.errors
         for _ in range(READS):
             count = self._transport.read_into(self._room)
@@ -207,7 +218,8 @@ class SlcanChannel:
             raise dead(self.name, waited)
 
     def _flags(self, flags: int) -> None:
-        self._lines.flags, self._knows = -1, True
+        self._lines.flags = -1
+        self._knows = True
         self.condition.errors += bool(flags & BUS_ERROR)
         self._standing.record_status(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
 
@@ -215,7 +227,8 @@ class SlcanChannel:
         """Reopen an adapter that has never sent a byte; request its flags where it reports them."""
         if not self._answered and self._tries < TRIES and now - self._since >= RETRY:
             self._tries += 1
-            self._asks, self._asked = True, -inf
+            self._asks = True
+            self._asked = -inf
             self._reopen()
         elif self._asks and now - self._asked >= ASK_EVERY:
             self._ask(now)

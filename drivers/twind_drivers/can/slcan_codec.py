@@ -20,7 +20,8 @@ from twind_drivers.can.frame import (
     Octets,
 )
 
-CR, BEL = 0x0D, 0x07
+CR = 0x0D
+BEL = 0x07
 LONGEST = 26  # characters of a line, its end not counted: T, 8 of the id, DLC, 16 of the data
 PATIENCE = 64  # characters without an end after which this is no line
 WIDTH = LONGEST + 1
@@ -51,7 +52,9 @@ def _columns() -> NDArray[np.bool_]:
     return columns
 
 
-PAIRS, VALUES, COLUMNS = _pairs(), _values(), _columns()
+PAIRS = _pairs()
+VALUES = _values()
+COLUMNS = _columns()
 LETTERS = np.frombuffer(b"tTrR", np.uint8)  # by 2 * remote + extended
 KINDS = np.full(256, 255, np.uint8)
 KINDS[LETTERS] = range(4)
@@ -73,7 +76,8 @@ def encode(frames: Frames) -> bytes:
         return _standard(frames)
     flagged = np.ascontiguousarray(frames["id"])
     size = frames["size"]
-    extended, remote = flagged >> 31, flagged >> 30 & 1
+    extended = flagged >> 31
+    remote = flagged >> 30 & 1
     ids = flagged & EXTENDED_MASK
     wrong = (flagged & ERROR != 0) | (size > 8) | (ids > np.where(extended, EXTENDED_MASK, STANDARD_MASK))
     if wrong.any():
@@ -124,7 +128,8 @@ class SlcanDecoder:
 
     def forget(self) -> None:
         """Discard the incomplete line, which belongs to an earlier opening of the adapter."""
-        self._rest, self._lost = b"", False
+        self._rest = b""
+        self._lost = False
 
     def take(self, data: bytes | memoryview) -> Frames:
         """The frames (k,) whose lines have ended now, in their order."""
@@ -144,13 +149,15 @@ class SlcanDecoder:
             begins = np.empty_like(ends)
             begins[0], begins[1:] = 0, ends[:-1] + 1
             if self._lost:
-                self._lost, begins[0] = False, ends[0]
+                self._lost = False
+                begins[0] = ends[0]
             frames = self._split(text, octets, begins, ends)
         else:
             frames = NOTHING
         if len(self._rest) > PATIENCE:
             self.errors += not self._lost
-            self._rest, self._lost = b"", True
+            self._rest = b""
+            self._lost = True
         elif self._lost:
             self._rest = b""
         return frames
@@ -174,7 +181,9 @@ class SlcanDecoder:
         framed = (kinds < 4) & ~refused
         if not framed.all():
             self._hear(text, begins[~framed], ends[~framed], refused[~framed])
-            begins, ends, kinds = begins[framed], ends[framed], kinds[framed]
+            begins = begins[framed]
+            ends = ends[framed]
+            kinds = kinds[framed]
             if not len(begins):
                 return NOTHING
         frames, sound = _frames(octets, begins, ends - begins, kinds)

@@ -23,7 +23,8 @@ class QueueFull(OutputQueueFull):
             port,
             f"the queue was full after {taken} of {count} frames, the rest was dropped: {REMEDY}",
         )
-        self.waiting, self.most = count - taken, count
+        self.waiting = count - taken
+        self.most = count
 
 
 class TransmitStall:
@@ -69,7 +70,8 @@ class ChannelStatusTracker:
     """What was told of the line, and what refusals say of it, as one `CanChannelStatus`."""
 
     def __init__(self, condition: CanChannelStatus) -> None:
-        self.condition, self.stall = condition, TransmitStall()
+        self.condition = condition
+        self.stall = TransmitStall()
         self._told = CanErrorState.ACTIVE
 
     def record_status(self, line: CanErrorState) -> None:

@@ -36,7 +36,9 @@ class BroadcastPingReply:
         self.heard = self.answered = np.zeros(len(self.ids), np.bool_)
         self.error = np.zeros(len(self.ids), np.uint8)
         self.data = np.zeros((len(self.ids), SIZE), np.uint8)
-        self.strays, self.whole, self.first = 0, False, b""
+        self.strays = 0
+        self.whole = False
+        self.first = b""
         self.unasked: Sequence[Packet] = ()  # nothing is: who answers is what is asked
         self.twice: set[int] = set()
 

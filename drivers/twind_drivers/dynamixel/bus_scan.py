@@ -168,7 +168,8 @@ def scan_rate(
         garbage = _singly(prober, alone, known, garbled, tell)
     if garbage or (unclear and not known and not garbled):
         troubles.append(FOREIGN)
-    found, noise = [], 0
+    found = []
+    noise = 0
     for id in sorted(garbled.union(known)):
         tell(prober.baud, f"reading id {id}")
         one, unclear_answers = _look(prober, id, known.get(id), id in garbled)
@@ -215,7 +216,8 @@ def _old_statuses(raw: bytes) -> set[int]:
     found: set[int] = set()
     at = raw.find(b"\xff\xff")
     while 0 <= at <= len(raw) - 6:
-        id, length = raw[at + 2], raw[at + 3]
+        id = raw[at + 2]
+        length = raw[at + 3]
         end = at + 4 + length
         whole = length >= 2 and end <= len(raw) and id <= LAST_ID
         if whole and ~sum(raw[at + 2 : end - 1]) & 0xFF == raw[end - 1]:
@@ -240,7 +242,8 @@ def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple
     """Read torque and hardware error of one id, and check that it is one device; count garbled answers."""
     if answer is None:
         return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
-    number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
+    number = int.from_bytes(answer[:2], "little")
+    firmware = answer[2]
     try:
         known: ControlTable | None = table(number, firmware)
     except KeyError:
@@ -248,7 +251,8 @@ def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple
     trouble, unclear = (TWO, 0) if garbled else _clash(prober, id, known)
     torque = _value(prober, id, known, "torque_enable")
     error = _value(prober, id, known, "hardware_error_status")
-    name, on = known.model if known else None, None if torque is None else torque == 1
+    name = known.model if known else None
+    on = None if torque is None else torque == 1
     return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 

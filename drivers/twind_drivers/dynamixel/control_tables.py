@@ -52,7 +52,8 @@ class TableRegister:
         bits = 8 * self.size
         low = -(1 << (bits - 1)) if self.rule.signed else 0
         high = low + (1 << bits) - 1
-        lower, upper = self.rule.lower, self.rule.upper
+        lower = self.rule.lower
+        upper = self.rule.upper
         return (low if lower is None else lower, high if upper is None else upper)
 
     def takes(self, value: int) -> bool:

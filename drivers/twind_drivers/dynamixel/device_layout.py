@@ -74,7 +74,8 @@ def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
 
     12 is left out: it is the size of `motion`, which scripts read back.
     """
-    first, last = table[effort].address, table["present_position"].end
+    first = table[effort].address
+    last = table["present_position"].end
     before = ("realtime_tick", "moving", "moving_status", "present_pwm", effort)
     starts = [table[name].address for name in before if name in table]
     ends = [table[name].end for name in ("velocity_trajectory", "position_trajectory") if name in table]
@@ -88,5 +89,6 @@ def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
 
 def _span(table: ControlTable, *names: str) -> RegisterBlock:
     """From the first of `names` to the end of the last."""
-    first, last = table[names[0]], table[names[-1]]
+    first = table[names[0]]
+    last = table[names[-1]]
     return RegisterBlock(first.address, max(0, last.end - first.address))

@@ -58,7 +58,8 @@ class DynamixelCyclicRead:
     """Cyclic reading of m devices of any layouts. `fast`: every one of them supports fast reads."""
 
     def __init__(self, ids: tuple[int, ...], layouts: Sequence[DeviceLayout], *, fast: bool) -> None:
-        self.ids, self.fast = ids, fast
+        self.ids = ids
+        self.fast = fast
         self.attendance = DevicePresence(len(ids))
         self.hasty = False  # a plain reading of everybody does not fit a cycle
         self.trouble = False  # there was a hole, and not yet enough whole readings since
@@ -94,7 +95,8 @@ class DynamixelCyclicRead:
     def begin_anew(self) -> None:
         """Start again after a pause with no answer under way: every device is read as at first."""
         self.attendance = DevicePresence(len(self.ids))
-        self.trouble, self._calm = False, 0
+        self.trouble = False
+        self._calm = 0
         self.rebuild()
 
     def rebuild(self) -> None:
@@ -122,7 +124,8 @@ class DynamixelCyclicRead:
         turn, place = divmod(self._turn, count)
         steps = [step for step in range(1, count) if gcd(step, count) == 1] or [1]
         which = place * steps[turn % len(steps)] % count
-        self._before, self._used_at[which] = self._used_at.get(which, 0), self._cycle
+        self._before = self._used_at.get(which, 0)
+        self._used_at[which] = self._cycle
         if which not in self._ring:
             self._ring[which] = self._question(*self._wider[which], fast=self.hasty)
         return self._ring[which]
@@ -132,29 +135,36 @@ class DynamixelCyclicRead:
 
         Values are 0 for devices not heard.
         """
-        asked, attendance = self._now, self.attendance.asked
+        asked = self._now
+        attendance = self.attendance.asked
         reply = asked.reply
         if reply.data is not self._data:
             self._data = reply.data
             rows = reply.data[:, asked.before : asked.before + ROW.itemsize].view(ROW)[:, 0]
-            self._position, self._velocity, self._effort = rows["position"], rows["velocity"], rows["effort"]
-        position, velocity = self._position.astype(np.int64), self._velocity.astype(np.int64)
-        effort, error, heard = self._effort.astype(np.int64), reply.error, reply.heard.copy()
+            self._position = rows["position"]
+            self._velocity = rows["velocity"]
+            self._effort = rows["effort"]
+        position = self._position.astype(np.int64)
+        velocity = self._velocity.astype(np.int64)
+        effort = self._effort.astype(np.int64)
+        error = reply.error
+        heard = reply.heard.copy()
         if not self._all:
-            position, velocity, effort = (
-                self._scatter_to_devices(position),
-                self._scatter_to_devices(velocity),
-                self._scatter_to_devices(effort),
-            )
-            error, heard = self._scatter_to_devices(error), self._scatter_to_devices(heard)
+            position = self._scatter_to_devices(position)
+            velocity = self._scatter_to_devices(velocity)
+            effort = self._scatter_to_devices(effort)
+            error = self._scatter_to_devices(error)
+            heard = self._scatter_to_devices(heard)
         if self.trouble or not reply.whole:
             answered = reply.answered if self._all else self._scatter_to_devices(reply.answered)
             heard = heard & self._prove(answered, line.strays)
             self._judge(asked, answered, now)
-        foreign, line.foreign = line.foreign, 0
+        foreign = line.foreign
+        line.foreign = 0
         late: tuple[int, ...] = ()
         if line.late:
-            late, line.late = tuple(line.late), []
+            late = tuple(line.late)
+            line.late = []
         return BusSample(
             sent=line.sent,
             received=line.received,
@@ -172,7 +182,8 @@ class DynamixelCyclicRead:
     def back(self, place: int, now: float) -> None:
         """Take back a parked device that answered: it is in the next reading, which is a plain one."""
         self.attendance.back(place, now)
-        self.trouble, self._calm = True, CALM
+        self.trouble = True
+        self._calm = CALM
         self.rebuild()
 
     def _prove(self, answered: Bools, strays: int) -> Bools:
@@ -182,7 +193,8 @@ class DynamixelCyclicRead:
         row.
         """
         if not self.trouble:  # the first hole: in the cycle before everybody who is asked was heard
-            self._proven_at[self._places], self._before = self._cycle - 1, 0
+            self._proven_at[self._places] = self._cycle - 1
+            self._before = 0
         self._clean = np.where(answered & (strays == 0), self._clean + 1, 0)
         suspect = (self._before > self._proven_at) & bool(self._wider)
         self.proven = answered & (~suspect | (self._clean >= SURE))
@@ -190,14 +202,16 @@ class DynamixelCyclicRead:
         return self.proven
 
     def _judge(self, asked: CyclicRequest, answered: Bools, now: float) -> None:
-        reply, could = asked.reply, self.attendance.asked
+        reply = asked.reply
+        could = self.attendance.asked
         if reply.whole:
             if not np.count_nonzero(could & ~self.proven):
                 self.attendance.record_complete_reply()
                 self._calm -= 1
                 self.trouble = self._calm > 0
             return
-        self.trouble, self._calm = True, CALM
+        self.trouble = True
+        self._calm = CALM
         if reply.size > ROW.itemsize:
             # Only who says so again and again: one broken byte can make such an answer, too.
             refusing = reply.answered & ~reply.heard & np.isin(reply.error & 0x7F, REFUSALS)

@@ -81,7 +81,8 @@ def identify(
     for id, values in (yield from _read(bus, expected, (*WHO, *SETTINGS), eeprom=True)).items():
         number, firmware = (values.pop(name, -1) for name in WHO)
         if number == expected[id].number and firmware >= 0:  # else these bytes mean something else
-            found[id], settings[id] = _device(id, number, firmware), values
+            found[id] = _device(id, number, firmware)
+            settings[id] = values
     strangers = [id for id in bus.ids if id not in found]
     pinged = yield from _ping(bus, strangers)
     tables = {id: known for id, (_, known) in (found | pinged).items() if known is not None}

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
 
-X_SPEED, P_SPEED = 0.229 * 2.0 * pi / 60.0, 0.01 * 2.0 * pi / 60.0  # rad/s: 0.229 and 0.01 rev/min
+# rad/s: 0.229 and 0.01 rev/min
+X_SPEED = 0.229 * 2.0 * pi / 60.0
+P_SPEED = 0.01 * 2.0 * pi / 60.0
 ALL_SIX = frozenset({0, 1, 3, 4, 5, 16})
 NO_CURRENT = frozenset({1, 3, 4, 16})  # without current sensing there is neither mode 0 nor 5
 
@@ -121,7 +123,8 @@ PLAIN = (
     *("xd540_t150", "xd540_t270", "xw540_t140", "xw540_t260", "xw540_h260"),
 )
 SMALL = ("xl330_m077", "xl330_m288", "xc330_t181", "xc330_t288", "xc330_m181", "xc330_m288")
-Y_SIZES, Y_GEARS = ("ym070_210", "ym080_230"), ("m001", "b001", "r051", "r099", "a051", "a099")
+Y_SIZES = ("ym070_210", "ym080_230")
+Y_GEARS = ("m001", "b001", "r051", "r099", "a051", "a099")
 
 FACTS: Mapping[str, ModelCapabilities] = {
     **dict.fromkeys(PLAIN, X430),

@@ -75,7 +75,9 @@ class DynamixelReader:
             raise ValueError(
                 f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
             )
-        self.name, self.ids, self.transport = name, tuple(ids), transport
+        self.name = name
+        self.ids = tuple(ids)
+        self.transport = transport
         tables = [table(number) for number in models]
         self.tables: dict[int, ControlTable] = dict(zip(self.ids, tables, strict=True))
         self.layouts: dict[int, DeviceLayout] = {id: layout_of(each) for id, each in self.tables.items()}
@@ -88,10 +90,14 @@ class DynamixelReader:
             one_write=one_write,
             sensors=tuple(sensors or ()),
         )
-        self._sensors, self._singles = dict(sensors or {}), dict[Query, SerialTransaction]()  # of these, kept
+        # of these, kept
+        self._sensors = dict(sensors or {})
+        self._singles = dict[Query, SerialTransaction]()
         layouts = tuple(self.layouts.values())
-        self._described, self._period = self.line.return_delay_s, 1.0 / rate_hz
-        self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
+        self._described = self.line.return_delay_s
+        self._period = 1.0 / rate_hz
+        self._choose_fast = fast is None
+        self._upkeep_hz = rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
         self.slow = DynamixelSlowRegisters(self.ids, tables, layouts)
@@ -173,12 +179,16 @@ class DynamixelReader:
 
         But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
         """
-        exchange, query, self._query = self.line.end(), self._query, None
+        exchange = self.line.end()
+        query = self._query
+        self._query = None
         reply: PendingReply | None = exchange.reply if exchange else None
         waited = now - self.line.sent
         if reply is None:
             return RequestReply({}, {}, waited, self.line.strays)
-        heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
+        heard = reply.heard.tolist()
+        answered = reply.answered.tolist()
+        errors = reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
         if isinstance(query, ReadRequest):

@@ -54,8 +54,10 @@ class DynamixelSlowRegisters:
         self._index = {id: place for place, id in enumerate(ids)}
         self._layouts = tuple(layouts)
         self._tables = dict(zip(layouts, tables, strict=True))
-        torque, fault = ("torque_enable", state.torque, 1), ("hardware_error_status", state.fault, 1)
-        watchdog, tick = ("bus_watchdog", state.watchdog, 1), ("realtime_tick", state.tick, 1)
+        torque = ("torque_enable", state.torque, 1)
+        fault = ("hardware_error_status", state.fault, 1)
+        watchdog = ("bus_watchdog", state.watchdog, 1)
+        tick = ("realtime_tick", state.tick, 1)
         voltage = ("present_input_voltage", state.voltage, VOLT)
         temperature = ("present_temperature", state.temperature, 1.0)
         self._groups: tuple[tuple[NDArray[Any], tuple[Kept, ...]], ...] = (
@@ -66,7 +68,10 @@ class DynamixelSlowRegisters:
         self._plans: dict[tuple[DeviceLayout, int, int], BlockDecodePlan] = {}  # of the blocks read so far
         self._status: list[ReadRequest] = []
         self._health: list[ReadRequest] = []
-        self._slot, self._slots, self._turn = 0, 1, 0  # in this round: next, all; next of health
+        # in this round: next, all; next of health
+        self._slot = 0
+        self._slots = 1
+        self._turn = 0
         self._first: list[ReadRequest] = []  # before all turns
         self._open: ReadRequest | None = None  # of health, asked and not answered by all
 
@@ -82,7 +87,9 @@ class DynamixelSlowRegisters:
         state = slices(plan.state, lambda layout: layout.state if plan.watch else layout.status)
         watch = slices(plan.watch, lambda layout: layout.watchdog) if plan.watch else []
         health = slices(plan.health, lambda layout: layout.health)
-        self._status, self._health, self._open = [*state, *watch], health, None
+        self._status = [*state, *watch]
+        self._health = health
+        self._open = None
         self._slot, self._slots, self._turn = 0, max(plan.slots - 1, len(self._status)) + 1, 0
         return [*state, *watch, *health]
 
@@ -99,13 +106,15 @@ class DynamixelSlowRegisters:
         with the first status slice, so each device's turn comes once a round."""
         if self._first:
             return self._first.pop(0)
-        slot, self._slot = self._slot, (self._slot + 1) % self._slots
+        slot = self._slot
+        self._slot = (self._slot + 1) % self._slots
         return self._status[slot % len(self._status)] if slot < self._slots - 1 else self._next_health()
 
     def _next_health(self) -> ReadRequest:
         """One that not all answered is asked once more in the next round. Its own turn comes every fifth of a
         second: with faults that come as often it would be the same one that is lost each time."""
-        query, self._open = self._open, None
+        query = self._open
+        self._open = None
         if query is None:
             query = self._open = self._health[self._turn]
             self._turn = (self._turn + 1) % len(self._health)
@@ -144,8 +153,10 @@ class DynamixelSlowRegisters:
     def _plan(self, layout: DeviceLayout, address: int, size: int) -> BlockDecodePlan:
         plan = self._plans.get((layout, address, size))
         if plan is None:
-            block, fields = RegisterBlock(address, size), self._tables[layout].fields
-            parts, times = [], []
+            block = RegisterBlock(address, size)
+            fields = self._tables[layout].fields
+            parts = []
+            times = []
             for when, kept in self._groups:
                 found = [
                     (block.offset(fields[name]), fields[name], store, unit) for name, store, unit in kept
@@ -162,7 +173,8 @@ class DynamixelSlowRegisters:
 
     def forget(self, id: int) -> None:
         """A restarted device: what was read of it no longer holds."""
-        place, state = self._index[id], self.registers
+        place = self._index[id]
+        state = self.registers
         for store in (state.torque, state.fault, state.watchdog, state.tick):
             store[place] = -1
         for values in (state.voltage, state.temperature):

@@ -15,7 +15,9 @@ class DynamixelWireCheck:
 
     def __init__(self, name: str, tables: Mapping[int, ControlTable], fences: Mapping[int, Fences]) -> None:
         """`tables`: by id, may change later. `fences`: of each id, every goal register that it has."""
-        self._name, self._tables, self._fences = name, tables, fences
+        self._name = name
+        self._tables = tables
+        self._fences = fences
 
     def judge(self, data: bytes) -> None:
         """Raises WireClamp for anything but whole packets that write what may be written."""
@@ -46,7 +48,8 @@ def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
 
     An instruction that no order of ours makes is a write by nobody, which is refused.
     """
-    params, code = found.params, found.instruction
+    params = found.params
+    code = found.instruction
     if code == packet.Instruction.REBOOT:
         return [(found.id, 0, b"")]
     address = int.from_bytes(params[:2], "little")

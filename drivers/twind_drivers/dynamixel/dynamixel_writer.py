@@ -83,7 +83,10 @@ class DynamixelWriter:
         """
         if not 1 <= watchdog <= 127:
             raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
-        self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
+        self._reader = reader
+        self._line = reader.line
+        self._name = reader.name
+        self._ids = reader.ids
         self._watchdog = bytes((watchdog,))
         self._alone: SingleServoControl | None = None
         self._servos = servos_of(
@@ -106,7 +109,8 @@ class DynamixelWriter:
         least, most = bounds_of(self._name, len(self._ids), lower, upper)
         for servo, low, high in zip(self._servos, least, most, strict=True):
             check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(low), int(high))
-        self._lower, self._upper = least, most
+        self._lower = least
+        self._upper = most
         self._line.goals = b""
         self._fence({})
 
@@ -118,11 +122,13 @@ class DynamixelWriter:
         limit = np.array([limits.get(id, 0) for id in self._ids])
         lower = np.where(self._resting, np.maximum(self._lower, -limit), self._lower)
         upper = np.where(self._resting, np.minimum(self._upper, limit), self._upper)
-        ids, goals = [servo.id for servo in self._led], [servo.goal for servo in self._led]
+        ids = [servo.id for servo in self._led]
+        goals = [servo.goal for servo in self._led]
         self._goals: Goals = goal_packets(self._name, ids, goals, self._of_led(lower), self._of_led(upper))
         if self._places is not None:  # an empty range takes nothing
             alone = np.isin(np.arange(len(self._ids)), self._places, invert=True)
-            lower, upper = np.where(alone, 0, lower), np.where(alone, -1, upper)
+            lower = np.where(alone, 0, lower)
+            upper = np.where(alone, -1, upper)
         own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
         each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
         self._check = DynamixelWireCheck(self._name, self._reader.tables, each)
@@ -138,7 +144,8 @@ class DynamixelWriter:
 
     def cut(self) -> None:
         """Torque off for all, twice, in the next write of any kind; goals given before it are not sent."""
-        self._line.urgent, self._line.goals = self._off * 2, b""
+        self._line.urgent = self._off * 2
+        self._line.goals = b""
 
     def clear(self) -> None:
         """Drop pending goals. A pending cut stays: torque off is never refused."""
@@ -180,7 +187,8 @@ class DynamixelWriter:
         self._lead(among)
         whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
         goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
-        there, silent = self._led, None
+        there = self._led
+        silent = None
         while there:
             try:
                 yield from self._prepared(there, goal)

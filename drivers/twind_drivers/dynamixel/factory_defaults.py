@@ -42,7 +42,9 @@ def _x(
     return replace(made, velocity=velocity, current=current, gains=(*made.gains[:4], p))
 
 
-W6, W12, W24 = (60, 160), (95, 160), (110, 300)
+W6 = (60, 160)
+W12 = (95, 160)
+W24 = (110, 300)
 V24 = FactoryDefaults(velocity=0, volts=W24)
 C430 = FactoryDefaults(velocity=0, volts=W6)
 L430 = FactoryDefaults(velocity=0, volts=(60, 140), temperature=72)
@@ -128,12 +130,10 @@ def _ra(
 
 
 # Half a turn, and the position limit as delivered.
-T_PH42, T_PH54, T_PM42, T_PM54 = (
-    (303_750, 303_454),
-    (501_923, 501_433),
-    (263_187, 262_931),
-    (251_417, 251_173),
-)
+T_PH42 = (303_750, 303_454)
+T_PH54 = (501_923, 501_433)
+T_PM42 = (263_187, 262_931)
+T_PM54 = (251_417, 251_173)
 # Newer pages deliver the acceleration limit at its most; of PH42 and PM54 only the older were at hand.
 PH42 = _p(4500, 2920, (10_765, 4_306_173), T_PH42, (502, 1332, 0, 0, 879))
 PH54_100 = _p(15_900, 2920, (4_255_632, 4_255_632), T_PH54, (1290, 3593, 0, 0, 502))

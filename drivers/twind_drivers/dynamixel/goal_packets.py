@@ -20,7 +20,9 @@ class GoalPacket:
     def __init__(self, name: str, ids: Sequence[int], goal: RegisterBlock, lower: Ints, upper: Ints) -> None:
         """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
-        self._name, self._ids, self._shape = name, bytes(ids), (len(ids),)
+        self._name = name
+        self._ids = bytes(ids)
+        self._shape = (len(ids),)
         self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
         self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
         self._head = bytes(self._packet[:FIRST])
@@ -61,7 +63,8 @@ class GoalPacket:
         ):
             return
         place = int(np.argmax(outside | (words != ticks)))
-        lower, upper = int(self.lower[place]), int(self.upper[place])
+        lower = int(self.lower[place])
+        upper = int(self.upper[place])
         raise WireClamp(self._name, self._ids[place], int(ticks[place]), lower, upper)
 
 
@@ -73,7 +76,8 @@ class MixedGoals:
     ) -> None:
         """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
-        self._name, self._count = name, len(ids)
+        self._name = name
+        self._count = len(ids)
         self._parts: list[tuple[NDArray[np.intp], GoalPacket]] = []
         for goal in dict.fromkeys(goals):
             places = np.array([place for place, each in enumerate(goals) if each == goal])
@@ -102,7 +106,8 @@ def goal_packets(
 
 def bounds_of(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
     """Own copies (m,) of bounds. Raises ValueError: not `count` of each, or lower above upper."""
-    least, most = np.array(lower, np.int64), np.array(upper, np.int64)
+    least = np.array(lower, np.int64)
+    most = np.array(upper, np.int64)
     if least.shape != (count,) or most.shape != (count,):
         raise ValueError(f"{name}: bounds of {count} devices needed, got {least.shape}")
     if not (least <= most).all():

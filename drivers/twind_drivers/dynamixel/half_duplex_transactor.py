@@ -57,8 +57,12 @@ class HalfDuplexTransactor:
         sensors: Collection[int] = (),
     ) -> None:
         """`one_write`: what is pending and the request leave in one system call, else in two."""
-        self.name, self.transport, self.baud, self.slack = name, transport, baud, slack
-        self.return_delay_s, self.one_write = return_delay_s, one_write
+        self.name = name
+        self.transport = transport
+        self.baud = baud
+        self.slack = slack
+        self.return_delay_s = return_delay_s
+        self.one_write = one_write
         self._sensors = frozenset(sensors)
         self.urgent = b""
         self.goals = b""
@@ -90,12 +94,15 @@ class HalfDuplexTransactor:
         try:
             self._send(exchange, now, goals=goals)
         except OutputQueueFull:
-            self.exchange, self._done = None, True
-            self.urgent, self._busy = self.urgent or self._leaving, -inf
+            self.exchange = None
+            self._done = True
+            self.urgent = self.urgent or self._leaving
+            self._busy = -inf
             raise
 
     def _send(self, exchange: SerialTransaction, now: float, *, goals: bool) -> None:
-        self.exchange, self._done = None, True
+        self.exchange = None
+        self._done = True
         self.strays = self.transport.drain(self._late)
         if self.strays:
             self._look_back()
@@ -107,7 +114,9 @@ class HalfDuplexTransactor:
             self._require_room()
         if exchange.reply is not None:
             exchange.reply.start()
-        self.exchange, self._done, self.sent = exchange, exchange.reply is None, now
+        self.exchange = exchange
+        self._done = exchange.reply is None
+        self.sent = now
         self._out = (lead, exchange.packet)
         if self.echo:
             self._echoed.clear()
@@ -117,7 +126,8 @@ class HalfDuplexTransactor:
         else:
             self.transport.write(lead + exchange.packet)
         if self.urgent:
-            self._leaving, self.urgent = self.urgent, b""
+            self._leaving = self.urgent
+            self.urgent = b""
         begin = max(now, self._busy)
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
@@ -138,7 +148,9 @@ class HalfDuplexTransactor:
 
     def end(self) -> SerialTransaction | None:
         """End the transaction; what it heard stands in the exchange's reply until the next one."""
-        exchange, self.exchange, self._done = self.exchange, None, True
+        exchange = self.exchange
+        self.exchange = None
+        self._done = True
         reply = exchange.reply if exchange is not None else None
         if reply is not None:
             self._told = bool(self._sensors) and self._sensors.issuperset(reply.ids)
@@ -155,7 +167,8 @@ class HalfDuplexTransactor:
     # --------------------------------------------------------------------------- the rare cases
 
     def _require_room(self) -> None:
-        waiting, most = self.transport.backlog(), len(self._out[0]) + len(self._out[1])
+        waiting = self.transport.backlog()
+        most = len(self._out[0]) + len(self._out[1])
         if waiting > most:
             self.transport.flush()
             raise OutputQueueFull(self.name, waiting, most)
@@ -173,7 +186,8 @@ class HalfDuplexTransactor:
         own = Framer(status=False).feed(sent)
         ours = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
         if own and ours and list(packets[: len(own)]) == own:
-            self.echo, packets = True, packets[len(own) :]
+            self.echo = True
+            packets = packets[len(own) :]
             self.strays -= len(sent)
         told = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
         self.late += [len(each.data) for each in told]

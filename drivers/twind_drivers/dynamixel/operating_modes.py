@@ -51,7 +51,9 @@ MODES: Mapping[int, OperatingMode] = {
         OperatingMode(5, "current-based position", "goal_position", None),
     )
 }
-VELOCITY, POSITION, CURRENT_BASED = 1, 3, 5
+VELOCITY = 1
+POSITION = 3
+CURRENT_BASED = 5
 
 
 def mode_of(where: str, table: ControlTable, number: int) -> OperatingMode:
@@ -105,7 +107,8 @@ def check_cap(where: str, table: ControlTable, mode: OperatingMode, cap: int | N
 
 def block(table: ControlTable, *names: str) -> RegisterBlock:
     """From the first of `names` to the end of the last. Raises KeyError."""
-    first, last = table[names[0]], table[names[-1]]
+    first = table[names[0]]
+    last = table[names[-1]]
     return RegisterBlock(first.address, last.end - first.address)
 
 

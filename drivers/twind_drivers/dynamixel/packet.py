@@ -258,7 +258,9 @@ class Framer:
                 continue
             found.append(packet)
             start += size
-            taken, used, pending = start, used + size, -1
+            taken = start
+            used = used + size
+            pending = -1
         keep = pending if pending >= 0 else max(taken, len(buffer) - _tail(buffer))
         self.discarded += keep - used
         del buffer[:keep]
@@ -269,7 +271,8 @@ class Framer:
         if start + 8 > len(buffer):
             return 8
         length = buffer[start + 5] | buffer[start + 6] << 8
-        id, code = buffer[start + 4], buffer[start + 7]
+        id = buffer[start + 4]
+        code = buffer[start + 7]
         answer = code == STATUS
         legal = id <= LAST_ID or (id == BROADCAST and not answer)
         wanted = self._status is None or answer == self._status

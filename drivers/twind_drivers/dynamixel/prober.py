@@ -27,8 +27,11 @@ class ProbeWindow:
     def __init__(self, expected: int) -> None:
         """`expected`: bytes to allow wire time for."""
         self.ids: tuple[int, ...] = ()
-        self.size, self.expected, self.strays = 0, expected, 0
-        self.whole, self.first = False, b""
+        self.size = 0
+        self.expected = expected
+        self.strays = 0
+        self.whole = False
+        self.first = b""
         self.unasked: Sequence[Packet] = ()  # nothing is: all that comes is kept
         self.heard = self.answered = np.zeros(0, np.bool_)
         self.error = self.data = np.zeros(0, np.uint8)
@@ -62,9 +65,11 @@ class Prober:
 
     def __init__(self, transport: ByteTransport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
         """`timer` (s): the adapter's latency timer, which every window is longer by."""
-        self.transport, self.baud = transport, baud
+        self.transport = transport
+        self.baud = baud
         self.echo = False  # the adapter returns what is sent; known after the first answer
-        self._clock, self._slack = clock, SLACK + timer
+        self._clock = clock
+        self._slack = SLACK + timer
         self._line = HalfDuplexTransactor(
             transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=self._slack
         )

@@ -130,7 +130,8 @@ def values(
     reader: DynamixelReader, servo: ServoCommandState, fields: list[TableRegister]
 ) -> Script[dict[str, int]]:
     """Registers by key, in one transaction."""
-    first, end = min(field.address for field in fields), max(field.end for field in fields)
+    first = min(field.address for field in fields)
+    end = max(field.end for field in fields)
     raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]
     return {field.key: field.decode(raw[field.address - first :]) for field in fields}
 

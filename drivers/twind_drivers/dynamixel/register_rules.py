@@ -149,7 +149,8 @@ def _limits(made: FactoryDefaults, pwm: int) -> dict[str, RegisterRule]:
     low, high = made.position
     volts = RegisterRule(lower=made.volts[0], upper=made.volts[1])
     least = made.volts[0] if made.volts_least is None else made.volts_least
-    speed, current = made.velocity_most, made.current
+    speed = made.velocity_most
+    current = made.current
     found = {
         "return_delay_time": RegisterRule(lower=0, upper=made.delay_most, default=250),
         "operating_mode": RegisterRule(lower=0, upper=16, default=made.mode),

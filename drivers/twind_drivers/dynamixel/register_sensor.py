@@ -62,7 +62,9 @@ class Sensor:
         self._failures: deque[float] = deque(maxlen=MISSES)  # s, the last ones
         self._failed_at = -inf
         self._parked = False
-        self._due, self._pause, self._most = -inf, FIRST, PROBE
+        self._due = -inf
+        self._pause = FIRST
+        self._most = PROBE
 
     @property
     def query(self) -> ReadRequest:
@@ -84,7 +86,8 @@ class Sensor:
             if now < self._due:
                 return None
             self._rest(now)
-        self._asked, self._sent = self._whole, now
+        self._asked = self._whole
+        self._sent = now
         if self._doubts(now):
             self._asked = self._short[self._turn]
             self._turn = (self._turn + 1) % len(self._short)
@@ -92,7 +95,8 @@ class Sensor:
 
     def take(self, reply: RequestReply, now: float) -> list[Floats] | None:
         """The numbers of each field, raw; None: it did not answer, or answered to less than all."""
-        asked, self._asked = self._asked, None
+        asked = self._asked
+        self._asked = None
         if asked is None:
             return None
         data = reply.data.get(self.id)
@@ -103,7 +107,8 @@ class Sensor:
             return None
         self._parked = False
         if now - self._failed_at > max(WINDOW, self._pause):
-            self._pause, self._most = FIRST, PROBE
+            self._pause = FIRST
+            self._most = PROBE
         if asked is self._whole:
             self._proofs = PROOFS
             return self._decoded(data)
@@ -127,14 +132,17 @@ class Sensor:
     def spoil(self, now: float) -> None:
         """Its late answer cost the servos a reading: parked at once, for longer each time."""
         self._owed.clear()
-        self._most, self._failed_at = RAREST, now
+        self._most = RAREST
+        self._failed_at = now
         if not self._parked:
             self._rest(now)
         self._parked = True
 
     def forget(self) -> None:
         """The port was closed: nothing is on its way any more."""
-        self._asked, self._proofs, self._parked = None, PROOFS, False
+        self._asked = None
+        self._proofs = PROOFS
+        self._parked = False
         self._owed.clear()
         self._failures.clear()
 

@@ -88,7 +88,9 @@ class StatusReply:
     def __init__(self, ids: Sequence[int], size: int) -> None:
         """Raises ValueError when the reply would not fit the buffer."""
         stride = STATUS_OVERHEAD + size
-        self.ids, self.size, self.expected = tuple(ids), size, len(ids) * stride
+        self.ids = tuple(ids)
+        self.size = size
+        self.expected = len(ids) * stride
         _check_ids(ids, self.expected)
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
@@ -100,7 +102,8 @@ class StatusReply:
         self._spare = np.zeros((len(ids), size), np.uint8)
         self._framer = Framer(status=None)
         self._heads, self._crcs, self._errors = (self._records[name] for name in ("head", "crc", "error"))
-        self._checked, self._blocks = self._rows[:, :-2], self._rows[:, 9:-2]
+        self._checked = self._rows[:, :-2]
+        self._blocks = self._rows[:, 9:-2]
         self.heard, self.answered = np.zeros((2, len(ids)), np.bool_)
         self.unasked: Sequence[Packet] = ()
         self.error = np.zeros(len(ids), np.uint8)
@@ -152,7 +155,8 @@ class StatusReply:
             self._take_rest()
         self.heard.fill(True)
         self.answered.fill(True)
-        self.error, self.data = error, self._blocks
+        self.error = error
+        self.data = self._blocks
         self.whole = True
         return True
 
@@ -166,7 +170,8 @@ class StatusReply:
         """From here on by the framer, beginning with what is in the buffer."""
         self._framing, self.first = True, bytes(self._view[: self._got])
         self._spare.fill(0)
-        self.error, self.data = np.zeros(len(self.ids), np.uint8), self._spare
+        self.error = np.zeros(len(self.ids), np.uint8)
+        self.data = self._spare
         self._framer.discarded = 0
         return self._frame(self._got)
 
@@ -206,8 +211,11 @@ class FastSyncReadReply:
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
         """Raises ValueError when the reply would not fit the buffer."""
-        count, stride = len(ids), size + 4
-        self.ids, self.size, self.expected = tuple(ids), size, 8 + count * stride
+        count = len(ids)
+        stride = size + 4
+        self.ids = tuple(ids)
+        self.size = size
+        self.expected = 8 + count * stride
         _check_ids(ids, self.expected)
         length = (count * stride + 1).to_bytes(2, "little")
         self._head = HEADER + bytes((BROADCAST,)) + length + bytes((STATUS,))
@@ -216,7 +224,8 @@ class FastSyncReadReply:
         self._all = self._view[: self.expected - 2]
         self._last = self._view[self.expected - 2 : self.expected]
         self._rows = np.frombuffer(self._bytes, np.uint8, count * stride, 8).reshape(count, stride)
-        self._wanted, self._stride = bytes(self.ids), stride
+        self._wanted = bytes(self.ids)
+        self._stride = stride
         self.heard = self.answered = np.zeros(count, np.bool_)
         self.error = np.zeros(count, np.uint8)
         self.data = self._rows[:, 2:-2]

@@ -16,7 +16,9 @@ STATE_BLOCK = 7  # torque enable .. hardware error
 WATCHDOG = 1
 HEALTH_BLOCK = 27  # realtime tick .. input voltage, temperature
 INDIRECT_BLOCK = 8  # all of these and nothing between
-STATUS_HZ, HEALTH_HZ = 20.0, 5.0  # refresh of the slow registers, at least
+# refresh of the slow registers, at least
+STATUS_HZ = 20.0
+HEALTH_HZ = 5.0
 
 
 def wire(count: int, baud: int) -> float:
@@ -174,7 +176,8 @@ def budget(
     own = 0.0
     if sensor is not None:
         rows.append((f"reading of a sensor, {sensor[0]} bytes", 14 + 11 + sensor[0], 0))
-        own, transactions = sensor[1], transactions + 1
+        own = sensor[1]
+        transactions = transactions + 1
     return _sum(rows, baud, return_delay_us, transactions * usb_s, own)
 
 

@@ -94,7 +94,8 @@ def servos_of(
 def _servo(
     reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: RawGains, acceleration: int | None
 ) -> ServoCommandState:
-    where, table = f"{reader.name}: id {id}", reader.table(id)
+    where = f"{reader.name}: id {id}"
+    table = reader.table(id)
     found = mode_of(where, table, mode)
     check_cap(where, table, found, cap)
     if acceleration is not None and (found.number != VELOCITY or not 0 <= acceleration <= MAX_ACCELERATION):

@@ -20,7 +20,10 @@ from twind_drivers.dynamixel.operating_modes import CURRENT_BASED, block, check_
 from twind_drivers.dynamixel.ram_restore import give_back, let_go, settings, values
 from twind_drivers.dynamixel.servo_command_state import ServoCommandState
 
-SLAVE, TIMED, TORQUE_BY_GOAL = 2, 4, 8  # bits of Drive Mode (10)
+# bits of Drive Mode (10)
+SLAVE = 2
+TIMED = 4
+TORQUE_BY_GOAL = 8
 FOREIGN = SLAVE | TORQUE_BY_GOAL  # with one of them it is not driven by what is written here alone
 # EEPROM that must read afterwards what it read before; only the mode is ever written.
 EEPROM = (
@@ -65,14 +68,19 @@ class SingleServoControl:
         own = {servo.id: servo for servo in servos}
         if id not in own:
             raise ValueError(f"{reader.name} has no id {id}; its ids are {list(own)}")
-        self._reader, self._was, self.id = reader, own[id], id
-        where, table = f"{reader.name}: id {id}", own[id].table
+        self._reader = reader
+        self._was = own[id]
+        self.id = id
+        where = f"{reader.name}: id {id}"
+        table = own[id].table
         if own[id].mode.rests_at_zero:
             raise ValueError(f"{where}: its goals are no positions (mode {own[id].mode.number})")
         mode = mode_of(where, table, CURRENT_BASED)
         check_cap(where, table, mode, cap)
         self._servo = replace(own[id], mode=mode, cap=cap, acceleration=None)
-        self._profile, self.watchdog, self._cap = profile, watchdog, cap
+        self._profile = profile
+        self.watchdog = watchdog
+        self._cap = cap
         self._closed = {
             servo.id: dict.fromkeys(fences(servo.table, servo.mode, 0, 0, servo.cap), (0, -1))
             for servo in servos
@@ -103,7 +111,8 @@ class SingleServoControl:
 
     def look(self) -> Script[SavedSettings]:
         """What it is set to. Raises DeviceRefused: torque on, a hardware error, an odd Drive Mode."""
-        servo, table = self._was, self._was.table
+        servo = self._was
+        table = self._was.table
         eeprom = yield from values(self._reader, servo, [table[name] for name in EEPROM if name in table])
         state = [table[name] for name in ("torque_enable", "hardware_error_status")]
         ram = yield from values(self._reader, servo, [*settings(servo), *state])

@@ -45,7 +45,9 @@ def explain(
 def _state(
     reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
 ) -> Script[list[str]]:
-    place, state, status = reader.ids.index(servo.id), reader.registers, servo.layout.status
+    place = reader.ids.index(servo.id)
+    state = reader.registers
+    status = servo.layout.status
     with suppress(NoReply, DeviceRefused):  # then what was read of it before explains
         yield from reader.collect((servo.id,), status.address, status.size)  # kept in `registers`
     if state.fault[place] > 0:
@@ -67,7 +69,8 @@ def _mode(
 def _limits(
     reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
 ) -> Script[list[str]]:
-    table, found = servo.table, []
+    table = servo.table
+    found = []
     for name in (*LIMITED, "goal_position"):
         at = where.offset(table[name]) if name in table else None
         if at is None:

@@ -15,10 +15,12 @@ class Backlash:
 
     def __init__(self, muscles: ServoPhysics, play: NDArray[np.float64]) -> None:
         """`play` (m,): ticks, from one side to the other."""
-        self._muscles, self._half = muscles, play / 2.0
+        self._muscles = muscles
+        self._half = play / 2.0
         self.position, self._seen = muscles.position.copy(), muscles.position.copy()
         self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
-        self.current, self.pwm = muscles.current, muscles.pwm
+        self.current = muscles.current
+        self.pwm = muscles.pwm
         self.stall = muscles.stall
 
     def drive(self, drive: DriveState) -> None:
@@ -44,7 +46,8 @@ class Backlash:
     def advance(self, now: float) -> None:
         """See `ServoPhysics.advance`."""
         self._muscles.advance(now)
-        place, before = self._muscles.position, self.position.copy()
+        place = self._muscles.position
+        before = self.position.copy()
         if np.array_equal(place, self._seen):  # no time has passed, or nothing turns
             self.velocity[self._muscles.velocity == 0.0] = 0.0
             return

@@ -26,7 +26,11 @@ from twind_drivers.virtual.servo_physics import DriveState
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[Any]
-REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL = 1, 2, 4, 8  # bits of the drive mode
+# bits of the drive mode
+REVERSE = 1
+SLAVE = 2
+TIMED = 4
+TORQUE_BY_GOAL = 8
 GAINS = ("position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain")
 BOUNDS = ("temperature_limit", "min_voltage_limit", "max_voltage_limit")
 WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
@@ -50,7 +54,8 @@ class DriveFirmware:
 
     def reload_registers(self) -> None:
         """Read the registers anew."""
-        registers, modes = self._registers, self._registers["drive_mode"]
+        registers = self._registers
+        modes = self._registers["drive_mode"]
         self.mode = registers["operating_mode"].astype(np.int64)
         self.on = registers["torque_enable"] != 0
         limited = self.mode == POSITION  # e-manual, "Min/Max Position Limit": in mode 3 only
@@ -58,7 +63,8 @@ class DriveFirmware:
         self.upper = np.where(limited, registers["max_position_limit"], self._widest[1]).astype(np.int64)
         self.seeks = seeks_position(self.mode)
         self.mixed = bool(np.count_nonzero(self.seeks) < len(self.seeks))
-        self.spins, self.timed = self.mode == VELOCITY, (modes & TIMED) != 0
+        self.spins = self.mode == VELOCITY
+        self.timed = (modes & TIMED) != 0
         self.way = np.where(self._inverts & ((modes & REVERSE) != 0), -1.0, 1.0)
 
     def bounds(self) -> tuple[Floats, Floats, Floats]:

@@ -8,8 +8,11 @@ length error and does nothing, a restore without a backup fails.
 from twind_drivers.dynamixel.packet import BROADCAST, Packet, StatusErrorCode
 from twind_drivers.virtual.virtual_servos import VirtualServos
 
-RESET_ALL, KEEP_ID, KEEP_ID_AND_BAUD = 0xFF, 0x01, 0x02
-STORE, RESTORE = 0x01, 0x02
+RESET_ALL = 0xFF
+KEEP_ID = 0x01
+KEEP_ID_AND_BAUD = 0x02
+STORE = 0x01
+RESTORE = 0x02
 TURNS = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))  # clear: the count of turns, with its fixed tail
 BACKUP_TAIL = bytes((0x43, 0x54, 0x52, 0x4C))
 
@@ -18,7 +21,9 @@ def factory_reset(servos: VirtualServos, row: int, packet: Packet, now: float) -
     """Defaults in EEPROM and RAM, by a reboot. To all at once "reset all" does nothing from firmware 42."""
     if not packet.params:
         return StatusErrorCode.DATA_LENGTH
-    option, memory, old = packet.params[0], servos.memory, servos.memory.raw[row].copy()
+    option = packet.params[0]
+    memory = servos.memory
+    old = servos.memory.raw[row].copy()
     if option not in (RESET_ALL, KEEP_ID, KEEP_ID_AND_BAUD):
         return StatusErrorCode.DATA_RANGE
     if packet.id == BROADCAST and option == RESET_ALL and _knows(servos, row, "clear_from"):

@@ -29,7 +29,8 @@ class FaultyByteStream:
     """What `send` lets through to the servos and `take` to the host. Random, but the same for one seed."""
 
     def __init__(self, wire: HalfDuplexWire, adapter: SerialAdapter, seed: int) -> None:
-        self._wire, self._adapter = wire, adapter
+        self._wire = wire
+        self._adapter = adapter
         self.restart(seed)
         self._tick = inf  # s, when the latency timer hands over what is kept
         self._flushed = 0.0  # s, when it did so last
@@ -48,7 +49,9 @@ class FaultyByteStream:
         self.colliding = self.garbled = self.stalled = False
         self.split = 0  # bytes of the largest piece; 0: as it comes
         self.to_servos = self.to_host = 0.0  # chance that a bit flips
-        self.mangled, self.mangling = 0, (1, MOST)  # writes to come; flipped bits, in the first so many bytes
+        # writes to come; flipped bits, in the first so many bytes
+        self.mangled = 0
+        self.mangling = (1, MOST)
         self.noise_left = 0.0  # s of noise that begins at the next look
         self._noise_at = self._noise_end = -inf  # s
         self.look()
@@ -92,7 +95,8 @@ class FaultyByteStream:
         if self.stalled:
             self.held += data[: MOST - len(self.held)]
             return b""
-        data, self.held = self.held + data, b""
+        data = self.held + data
+        self.held = b""
         if not data:
             return data
         self._begin_noise(now)
@@ -131,7 +135,8 @@ class FaultyByteStream:
 
     def _on_tick(self, come: bytes, now: float) -> bytes:
         """Full packets at once, the rest at the next tick of the timer, which every delivery starts anew."""
-        latency, size = self.adapter.latency, self.adapter.payload
+        latency = self.adapter.latency
+        size = self.adapter.payload
         if come and not self._kept:
             ticks = max(0, ceil((now - self._flushed) / latency - 1e-9))
             self._tick = self._flushed + ticks * latency
@@ -140,19 +145,22 @@ class FaultyByteStream:
         if count:
             self._flushed = now
             self._tick = now + latency
-        come, self._kept = self._kept[:count], self._kept[count:]
+        come = self._kept[:count]
+        self._kept = self._kept[count:]
         return come
 
     def _in_pieces(self, come: bytes, now: float) -> bytes:
         self._kept += come
         if not self.split:
-            come, self._kept = self._kept, b""
+            come = self._kept
+            self._kept = b""
             return come
         if not self._kept or now < self._piece_at:
             return b""
         count = int(self.random.integers(1, self.split + 1))
         self._piece_at = now + GAP
-        come, self._kept = self._kept[:count], self._kept[count:]
+        come = self._kept[:count]
+        self._kept = self._kept[count:]
         return come
 
     # ---------------------------------------------------------------------------------- noise
@@ -163,7 +171,8 @@ class FaultyByteStream:
 
     def _begin_noise(self, now: float) -> None:
         if self.noise_left:
-            self._noise_at, self._noise_end = now, now + self.noise_left
+            self._noise_at = now
+            self._noise_end = now + self.noise_left
             self.noise_left = 0.0
 
     def _next_noise(self) -> float:
@@ -174,7 +183,8 @@ class FaultyByteStream:
     def _noise(self, now: float) -> bytes:
         if now < self._next_noise():
             return b""
-        since, self._noise_at = self._noise_at, min(now, self._noise_end)
+        since = self._noise_at
+        self._noise_at = min(now, self._noise_end)
         return self.noise(self._noise_at - since)
 
     def _drowned(self, data: bytes) -> bytes:
@@ -187,7 +197,8 @@ class FaultyByteStream:
             return data
         self.mangled -= 1
         bits, most = self.mangling
-        broken, size = bytearray(data), 8 * min(len(data), most)
+        broken = bytearray(data)
+        size = 8 * min(len(data), most)
         for at in self.random.choice(size, min(bits, size), replace=False):
             broken[at // 8] ^= 1 << at % 8
         return bytes(broken)

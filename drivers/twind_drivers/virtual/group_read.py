@@ -34,7 +34,8 @@ class SyncReadGroup:
         """`span`: address and size. All rows must hold it readably."""
         address, size = span
         length = 11 + size
-        self._servos, self._rows = servos, servos.registers.selection(rows)
+        self._servos = servos
+        self._rows = servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
         self.live = servos.registers.has_measured_registers(rows, address, size)
         self._out = np.zeros((len(rows), length), np.uint8)
@@ -72,8 +73,10 @@ class FastSyncReadGroup:
     ) -> None:
         """`rows` are those that answer, the first ones of `asked`: behind a missing one all are silent."""
         address, size = span
-        count, block = len(rows), 4 + size
-        self._servos, self._rows = servos, servos.registers.selection(rows)
+        count = len(rows)
+        block = 4 + size
+        self._servos = servos
+        self._rows = servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
         self.live = servos.registers.has_measured_registers(rows, address, size)
         lead = HEADER + bytes((BROADCAST,)) + (asked * block + 1).to_bytes(2, "little") + bytes((STATUS,))
@@ -94,7 +97,8 @@ class FastSyncReadGroup:
         """The reply; never None, a fast reply is not stuffed."""
         self._blocks[:, 0] = self._servos.alert[self._rows]
         self._blocks[:, 2:-2] = self._cells.get()
-        crc, checks = 0, []
+        crc = 0
+        checks = []
         for share in self._shares:
             crc = umts(share, AFTER_ITSELF[(crc ^ crc >> 8) & 0xFF])
             checks.append(crc)

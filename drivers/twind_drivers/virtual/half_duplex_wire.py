@@ -38,7 +38,8 @@ class HalfDuplexWire:
     """
 
     def __init__(self, baud: int, *, timing: bool = True) -> None:
-        self.baud, self.timing = baud, timing
+        self.baud = baud
+        self.timing = timing
         self.lag = 0.0  # s, added to every answer (a fault on order)
         self._free = -inf  # s, when the wire is silent
         self._bursts: deque[ReplyBurst] = deque()

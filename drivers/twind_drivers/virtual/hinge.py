@@ -43,7 +43,10 @@ class ShaftGrip:
 
         `grip`: takes a row to a place with so many places per s; NaN: lets go of it.
         """
-        self._hinges, self._turns, self._shown, self._grip = hinges, turns, shown, grip
+        self._hinges = hinges
+        self._turns = turns
+        self._shown = shown
+        self._grip = grip
         self._rows = {hinge.joint: row for row, hinge in enumerate(hinges) if hinge is not None}
 
     @property

@@ -11,7 +11,10 @@ from twind_drivers.virtual.factory_reset import backup, clear, factory_reset
 from twind_drivers.virtual.virtual_servos import VirtualServos
 from twind_drivers.virtual.write_instruction import judge, write
 
-PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2  # least status return level (68) at which a servo answers
+# least status return level (68) at which a servo answers
+PING_LEVEL = 0
+READ_LEVEL = 1
+WRITE_LEVEL = 2
 
 
 class ServoStatus(NamedTuple):
@@ -40,7 +43,8 @@ class InstructionSet:
     """The instruction set of the servos of one bus. `places` is the bus's and may change under us."""
 
     def __init__(self, servos: VirtualServos, places: Places) -> None:
-        self._servos, self._places = servos, places
+        self._servos = servos
+        self._places = places
         self.shadows: dict[int, list[int]] = {}  # secondary id -> rows that listen to it; the bus's too
         self._stored: dict[int, tuple[int, bytes]] = {}  # row -> reg write
         self._known: Mapping[int, Callable[[Packet, float], InstructionReplies]] = {
@@ -99,7 +103,8 @@ class InstructionSet:
         if len(packet.params) != 4:
             return self._refuse(packet, StatusErrorCode.DATA_LENGTH)
         self._servos.settle(now)
-        registers, span = self._servos.registers, _span(packet.params)
+        registers = self._servos.registers
+        span = _span(packet.params)
         rows = self._places.get(packet.id, ())
         return InstructionReplies(
             [ServoStatus(row, packet.id, *registers.read(row, *span)) for row in rows], READ_LEVEL
@@ -108,7 +113,8 @@ class InstructionSet:
     def _write(self, packet: Packet, now: float) -> InstructionReplies:
         if len(packet.params) < 2:
             return self._refuse(packet, StatusErrorCode.DATA_LENGTH)
-        address, data = int.from_bytes(packet.params[:2], "little"), packet.params[2:]
+        address = int.from_bytes(packet.params[:2], "little")
+        data = packet.params[2:]
 
         def act(row: int, shadow: bool) -> tuple[int, bytes]:
             return write(self._servos, row, address, data, shadow=shadow), b""
@@ -119,7 +125,8 @@ class InstructionSet:
         """A write that would be refused now is refused now; no page says when a servo looks at it."""
         if len(packet.params) < 2:
             return self._refuse(packet, StatusErrorCode.DATA_LENGTH)
-        address, data = int.from_bytes(packet.params[:2], "little"), packet.params[2:]
+        address = int.from_bytes(packet.params[:2], "little")
+        data = packet.params[2:]
 
         def store(row: int, shadow: bool) -> tuple[int, bytes]:
             error = judge(self._servos, row, address, data, shadow=shadow)

@@ -26,7 +26,8 @@ class LineFaults:
         """
         if count < 0 or not 1 <= bits <= 64 or not 1 <= bytes <= MOST:
             raise ValueError(f"mangle: {count} writes, {bits} bits, {bytes} bytes: 0 on, 1..64, 1..{MOST}")
-        self.stream.mangled, self.stream.mangling = count, (bits, bytes)
+        self.stream.mangled = count
+        self.stream.mangling = (bits, bytes)
         self.stream.look()
 
     def babble(self, on: bool = True) -> None:

@@ -5,7 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
+CURRENT = 0
+VELOCITY = 1
+POSITION = 3
+EXTENDED = 4
+CURRENT_POSITION = 5
+PWM = 16
 FULL_PWM = 885.0  # counts: 100 % of 0.113 %, the whole supply voltage
 
 

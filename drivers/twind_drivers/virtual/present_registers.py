@@ -11,17 +11,22 @@ from twind_drivers.virtual.servo_protection import ServoProtection
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-FIRST, LAST = "realtime_tick", "present_temperature"
+FIRST = "realtime_tick"
+LAST = "present_temperature"
 IN_POSITION = 20.0  # ticks from the goal (assumed: the manual gives no number)
 FOLLOWING = 100.0  # ticks from the trajectory that are a following error (assumed)
-ARRIVED, ONGOING, ERRING = 0x01, 0x02, 0x08  # bits of the moving status (123); 0x30: type of the profile
+# bits of the moving status (123); 0x30: type of the profile
+ARRIVED = 0x01
+ONGOING = 0x02
+ERRING = 0x08
 
 
 class PresentRegisters:
     """Columns of the registers that only the servo itself writes. One refresh serves all servos."""
 
     def __init__(self, memory: RegisterMemory, muscles: ServoPhysics, protection: ServoProtection) -> None:
-        self._muscles, self._protection = muscles, protection
+        self._muscles = muscles
+        self._protection = protection
         self._tick = memory.column("realtime_tick", 2)
         self._moving = memory.column("moving", 1)
         self._moving_status = memory.column("moving_status", 1)
@@ -42,7 +47,10 @@ class PresentRegisters:
         self._seeks: Bools | None = None
         self._frozen: Bools | None = None
         self._stuck = np.zeros(count)  # ticks, what a frozen encoder repeats
-        self._encoder, self._at, self._told = np.zeros(count), 0.0, True  # of the last refresh
+        # of the last refresh
+        self._encoder = np.zeros(count)
+        self._at = 0.0
+        self._told = True
         self._slow_at = -np.inf
         self._spikes: dict[int, tuple[float, float]] = {}  # row -> °C shown, until when
         self._shaped = True  # may the velocity trajectory be other than 0?
@@ -61,7 +69,8 @@ class PresentRegisters:
 
     def wake(self, row: int, now: float) -> None:
         """A servo has booted: its clock begins, and all that it measures is shown with the next refresh."""
-        self.origin[row], self._slow_at = now, -np.inf
+        self.origin[row] = now
+        self._slow_at = -np.inf
 
     def spike(self, row: int, celsius: float, until: float) -> None:
         """The register of the temperature shows `celsius` until then (s)."""
@@ -70,7 +79,8 @@ class PresentRegisters:
 
     def refresh(self, now: float, direction: Floats, shift: Floats) -> None:
         """Bring position, velocity and current up to `now`. `direction`, `shift`: of encoder to register."""
-        muscles, way = self._muscles, self._way
+        muscles = self._muscles
+        way = self._way
         encoder = np.rint(muscles.position)
         if self._frozen is not None:
             encoder = np.where(self._frozen, self._stuck, encoder)
@@ -78,14 +88,19 @@ class PresentRegisters:
         self._velocity.put(np.rint(muscles.velocity if way is None else muscles.velocity * way))
         if self._current is not None:
             self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
-        self._encoder, self._at, self._told = encoder, now, False
+        self._encoder = encoder
+        self._at = now
+        self._told = False
 
     def refresh_slow_values(self, direction: Floats, shift: Floats, profile: ServoProfile) -> None:
         """All that is read more rarely, as of the last refresh."""
         if self._told:
             return
-        self._told, now = True, self._at
-        muscles, way, encoder = self._muscles, self._way, self._encoder
+        self._told = True
+        now = self._at
+        muscles = self._muscles
+        way = self._way
+        encoder = self._encoder
         moving = np.abs(np.rint(muscles.velocity)) > self._threshold.get()
         if profile.shaped or self._seeks is not None:
             self._show_profile(profile, encoder, encoder * direction + shift, direction, shift)

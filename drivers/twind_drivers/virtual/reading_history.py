@@ -22,7 +22,8 @@ class ReadingHistory:
     def note(self, now: float, position: NDArray[Any]) -> None:
         """The present position registers (m,) were refreshed at `now`, s."""
         at = self._count % len(self._time)
-        self._time[at], self._position[at] = now, position
+        self._time[at] = now
+        self._position[at] = position
         self._count += 1
 
     def readings(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

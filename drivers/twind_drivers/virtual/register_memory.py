@@ -93,7 +93,8 @@ class RegisterMemory:
     """
 
     def __init__(self, tables: Sequence[ControlTable], firmwares: Sequence[int]) -> None:
-        self.tables, self.firmwares = tuple(tables), tuple(firmwares)
+        self.tables = tuple(tables)
+        self.firmwares = tuple(firmwares)
         kinds = dict.fromkeys(
             (table.stem, firmware) for table, firmware in zip(tables, firmwares, strict=True)
         )
@@ -117,7 +118,8 @@ class RegisterMemory:
         if len(present) < len(fields):
             self._hidden += size
         if present:
-            size, signed = present[0].size, present[0].rule.signed
+            size = present[0].size
+            signed = present[0].rule.signed
         addresses = [spare if field is None else field.address for field in fields]
         return RegisterColumn(self.raw, addresses, size, signed)
 
@@ -151,7 +153,8 @@ class RegisterMemory:
 
         Indirect data that points at a gap is a gap.
         """
-        layout, end = self._layouts[row], address + size
+        layout = self._layouts[row]
+        end = address + size
         return size >= 1 and end <= layout.end and bool(layout.defined[self.where[row, address:end]].any())
 
     def read(self, row: int, address: int, size: int) -> bytes:
@@ -172,7 +175,8 @@ class RegisterSpan:
 
     def __init__(self, memory: RegisterMemory, rows: Sequence[int], address: int, size: int) -> None:
         """All rows must hold the span readably."""
-        self._raw, self._span = memory.raw, slice(address, address + size)
+        self._raw = memory.raw
+        self._span = slice(address, address + size)
         every = list(rows) == list(range(len(memory.raw)))
         self._rows: Any = slice(None) if every else np.asarray(rows, np.intp)
         where = memory.where[np.asarray(rows, np.intp), self._span]

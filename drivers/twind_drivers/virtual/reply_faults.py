@@ -27,7 +27,8 @@ class ReplyFaults:
     """
 
     def __init__(self, wire: HalfDuplexWire, stream: FaultyByteStream) -> None:
-        self._wire, self.stream = wire, stream
+        self._wire = wire
+        self.stream = stream
         self._orders: dict[tuple[str, int | None], tuple[int, float]] = {}  # answers left, value
         self._late: dict[int, float] = {}  # id -> s
         self.active = False  # is any answer looked at one by one?
@@ -159,7 +160,9 @@ class ReplyFaults:
         late = self._late.get(id, 0.0)
         if self._hit("drop", id) is not None:
             return FaultedReply(b"", b"", b"", late, False)
-        data, before, after = piece, b"", b""
+        data = piece
+        before = b""
+        after = b""
         if self._hit("forge", id) is not None:
             data = self._forged(id, data)
         bits = self._hit("corrupt", id)

@@ -10,8 +10,11 @@ class Loopback:
     """A `Transport` without descriptor: `arrival` tells the clock when the next answer is complete."""
 
     def __init__(self, bus: ServableBus, clock: Clock) -> None:
-        self.name, self.warning, self.holds = f"virtual:{bus.name}", "", True
-        self._bus, self._clock = bus, clock
+        self.name = f"virtual:{bus.name}"
+        self.warning = ""
+        self.holds = True
+        self._bus = bus
+        self._clock = clock
         self._open = True
         self._left = b""  # taken from the bus, not yet read
 
@@ -48,7 +51,8 @@ class Loopback:
     def drain(self, thrown: bytearray | None = None) -> int:
         """Throw away what has arrived; bytes thrown, put into `thrown` too."""
         self._check()
-        gone, self._left = self._left + self._bus.take(self._clock.now()), b""
+        gone = self._left + self._bus.take(self._clock.now())
+        self._left = b""
         if thrown is not None:
             thrown += gone
         return len(gone)

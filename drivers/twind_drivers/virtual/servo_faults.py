@@ -13,7 +13,8 @@ class ServoFaults:
     """Faults of servos; unless named otherwise they outlast `clear`, as a servo's state does."""
 
     def __init__(self, bus: str, servos: VirtualServos) -> None:
-        self._bus, self._servos = bus, servos
+        self._bus = bus
+        self._servos = servos
         self.hands = ShaftGrip(
             servos.hinges, servos.power.turn, servos.power.encoder, servos.set_hand_position
         )

@@ -18,7 +18,9 @@ RPM = 0.229  # per raw velocity of the X series
 FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
 COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
 QUICK = 0.02  # s, time constant of the speed loop at the factory gains
-FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
+# velocity gains of an XM430
+FACTORY_P = 100.0
+FACTORY_I = 1920.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,9 @@ class FirstOrderPhysics:
         self.position = np.array(start, np.float64)
         self.velocity, self.current, self.pwm = (np.zeros_like(self.position) for _ in range(3))
         self.stall = np.full_like(self.position, stall)
-        self._lag, self._gain, self._fastest = lag, gain, speed
+        self._lag = lag
+        self._gain = gain
+        self._fastest = speed
         self._goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
@@ -113,18 +117,19 @@ class FirstOrderPhysics:
 
     def drive(self, drive: DriveState) -> None:
         """The gains set the rate; no output or no current allowed means no motion."""
-        self._on, self._mode = drive.on.copy(), np.asarray(drive.mode).copy()
+        self._on = drive.on.copy()
+        self._mode = np.asarray(drive.mode).copy()
         pulls = drive.on & (drive.pwm_cap > 0.0) & (drive.current_cap > 0.0) & (drive.supply > 0.0)
         seeks = seeks_position(self._mode)
-        self._cap, self._current_cap = drive.pwm_cap.copy(), drive.current_cap.copy()
+        self._cap = drive.pwm_cap.copy()
+        self._current_cap = drive.current_cap.copy()
         self._floor = -self._cap
         self._volts = np.maximum(drive.supply, 1e-9)
         whole = np.ones_like(self.position)
-        self._full, self._ticks = drive.full * whole, drive.rpm / 60.0 * drive.turn * whole
-        self._free, self._friction = (
-            self._fastest * RPM / drive.rpm * whole,
-            FRICTION * drive.rpm / RPM * whole,
-        )
+        self._full = drive.full * whole
+        self._ticks = drive.rpm / 60.0 * drive.turn * whole
+        self._free = self._fastest * RPM / drive.rpm * whole
+        self._friction = FRICTION * drive.rpm / RPM * whole
         duty = np.minimum(self._cap / self._full, 1.0)
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
         self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
@@ -151,7 +156,8 @@ class FirstOrderPhysics:
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `ServoPhysics.grip`. A hand passes everything but a stop and a shaft that is held fast."""
-        self._hand, self._reach = place.copy(), speed.copy()
+        self._hand = place.copy()
+        self._reach = speed.copy()
         self._look()
 
     def set_base_pose(self, base: str) -> None:
@@ -160,7 +166,8 @@ class FirstOrderPhysics:
 
     def set_endstops(self, lower: Floats, upper: Floats) -> None:
         """Set mechanical stops (ticks), hard: a shaft that pushes against one is jammed there."""
-        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
+        self._lower = np.array(lower, np.float64)
+        self._upper = np.array(upper, np.float64)
         self._look()
 
     def _look(self) -> None:
@@ -205,7 +212,8 @@ class FirstOrderPhysics:
         return np.copysign(left, error, out=left)
 
     def _advance_all(self, dt: float) -> None:
-        before, speed = self.position.copy(), self.velocity[self._turning]
+        before = self.position.copy()
+        speed = self.velocity[self._turning]
         self._seek(dt)
         self._turn(speed, dt)
         self._carry(before, dt)
@@ -228,9 +236,14 @@ class FirstOrderPhysics:
 
     def _turn(self, speed: Floats, dt: float) -> None:
         """Modes 0, 1 and 16, `speed` (raw) before: the speed tends to what the goal means without load."""
-        at, rate = self._turning, self._quickness
-        mode, goal, top, full = self._mode[at], self._goal[at], self._top[at], self._full[at]
-        free, friction = self._free[at], self._friction[at]
+        at = self._turning
+        rate = self._quickness
+        mode = self._mode[at]
+        goal = self._goal[at]
+        top = self._top[at]
+        full = self._full[at]
+        free = self._free[at]
+        friction = self._friction[at]
         wish = np.select([mode == CURRENT, mode == PWM], [goal / friction, goal / full * free], goal)
         wish = np.clip(np.where(mode == PWM, wish * self._volts[at], wish), -top, top)
         decay = np.exp(-rate * dt)
@@ -238,14 +251,17 @@ class FirstOrderPhysics:
         self.position[at] += (wish * dt + (speed - wish) * (1.0 - decay) / rate) * self._ticks[at]
         self.velocity[at] = now
         torque = friction * (now + (wish - now) * rate * COAST)  # friction, and what the inertia takes
-        cap, most = self._cap[at], self._current_cap[at]
+        cap = self._cap[at]
+        most = self._current_cap[at]
         self.current[at] = np.clip(torque, -most, most)
         output = (now / free + self.current[at] / self.stall[at]) / self._volts[at] * full
         self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
 
     def _jam(self, at: NDArray[np.intp]) -> None:
         """All output becomes current; a speed loop has long integrated up to its cap."""
-        mode, goal, cap = self._mode[at], self._goal[at], self._cap[at]
+        mode = self._mode[at]
+        goal = self._goal[at]
+        cap = self._cap[at]
         full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
         pull = self._p[at] * (goal - self.position[at])
         spin = np.where(goal == 0.0, 0.0, np.copysign(cap, goal))

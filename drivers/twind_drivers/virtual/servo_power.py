@@ -19,7 +19,9 @@ from twind_drivers.virtual.servo_physics import ServoPhysics
 BOOT = 0.1  # s off the bus after a reboot
 TURN = 4096  # ticks, of all models but the P series; also of the gripper, whose pages disagree
 OFFSET_IN_MODE_3 = 1024  # of a 4096 tick servo: a homing offset beyond it does nothing in position mode
-TORQUE_AT_BOOT, RAM_AT_BOOT = 1, 2  # bits of the startup configuration
+# bits of the startup configuration
+TORQUE_AT_BOOT = 1
+RAM_AT_BOOT = 2
 MODE_RESETS = (
     "position_d_gain",
     "position_i_gain",
@@ -59,9 +61,13 @@ class ServoPower:
         tempers: Sequence[FirmwareQuirks],
     ) -> None:
         count = len(memory.raw)
-        self._memory, self._registers, self._muscles = memory, registers, muscles
+        self._memory = memory
+        self._registers = registers
+        self._muscles = muscles
         self.boots_at = np.full(count, inf)  # s, when a rebooting servo is back; inf: it runs
-        self.direction, self.shift = np.ones(count), np.zeros(count)  # register = direction * encoder + shift
+        # register = direction * encoder + shift
+        self.direction = np.ones(count)
+        self.shift = np.zeros(count)
         self.turn = [table.facts.counts_per_turn or TURN for table in memory.tables]
         facts = [table.facts for table in memory.tables]
         half = [turn // 2 for turn in self.turn]
@@ -84,7 +90,8 @@ class ServoPower:
 
     def up(self, row: int) -> None:
         """RAM defaults, the caps at their limits, turns lost, the goal where it is, torque as 60 says."""
-        registers, memory = self._registers, self._memory
+        registers = self._registers
+        memory = self._memory
         self.boots_at[row] = inf
         settings = self._settings.pop(row, None)
         if settings is not None:

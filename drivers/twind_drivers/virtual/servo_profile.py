@@ -17,7 +17,11 @@ Bools = NDArray[np.bool_]
 RATE = 214.577  # rev/min² per unit of register 108, X series
 RATE_P = 1.0  # the P series' (assumed from older pages; today's give none)
 STEP = 0.002  # s
-NONE, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # bits of the moving status (123)
+# bits of the moving status (123)
+NONE = 0x00
+RECTANGLE = 0x10
+TRIANGLE = 0x20
+TRAPEZOID = 0x30
 TINY = 1e-9
 
 
@@ -38,10 +42,17 @@ class ServoProfile:
         self.running = np.zeros(count, np.bool_)
         self.shaped = False  # does anyone have a profile, or still follow one?
         self.target = position.copy()
-        self._velocity, self._acceleration = np.zeros(count), np.zeros(count)  # as in the registers
-        self._timed, self.spins = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
-        self._begun, self._place, self._start = np.zeros(count), position.copy(), np.zeros(count)
-        self._peak, self._ends = np.zeros(count), np.zeros((3, count))  # s of gathering, cruising, braking
+        # as in the registers
+        self._velocity = np.zeros(count)
+        self._acceleration = np.zeros(count)
+        self._timed = np.zeros(count, np.bool_)
+        self.spins = np.zeros(count, np.bool_)
+        self._begun = np.zeros(count)
+        self._place = position.copy()
+        self._start = np.zeros(count)
+        # s of gathering, cruising, braking
+        self._peak = np.zeros(count)
+        self._ends = np.zeros((3, count))
 
     def limit(self, velocity: NDArray[Any], acceleration: NDArray[Any], timed: Bools, spins: Bools) -> None:
         """Registers 112 and 108 (m,), 0 is none; they count from the next goal on.
@@ -49,8 +60,10 @@ class ServoProfile:
         `timed`: 112 is the whole time and 108 the ramp in ms, at most half of it (drive mode bit 2). `spins`:
         velocity mode, which has no use for 112. Where neither register shapes anything all goals are steps.
         """
-        self._velocity, self._acceleration = velocity.astype(np.float64), acceleration.astype(np.float64)
-        self._timed, self.spins = timed.copy(), spins.copy()
+        self._velocity = velocity.astype(np.float64)
+        self._acceleration = acceleration.astype(np.float64)
+        self._timed = timed.copy()
+        self.spins = spins.copy()
         self.shaped = bool(self._shaping().any() or self.running.any())
         self.reference = self.reference.copy()  # without a profile it may be the target itself
         if not self.shaped:
@@ -68,7 +81,9 @@ class ServoProfile:
         step = new & ~self._shaping()
         self.target = target.copy()
         self.reference[step] = target[step]
-        self.speed[step], self.running[step], self.kind[step] = 0.0, False, NONE
+        self.speed[step] = 0.0
+        self.running[step] = False
+        self.kind[step] = NONE
         for row in np.flatnonzero(new & ~step):
             self._plan(int(row), now)
         self.shaped = bool(self._shaping().any() or self.running.any())
@@ -76,7 +91,9 @@ class ServoProfile:
     def hold(self, rows: Any, place: Floats | float) -> None:
         """At rest at `place`, without a plan: torque came on, or the watchdog stopped it (profile as 0)."""
         self.reference[rows] = self.target[rows] = place
-        self.speed[rows], self.running[rows], self.kind[rows] = 0.0, False, NONE
+        self.speed[rows] = 0.0
+        self.running[rows] = False
+        self.kind[rows] = NONE
 
     def follow(self, now: float) -> None:
         """Bring `reference` and `speed` up to `now` (s)."""
@@ -85,19 +102,19 @@ class ServoProfile:
             return
         one, two, three = self._ends
         t = np.clip(now - self._begun, 0.0, one + two + three)
-        gather, cruise, brake = (
-            np.minimum(t, one),
-            np.clip(t - one, 0.0, two),
-            np.clip(t - one - two, 0.0, three),
-        )
+        gather = np.minimum(t, one)
+        cruise = np.clip(t - one, 0.0, two)
+        brake = np.clip(t - one - two, 0.0, three)
         grown = self._start + (self._peak - self._start) * _share(gather, one)
         left = self._peak * (1.0 - _share(brake, three))
         place = self._place + (self._start + grown) / 2.0 * gather
         place += self._peak * cruise + (self._peak + left) / 2.0 * brake
         speed = np.where(t < one, grown, np.where(t < one + two, self._peak, left))
         done = run & (now - self._begun >= one + two + three)
-        self.reference[run], self.speed[run] = place[run], speed[run]
-        self.reference[done], self.speed[done] = self.target[done], 0.0
+        self.reference[run] = place[run]
+        self.speed[run] = speed[run]
+        self.reference[done] = self.target[done]
+        self.speed[done] = 0.0
         self.running = run & ~done
         self.shaped = bool(self._shaping().any() or self.running.any())
 
@@ -111,8 +128,13 @@ class ServoProfile:
         else:
             shape = self._capped_shape(row, way, start)
         begin, peak, ends, kind = shape
-        self._begun[row], self._place[row], self._start[row] = now, self.reference[row], begin
-        self._peak[row], self._ends[:, row], self.kind[row], self.running[row] = peak, ends, kind, True
+        self._begun[row] = now
+        self._place[row] = self.reference[row]
+        self._start[row] = begin
+        self._peak[row] = peak
+        self._ends[:, row] = ends
+        self.kind[row] = kind
+        self.running[row] = True
         self.speed[row] = begin
 
     def _ramp(self, row: int, way: float) -> tuple[float, float, tuple[float, float, float], int]:
@@ -137,14 +159,17 @@ class ServoProfile:
         self, row: int, way: float, start: float
     ) -> tuple[float, float, tuple[float, float, float], int]:
         """Speed and acceleration are capped, the time follows."""
-        top, rate = self._velocity[row] * self.raw[row], self._acceleration[row] * self._rate[row]
+        top = self._velocity[row] * self.raw[row]
+        rate = self._acceleration[row] * self._rate[row]
         if rate <= 0.0:
             peak = float(np.copysign(top, way))
             return peak, peak, (0.0, abs(way) / top, 0.0), RECTANGLE
         sign = 1.0 if way >= start * abs(start) / (2.0 * rate) else -1.0  # short of where braking would end
-        way, start = sign * way, sign * start
+        way = sign * way
+        start = sign * start
         peak = min(top, float(np.sqrt(max(rate * way + start * start / 2.0, 0.0))))
-        gather, brake = abs(peak - start) / rate, peak / rate
+        gather = abs(peak - start) / rate
+        brake = peak / rate
         cruise = 0.0
         if peak > TINY:
             cruise = max((way - (start + peak) / 2.0 * gather - peak / 2.0 * brake) / peak, 0.0)

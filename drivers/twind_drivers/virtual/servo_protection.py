@@ -13,7 +13,12 @@ from twind_drivers.dynamixel.control_tables import ControlTable
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-INPUT_VOLTAGE, OVERHEATING, ENCODER, SHOCK, OVERLOAD = 1, 4, 8, 16, 32  # register 70
+# register 70
+INPUT_VOLTAGE = 1
+OVERHEATING = 4
+ENCODER = 8
+SHOCK = 16
+OVERLOAD = 32
 AMBIENT = 25.0  # °C
 WARMTH = np.array([[5.0], [15.0]])  # °C per A² at rest: of the winding, of the case around it
 SLOWNESS = np.array([[12.0], [180.0]])  # s, their time constants
@@ -24,7 +29,10 @@ SAG = 0.05  # Ω of cable and supply, shared by the bus
 BEARABLE = 0.35
 TIRED = 1.0 - BEARABLE**2
 BROWN_OUT = 0.5  # of the nominal voltage: below it the controller stops
-NOMINAL, NOMINAL_X330, NOMINAL_P = 12.0, 5.0, 24.0  # V
+# V
+NOMINAL = 12.0
+NOMINAL_X330 = 5.0
+NOMINAL_P = 24.0
 
 
 def ampere(table: ControlTable) -> float:
@@ -56,9 +64,11 @@ class ServoProtection:
         self._bearable = BEARABLE * stall * self.ampere  # A
         self._tired = np.zeros(len(tables))
         self._weary = False  # is anyone tired?
-        self._time, self._span = now, -1.0
+        self._time = now
+        self._span = -1.0
         self._kept = self._gained = np.zeros((2, 1))  # shares of the warmth in a step of `_span`
-        self._hottest, self._highest = np.full(len(tables), np.inf), np.full(len(tables), np.inf)
+        self._hottest = np.full(len(tables), np.inf)
+        self._highest = np.full(len(tables), np.inf)
         self._lowest = self._least = BROWN_OUT * self.nominal
         self._fed = np.where(self.own, self.nominal, self.source)  # V at the connectors, but for the sag
         self._lost = np.zeros(len(tables))  # V, in each one's own cable
@@ -66,7 +76,9 @@ class ServoProtection:
 
     def watch(self, hottest: Floats, lowest: Floats, highest: Floats) -> None:
         """From now on: limits (m,) by registers 31 (°C), 34 and 32 (V)."""
-        self._hottest, self._lowest, self._highest = hottest, lowest, highest
+        self._hottest = hottest
+        self._lowest = lowest
+        self._highest = highest
 
     def supply(self, volts: float) -> None:
         """What feeds the bus from now on, V. Raises ValueError outside 0..60 V."""
@@ -108,9 +120,11 @@ class ServoProtection:
 
     def step(self, now: float, current: Floats) -> bool:
         """Let time pass until `now` (s) with this raw current (m,). Is there anything to react to?"""
-        span, self._time = max(now - self._time, 0.0), max(now, self._time)
+        span = max(now - self._time, 0.0)
+        self._time = max(now, self._time)
         if abs(span - self._span) > 1e-9:
-            self._span, self._kept = span, np.exp(-span / SLOWNESS)
+            self._span = span
+            self._kept = np.exp(-span / SLOWNESS)
             self._gained = WARMTH * (1.0 - self._kept)
         amperes = np.abs(current) * self.ampere
         self._drawn = float(np.add.reduce(amperes))

@@ -41,9 +41,11 @@ def _bits(data: bytes) -> Levels:
 def _decode(line: Levels) -> bytes:
     """Return the bytes of a line. One without a stop bit reads as 0, as on a Linux tty (termios, PARMRK)."""
     line = np.concatenate((line, np.ones(2 * BYTE, np.bool_)))
-    low, high = np.flatnonzero(~line), np.flatnonzero(line)
+    low = np.flatnonzero(~line)
+    high = np.flatnonzero(line)
     middles = np.arange(10) * SAMPLES + SAMPLES // 2
-    out, at = bytearray(), 0
+    out = bytearray()
+    at = 0
     while (next_low := int(np.searchsorted(low, at))) < len(low):
         start = int(low[next_low])
         bits = line[start + middles]

@@ -12,7 +12,9 @@ from twind_drivers.bus import Floats
 from twind_drivers.dynamixel.packet import BROADCAST, Instruction, Packet, StatusErrorCode, status
 from twind_drivers.dynamixel.register_sensor import SensorField
 
-MODEL, FIRMWARE = 65000, 1  # a model number that no servo has
+# a model number that no servo has
+MODEL = 65000
+FIRMWARE = 1
 HEAD = 8  # bytes: model number at 0, firmware at 6, id at 7, as servos have them
 
 
@@ -38,10 +40,15 @@ class VirtualSensor:
         seed: int = 0,
     ) -> None:
         """`return_delay` in s."""
-        self.id, self.return_delay, self.silenced = id, return_delay, False
-        self._cells, self._tell = tuple(cells), tell
+        self.id = id
+        self.return_delay = return_delay
+        self.silenced = False
+        self._cells = tuple(cells)
+        self._tell = tell
         self._random = np.random.default_rng(seed)
-        self._noise, self._bias = np.zeros(2), np.zeros(2)  # of the first two fields: gyro, acceleration
+        # of the first two fields: gyro, acceleration
+        self._noise = np.zeros(2)
+        self._bias = np.zeros(2)
         self._size = max(HEAD, *(each.field.end for each in cells))
 
     def err(self, gyro_noise: float = 0.0, acceleration_noise: float = 0.0, gyro_bias: float = 0.0) -> None:
@@ -49,11 +56,13 @@ class VirtualSensor:
 
         Raises ValueError for a noise below 0, and beyond 10 rad/s and 100 m/s².
         """
-        noise, most = (gyro_noise, acceleration_noise), (10.0, 100.0)
+        noise = (gyro_noise, acceleration_noise)
+        most = (10.0, 100.0)
         fit = all(0.0 <= each <= end for each, end in zip(noise, most, strict=True))
         if not (fit and abs(gyro_bias) <= most[0]):
             raise ValueError("imu: noise is 0..10 rad/s and 0..100 m/s², a bias within 10 rad/s")
-        self._noise, self._bias = np.array(noise), np.array([gyro_bias, 0.0])
+        self._noise = np.array(noise)
+        self._bias = np.array([gyro_bias, 0.0])
 
     def answer(self, packet: Packet) -> bytes:
         """Its status to a sound packet; nothing where it is not meant."""
@@ -83,7 +92,8 @@ class VirtualSensor:
 
 def _raw(cells: SensorRegisters, told: Floats) -> bytes:
     """As the register holds it: rounded, and at its end where the value is beyond."""
-    kind, raw = np.dtype(cells.field.kind), told / cells.lsb + cells.zero
+    kind = np.dtype(cells.field.kind)
+    raw = told / cells.lsb + cells.zero
     if kind.kind == "f":
         return raw.astype(kind).tobytes()
     ends = np.iinfo(kind)

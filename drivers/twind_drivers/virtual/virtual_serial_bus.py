@@ -196,7 +196,8 @@ class VirtualBus:
         self._epoch = self.servos.epoch
         self._groups.clear()
         self._goal_rows.clear()
-        registers, shadows = self.servos.registers, self._instructions.shadows
+        registers = self.servos.registers
+        shadows = self._instructions.shadows
         hears = self.servos.listening & registers.hearing()
         self._places.clear()
         shadows.clear()
@@ -230,7 +231,8 @@ class VirtualBus:
 
     def _remember(self, packet: Packet, answers: InstructionReplies, chunk: bytes) -> None:
         """Keep a sync read that all of one row per id answered soundly, for the short way."""
-        params, rows = packet.params, [answer.row for answer in answers.statuses]
+        params = packet.params
+        rows = [answer.row for answer in answers.statuses]
         ids = bytes(answer.id for answer in answers.statuses)
         sound = rows and not any(answer.error for answer in answers.statuses) and len(set(rows)) == len(rows)
         whole = chunk.startswith(HEADER) and len(chunk) == len(params) + 10
@@ -311,7 +313,8 @@ class VirtualBus:
 
         Every CRC is over the bytes received before, garbage of a collision included.
         """
-        heard, pieces = b"", []
+        heard = b""
+        pieces = []
         for crowd in crowds:
             blocks = [self._block(heard, promised, each) for each in crowd]
             pieces.append(
@@ -330,7 +333,8 @@ class VirtualBus:
 
     def _babel(self) -> None:
         """Send "unknown instruction" from servos at another rate; the host receives it at its own."""
-        servos, here = self.servos, self._wire.baud
+        servos = self.servos
+        here = self._wire.baud
         for row, index in enumerate(servos["baud_rate"]):
             there = BAUDS[min(int(index), len(BAUDS) - 1)]
             if there != here and np.isinf(servos.power.boots_at[row]) and not servos.silenced[row]:

@@ -77,25 +77,36 @@ class VirtualServos:
             muscles = Backlash(muscles, np.array([spec.backlash for spec in specs]))
         self.memory = memory = RegisterMemory(tables, [spec.firmware for spec in specs])
         self.registers = RegisterColumns(memory)
-        self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
+        self.muscles = muscles
+        self.keep_goal = keep_goal
+        self.now = now
+        self.epoch = 0
         self.protection = ServoProtection(memory.tables, muscles.stall, now)
         self.readings = PresentRegisters(memory, muscles, self.protection)
         self.history: ReadingHistory | None = None  # of what the present position registers showed, on order
         self.power = ServoPower(memory, self.registers, muscles, specs)
         self.hinges = [spec.hinge for spec in specs]
-        self.direction, self.shift = self.power.direction, self.power.shift
+        self.direction = self.power.direction
+        self.shift = self.power.shift
         count = len(specs)
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
         # shut: by a hardware error, until reboot; silenced: connector pulled, it hears and says nothing
         # s, the last time, and how long after the last packet heard before that
-        self.tripped_at, self.trip_delay = np.full(count, np.nan), np.full(count, np.nan)
+        self.tripped_at = np.full(count, np.nan)
+        self.trip_delay = np.full(count, np.nan)
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
         self.baud = 0  # of the line; 0: whatever each servo is set to
-        self._hand, self._reach = np.full(count, np.nan), np.zeros(count)  # ticks, ticks/s; NaN: nobody's
-        self.listening, self.alert = np.ones(count, np.bool_), np.zeros(count, np.uint8)
+        # ticks, ticks/s; NaN: nobody's
+        self._hand = np.full(count, np.nan)
+        self._reach = np.zeros(count)
+        self.listening = np.ones(count, np.bool_)
+        self.alert = np.zeros(count, np.uint8)
         self._check_at = now + CHECK
-        self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
-        self._fresh, self._simple = -inf, True
+        self._timeout = np.full(count, inf)
+        self._shortest = inf
+        self._event = inf
+        self._fresh = -inf
+        self._simple = True
         self._by_goal: NDArray[np.bool_] | None = (
             None  # whose torque a goal position turns on; None: nobody's
         )
@@ -183,7 +194,8 @@ class VirtualServos:
         self._check_at = now + CHECK
         if not self.protection.step(now, self.muscles.current):
             return
-        awake, dark = np.isinf(self.power.boots_at), self.protection.dark
+        awake = np.isinf(self.power.boots_at)
+        dark = self.protection.dark
         for row in np.flatnonzero(dark & awake):
             self.reboot(int(row), now)
         known = self["hardware_error_status"].astype(np.int64)
@@ -290,7 +302,8 @@ class VirtualServos:
 
         Nothing in a servo can tell it; where torque is on it slips.
         """
-        self._hand[row], self._reach[row] = place, speed
+        self._hand[row] = place
+        self._reach[row] = speed
         self.muscles.set_hand_positions(self._hand, self._reach)
 
     def reboot(self, row: int, now: float) -> None:

@@ -43,7 +43,8 @@ def _judge_all(
     servos: VirtualServos, row: int, address: int, data: bytes, changes: Changes, *, shadow: bool
 ) -> StatusErrorCode:
     """Every register that the span holds, into `changes`. Indirect data is the register it points at."""
-    layout, end = servos.memory.layouts[row], address + len(data)
+    layout = servos.memory.layouts[row]
+    end = address + len(data)
     if not data:
         return StatusErrorCode.DATA_LENGTH
     if end > servos.memory.where.shape[1]:
@@ -67,7 +68,8 @@ def _judge_all(
 
 
 def _judge(servos: VirtualServos, row: int, register: TableRegister, value: int) -> StatusErrorCode:
-    rule, key = register.rule, register.key
+    rule = register.rule
+    key = register.key
     if not rule.writable or (register.eeprom and servos["torque_enable"][row]):
         return StatusErrorCode.ACCESS
     if not register.takes(value) or (key == "drive_mode" and value & ~_drive_bits(servos, row)):
@@ -85,7 +87,8 @@ def _judge(servos: VirtualServos, row: int, register: TableRegister, value: int)
 
 def _drive_bits(servos: VirtualServos, row: int) -> int:
     """Which bits this model has with its firmware (e-manual, "Drive Mode"); the others are always 0."""
-    table, firmware = servos.memory.tables[row], servos.memory.firmwares[row]
+    table = servos.memory.tables[row]
+    firmware = servos.memory.firmwares[row]
     since = table.facts.torque_on_by_goal_from
     bits = REVERSE
     if table.stem == "mx_106" or ("540" in table.stem and not table.stem.startswith("xw")):

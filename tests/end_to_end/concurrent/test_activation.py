@@ -118,7 +118,8 @@ class Manager:
     """What a service manager does: listens itself, and hands that over to one daemon after the other."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.daemon = folder, None
+        self.folder = folder
+        self.daemon = None
         self.listeners = []
         for name in ("control", "observe"):
             listener = socket.socket(socket.AF_UNIX)

@@ -199,7 +199,8 @@ def test_the_verb_prints_and_ends_alike(
     alone = run(capsys, given, "--json", "--robot", "h24")
     asking.client.call("AcquireLease")
     assert online[0] == alone[0]
-    told, found = json.loads(online[1]), json.loads(alone[1])
+    told = json.loads(online[1])
+    found = json.loads(alone[1])
     if "warnings" in told:  # the one thing that is of the moment: who asks has no lease
         told["warnings"] = [each for each in told["warnings"] if each["code"] != "LEASE_MISSING"]
     assert told == found

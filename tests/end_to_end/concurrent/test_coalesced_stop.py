@@ -13,7 +13,9 @@ class Asked:
     """One who waits."""
 
     def __init__(self, **asked: Any) -> None:
-        self.asked, self.replies, self.forgotten = asked, list[Outcome](), False
+        self.asked = asked
+        self.replies = list[Outcome]()
+        self.forgotten = False
 
     def outcome(self, serve: Serve) -> Outcome:
         try:
@@ -29,7 +31,9 @@ class Asked:
 
 
 def test_all_who_wait_are_answered_by_one_call_and_who_comes_meanwhile_by_the_next() -> None:
-    calls, begun, gate = list[Any](), threading.Event(), threading.Event()
+    calls = list[Any]()
+    begun = threading.Event()
+    gate = threading.Event()
 
     def stop(asked: dict[str, Any]) -> dict[str, Any]:
         calls.append(asked)
@@ -37,7 +41,8 @@ def test_all_who_wait_are_answered_by_one_call_and_who_comes_meanwhile_by_the_ne
         assert gate.wait(10.0)
         return {"call": len(calls)}
 
-    together, first = CoalescedStop("cutting", stop), Asked(reason="first")
+    together = CoalescedStop("cutting", stop)
+    first = Asked(reason="first")
     assert together.put(first)  # type: ignore[arg-type]
     together.start()
     assert begun.wait(10.0)
@@ -71,7 +76,9 @@ def test_a_call_that_fails_is_told_to_all_and_the_next_is_made() -> None:
             raise answer
         return answer
 
-    together, first, second = CoalescedStop("settling", stop), Asked(), Asked()
+    together = CoalescedStop("settling", stop)
+    first = Asked()
+    second = Asked()
     together.put(first)  # type: ignore[arg-type]
     together.start()
     until(lambda: together.done == 1, 10.0, "the first")

@@ -52,7 +52,8 @@ def test_a_motion_is_told_as_a_verdict_as_it_is_followed_and_hop_by_hop(running:
         next_of(news, "state")
         client.call("AcquireLease")
         name = client.call("SubmitTrajectory", trajectory=FAST)["id"]
-        verdict, accepted = next_of(news, "verdicts"), next_of(news, "trajectories")
+        verdict = next_of(news, "verdicts")
+        accepted = next_of(news, "trajectories")
     assert verdict["id"] == accepted["accepted"]["id"] == name
     (change,) = verdict["verdict"]["changes"]
     (point,) = accepted["accepted"]["trajectory"]["points"]
@@ -111,7 +112,8 @@ def test_a_mark_by_hand_is_heard_by_whoever_watches_and_stands_in_the_log(runnin
         next_of(news, "state")
         assert mark("begin", "pick the cube").stdout == "marked: begin\n"
         assert mark("end", "--failure").returncode == 0
-        begin, end = next_of(news, "events")["event"], next_of(news, "events")["event"]
+        begin = next_of(news, "events")["event"]
+        end = next_of(news, "events")["event"]
     assert (begin["code"], begin["annotation"]["task"]) == ("EPISODE_BEGIN", "pick the cube")
     assert (end["code"], end["annotation"]["success"]) == ("EPISODE_END", False)
     refused = mark("note", "two\nlines")

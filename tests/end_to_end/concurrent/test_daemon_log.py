@@ -123,7 +123,8 @@ def entry(data: bytes) -> dict[str, str]:
             name, _, value = name.partition(b"=")
         else:
             size = int.from_bytes(data[:8], "little")
-            value, data = data[8 : 8 + size], data[8 + size + 1 :]
+            value = data[8 : 8 + size]
+            data = data[8 + size + 1 :]
         found[name.decode()] = value.decode()
     return found
 
@@ -204,7 +205,8 @@ def test_the_level_may_change() -> None:
 
 
 def test_a_full_disk_costs_lines_that_are_counted_and_told_when_there_is_room(tmp_path: Path) -> None:
-    file, full = tmp_path / "log", os.open("/dev/full", os.O_WRONLY)
+    file = tmp_path / "log"
+    full = os.open("/dev/full", os.O_WRONLY)
     fd = os.dup(full)
     sink = LogWriter(fd)
     for number in range(7):

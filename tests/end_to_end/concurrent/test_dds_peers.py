@@ -127,7 +127,9 @@ def paced(send: Callable[[int], None], count: int, rate: float) -> None:
 def test_two_vendors_hear_every_joint_state(
     node: Node, fast: dds_peers.FastDds, cyclone: ros_dds_peer.Peer, rate: float, count: int
 ) -> None:
-    send, store, whole = joint_states(node), get_typestore(Stores.ROS2_JAZZY), list(range(1, count + 1))
+    send = joint_states(node)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    whole = list(range(1, count + 1))
     until_heard(send, fast.heard, lambda: stamps_of(cyclone))
     paced(send, count, rate)
     until(lambda: stamp_of(fast.heard()[-1][1]) == count, PATIENCE, "the last joint state")
@@ -274,7 +276,8 @@ def test_a_real_node_of_ros_hears_ours_and_finds_no_subscription_and_no_service(
     count = 100
     node.publish(STATUS, encode(STRING, {"data": "ready"}))
     peer = ros_peer.begin(ROS_NODE, str(count), folder=tmp_path, domain=domain)
-    send, lines = joint_states(node), []
+    send = joint_states(node)
+    lines = []
     threading.Thread(target=lambda: lines.extend(map(str.strip, peer.stdout or ())), daemon=True).start()
     try:
         until(lambda: send(0) or "go" in lines, PATIENCE, "both have found each other")

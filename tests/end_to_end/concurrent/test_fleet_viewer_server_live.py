@@ -77,7 +77,8 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
     Broadcast("e-stop", lambda: {name: each.estop for name, each in stops.items()}).ask(outcomes.put)
     until(lambda: answering_one.asked == ["EStop"], 1.0, "the one that does not hang was asked")
     assert outcomes.empty()
-    failed, total = told(outcomes), told(outcomes)
+    failed = told(outcomes)
+    total = told(outcomes)
     assert failed.title == "hangs: e-stop NOT confirmed" and "own switch" in failed.text
     assert (total.title, total.text) == ("e-stop: 1 of 2 robots", "not hangs")
 
@@ -143,7 +144,8 @@ def bodies(server: Any, number: int, figure: str) -> list[Any]:
 
 
 def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is_back(server: Any) -> None:
-    stand, robot = RobotPlate(server.scene, 0, "one"), known(status(), state(h24(), l_elbow=-0.5))
+    stand = RobotPlate(server.scene, 0, "one")
+    robot = known(status(), state(h24(), l_elbow=-0.5))
     stand.draw(robot.now(), standing(robot.now()))
     solid = server.scene.get_handle_by_name("/robots/0/robot/solid")
     marks = bodies(server, 0, "marks")
@@ -166,7 +168,8 @@ def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is
 
 
 def test_another_model_takes_the_place_of_the_first_and_one_that_is_none_is_said(server: Any) -> None:
-    stand, robot = RobotPlate(server.scene, 1, "two"), known(status(), state(h24()))
+    stand = RobotPlate(server.scene, 1, "two")
+    robot = known(status(), state(h24()))
     stand.draw(robot.now(), standing(robot.now()))
     large = stand.size
     robot.take(RobotAnnounced(other("<mujoco><nonsense/></mujoco>")))
@@ -204,7 +207,8 @@ def fleet(
 ) -> tuple[FleetViewer, Said, ViewerState]:
     """On a page that somebody looks at: one of another version, behind it one that is well."""
     well = known(status(), state(h24()), clock=FakeClock())
-    unused, pages = StopThreads(local(str(tmp_path))), list[Said]()
+    unused = StopThreads(local(str(tmp_path)))
+    pages = list[Said]()
     members = [SimpleNamespace(name="odd", known=without_loop(), stops=unused)]
     members += [SimpleNamespace(name="good", known=well, stops=unused)]
     monkeypatch.setattr(show_module, "RobotRegistry", lambda _: Robots(tuple(members)))

@@ -45,7 +45,8 @@ class Raw:
         self.socket = socket.socket(socket.AF_UNIX)
         self.socket.connect(str(loop.directory / f"{name}.sock"))
         self.socket.settimeout(5.0)
-        self.end, self._buffer = end, b""
+        self.end = end
+        self._buffer = b""
 
     def __enter__(self) -> "Raw":
         return self
@@ -137,7 +138,8 @@ def test_reading_methods_answer_as_the_interface_says(
 def test_what_is_not_known_is_null_and_never_a_number(loop: StandIn) -> None:
     with Raw(loop) as client:
         answer = client.call("GetStatus", joints=True)["parameters"]
-    last, first = answer["joints"][-1], answer["joints"][0]
+    last = answer["joints"][-1]
+    first = answer["joints"][0]
     assert (last["position"], last["age_ms"], last["heard"], last["torque"]) == (None, None, False, None)
     assert (last["faults"], first["faults"]) == ([], ["overheating", "overload"])
     assert (first["effort"], first["age_ms"], first["torque"]) == (None, 10.0, True)
@@ -176,7 +178,8 @@ def test_events_and_verdicts_reach_those_who_watch_them(loop: StandIn) -> None:
         time.sleep(0.05)
         loop.send(link.Event(time=1.0, sequence=7, level="info", code="TEST", message="hello"))
         loop.send(link.VerdictReport(time=2.0, sequence=8, id="x", verdict={"refusals": [finding]}))
-        event, verdict = client.receive()["parameters"], client.receive()["parameters"]
+        event = client.receive()["parameters"]
+        verdict = client.receive()["parameters"]
     assert (event["topic"], event["sequence"], event["event"]["message"]) == ("events", 7, "hello")
     assert verdict["verdict"]["refusals"][0]["joint"] == NAMES[2]
 
@@ -443,10 +446,14 @@ def test_a_slow_reader_loses_the_oldest_telemetry_and_is_told_how_much(loop: Sta
     with Raw(loop) as client:
         client.send("Monitor", parameters={"topics": ["state"], "rate": 100.0}, more=True)
         time.sleep(1.3)  # more than the kernel and the queue keep, less than the front's patience
-        last, lost, gap, end = 0, 0, 0, time.monotonic() + 5.0
+        last = 0
+        lost = 0
+        gap = 0
+        end = time.monotonic() + 5.0
         while not lost and time.monotonic() < end:
             message = client.receive()["parameters"]
-            lost, gap = message["dropped"], message["sequence"] - last - 1
+            lost = message["dropped"]
+            gap = message["sequence"] - last - 1
             last = message["sequence"]
     assert lost
     assert gap == lost
@@ -506,7 +513,8 @@ def test_a_full_link_is_busy_for_commands_and_owed_for_stops(own: StandIn) -> No
         assert "error" not in client.call("GetStatus")
         own.deaf = True
         time.sleep(0.05)
-        busy, flood = None, [Raw(own) for _ in range(3)]
+        busy = None
+        flood = [Raw(own) for _ in range(3)]
         with contextlib.ExitStack() as stack:
             for one in flood:
                 stack.enter_context(one)

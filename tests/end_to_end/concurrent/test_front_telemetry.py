@@ -117,7 +117,8 @@ def test_a_trajectory_that_is_followed_is_told_as_it_is_followed(loop: StandIn) 
     judging(loop, [], [{"code": "RETIMED", "joint": None, "value": 1.5, "bound": 1.0, "message": ""}])
     with watching(loop, "verdicts", "trajectories") as watcher, Raw(loop) as client:
         name = client.call("SubmitTrajectory", trajectory=PATH)["parameters"]["id"]
-        verdict, message = told(watcher), told(watcher)
+        verdict = told(watcher)
+        message = told(watcher)
     assert (verdict["topic"], verdict["id"], verdict["sequence"]) == ("verdicts", name, 9)
     assert (message["topic"], message["time"], message["sequence"]) == ("trajectories", 5.0, 9)
     accepted = message["accepted"]

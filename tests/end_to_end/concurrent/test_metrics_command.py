@@ -108,7 +108,8 @@ def test_a_real_daemon_is_told_of_from_its_start_to_its_end_and_again(tmp_path: 
             with pytest.raises(Refused):
                 client.call("SubmitTrajectory", trajectory={"joint_names": ["head_yaw"], "points": points})
             wait(lambda: total(port, "twind_refusals_total", code="POS_LIMIT") == 1, "no refusal")
-            told, robot = samples(port), client.call("GetStatus", joints=True)
+            told = samples(port)
+            robot = client.call("GetStatus", joints=True)
             ticks = robot["status"]["loop"]["ticks"]
         named = {labels["joint"]: value for labels, value in told["twind_joint_position_radians"]}
         for joint in robot["joints"]:
@@ -173,7 +174,8 @@ def test_a_unix_socket_is_served_and_taken_away(tmp_path: Path) -> None:
 @contextmanager
 def door(patience: float = 5.0) -> Iterator[int]:
     """What serves scrapers, of a robot of two joints, in a thread of its own; its port."""
-    ledger, loop = MetricsLedger(0.0), asyncio.new_event_loop()
+    ledger = MetricsLedger(0.0)
+    loop = asyncio.new_event_loop()
     listener = socket.create_server(("127.0.0.1", 0), backlog=256)
 
     async def tell() -> None:
@@ -187,7 +189,8 @@ def door(patience: float = 5.0) -> Iterator[int]:
         async with await asyncio.start_server(handler, sock=listener, limit=LONGEST):
             await tell()
 
-    before, metrics_http.PATIENCE = metrics_http.PATIENCE, patience
+    before = metrics_http.PATIENCE
+    metrics_http.PATIENCE = patience
     with ThreadPoolExecutor(1) as pool:
         task = loop.create_task(serve())
         done = pool.submit(loop.run_until_complete, asyncio.wait([task]))

@@ -24,7 +24,8 @@ def daemons(tmp_path: Path) -> Iterator[Daemons]:
 def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {"joints": []}})
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
+    operator = OperatorThread(str(tmp_path), holders.put)
+    outcomes = queue.Queue()
     operator.call(1, arm, outcomes.put)
     assert not told(outcomes).done  # nobody took it
     assert daemon.asked == []
@@ -45,7 +46,8 @@ def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path
 
 
 def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemons, tmp_path: Path) -> None:
-    going_on, begun = threading.Event(), threading.Event()
+    going_on = threading.Event()
+    begun = threading.Event()
 
     def answers(method: str) -> Any:
         if method == "Arm":
@@ -54,7 +56,8 @@ def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemon
         return {"parameters": {"joints": []}}
 
     daemon = daemons("control", answers)
-    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
+    operator = OperatorThread(str(tmp_path), lambda tab: None)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
@@ -68,7 +71,8 @@ def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemon
 
 def test_a_page_that_does_not_answer_loses_the_lease(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {}})
-    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
+    operator = OperatorThread(str(tmp_path), lambda tab: None)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     answers = iter([RuntimeError("it may not read what it keeps"), TimeoutError("nothing came")])
@@ -86,7 +90,8 @@ def test_a_lease_that_was_lost_is_not_taken_again_by_itself(daemons: Daemons, tm
     lost = {"error": "io.twind.Control.Refused", "parameters": {"findings": []}}
     daemon = daemons("control", lambda method: lost if method == "RenewLease" else {"parameters": {}})
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
+    operator = OperatorThread(str(tmp_path), holders.put)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert [holders.get(timeout=5.0), holders.get(timeout=5.0)] == [1, None]
     assert daemon.asked == ["AcquireLease", "RenewLease"]
@@ -106,7 +111,8 @@ def test_what_was_done_is_said_also_where_the_lease_is_gone_afterwards(
 
     daemons("control", answers)
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
+    operator = OperatorThread(str(tmp_path), holders.put)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
@@ -120,7 +126,8 @@ def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(
     daemons: Daemons, tmp_path: Path
 ) -> None:
     daemons("control", lambda method: {"parameters": {}})  # Arm says no joints
-    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
+    operator = OperatorThread(str(tmp_path), lambda tab: None)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
@@ -131,7 +138,8 @@ def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(
 
 def test_a_page_that_cannot_be_asked_loses_the_lease(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {}})
-    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
+    operator = OperatorThread(str(tmp_path), lambda tab: None)
+    outcomes = queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     look_after(operator, 1, lambda: {}["no such page"])

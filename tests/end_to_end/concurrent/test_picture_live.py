@@ -18,7 +18,8 @@ def message(topic: str, key: str, what: Any) -> dict[str, Any]:
     return {"topic": topic, "dropped": 0, key: what}
 
 
-STATUS, STATE = message("status", "status", status()), message("state", "joints", joints())
+STATUS = message("status", "status", status())
+STATE = message("state", "joints", joints())
 RELOADED = message("events", "event", event("RELOADED", "limits"))
 
 
@@ -26,7 +27,8 @@ class Daemon:
     """Each connection but those for a question has the next of `streams`; a stream ends by hanging up."""
 
     def __init__(self, *streams: list[Any]) -> None:
-        self.robot, self.streams = robot(), list(streams)
+        self.robot = robot()
+        self.streams = list(streams)
         self.told: queue.Queue[Any] = queue.Queue()  # more, after the last stream's own
 
     def __enter__(self) -> "Daemon":

@@ -57,7 +57,8 @@ def runs(daemon: Daemon) -> Iterator[Any]:
 
 def rest(client: Client, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and goals (k, n) of the ticks from now on."""
-    times, rows = [], []
+    times = []
+    rows = []
     for answer in client.stream("Monitor", topics=["state"], rate=100.0):
         times.append(answer["time"])
         rows.append([each["goal"] for each in answer["joints"]])
@@ -173,7 +174,8 @@ def test_the_environment_with_the_daemon_as_its_body(daemon: Daemon) -> None:
         disable_env_checker=True,
     )
     seen, _ = env.reset(seed=0)
-    began, infos = time.monotonic(), []
+    began = time.monotonic()
+    infos = []
     for _ in range(50):
         seen, reward, terminated, truncated, info = env.step(np.zeros(24, np.float32))
         infos.append(info)

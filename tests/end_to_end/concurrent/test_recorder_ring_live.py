@@ -83,7 +83,9 @@ def test_a_reader_beside_a_writer_that_writes_flat_out_reads_whole_runs(
             assert is_a_whole_run(entries)
             newest = int(entries[-1].time) if entries else last
             assert newest >= last
-            last, reads, records = newest, reads + 1, records + len(entries)
+            last = newest
+            reads = reads + 1
+            records = records + len(entries)
     finally:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)

@@ -56,7 +56,8 @@ def write(daemon: StandIn, *words: str) -> int:
     parser = argparse.ArgumentParser()
     REGISTER.add_arguments(parser)
     options = parser.parse_args(["write", "main", "7", "homing_offset", "0", *words])
-    options.socket, options.json = str(daemon.directory), False
+    options.socket = str(daemon.directory)
+    options.json = False
     return REGISTER.run(options)
 
 

@@ -51,7 +51,10 @@ class Paper:
 
     def __init__(self) -> None:
         self.said: dict[str, list[bytes]] = {}
-        self.broken, self.opened, self.closed, self.dropped = "", 0, 0, 0
+        self.broken = ""
+        self.opened = 0
+        self.closed = 0
+        self.dropped = 0
         self.topics: Sequence[RosTopic] = ()
         self.services: Sequence[RosService] = ()
         self.hang = threading.Event()
@@ -62,7 +65,10 @@ class Paper:
     ) -> None:
         if self.broken:
             raise TransportError(self.broken)
-        self.topics, self.services, self.heard, self.asked = topics, services, heard, asked
+        self.topics = topics
+        self.services = services
+        self.heard = heard
+        self.asked = asked
         self.opened += 1
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
@@ -87,7 +93,9 @@ class Run:
     """A course in a thread."""
 
     def __init__(self, sockets: Path, **options: Any) -> None:
-        self.graph, self.lines, self.stop = Paper(), list[str](), threading.Event()
+        self.graph = Paper()
+        self.lines = list[str]()
+        self.stop = threading.Event()
         self.course = RosBridge(self.graph, str(sockets), tell=self.lines.append, stop=self.stop, **options)
         self.code: int | None = None
         self._thread = threading.Thread(target=self._run)
@@ -262,7 +270,9 @@ def test_a_loop_that_stands_still_is_not_said_to_be_well(tmp_path: Path) -> None
     try:
         with Run(tmp_path) as run:
             until(lambda: len(run.graph.last(DIAGNOSTICS)["status"]) > 24, 20.0, "all rows")
-            send, stand_in.send = stand_in.send, lambda message: None  # type: ignore[method-assign]
+            # type: ignore[method-assign]
+            send = stand_in.send
+            stand_in.send = lambda message: None
             until(lambda: len(run.graph.last(DIAGNOSTICS)["status"]) == 1, 4.0, "the bridge's row alone")
             (row,) = run.graph.last(DIAGNOSTICS)["status"]
             assert row["level"] == ERROR and "nothing was heard of the loop" in row["message"]

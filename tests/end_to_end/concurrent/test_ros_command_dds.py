@@ -28,8 +28,10 @@ time.time_ns = lambda: right() - {DAY} * 10**9
 from twind.ctl.ctl_main import main
 sys.exit(main())
 """
-COMMAND, PASSED = "/cmd/joint_trajectory", "/hw/joint_trajectory"
-RESULTS, STATUS = "/bridge/results", "/bridge/status"
+COMMAND = "/cmd/joint_trajectory"
+PASSED = "/hw/joint_trajectory"
+RESULTS = "/bridge/results"
+STATUS = "/bridge/status"
 
 
 class Graph:
@@ -156,7 +158,8 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
 
 def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph: Graph) -> None:
     time.sleep(0.5)
-    states, wall = graph.states(), time.time()
+    states = graph.states()
+    wall = time.time()
     latest = states[-1]["header"]["stamp"]
     assert abs(wall - latest["sec"] - latest["nanosec"] / 1e9) < 5.0
     assert len(states[-1]["name"]) == 24 == len(states[-1]["position"])
@@ -204,7 +207,8 @@ def test_nothing_that_is_refused_disturbs_what_runs(graph: Graph) -> None:
 def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_the_loop_nothing_and_end_with_them(
     graph: Graph,
 ) -> None:
-    before, begun = graph.loop("before"), time.monotonic()
+    before = graph.loop("before")
+    begun = time.monotonic()
     with Peer(graph.router.endpoint) as mad, Peer(graph.router.endpoint) as hung:
         until(
             lambda: hung.ask("heard", topic="/joint_states"), 30.0, "joint states at the peer that will hang"
@@ -227,7 +231,8 @@ def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_the_loop_nothing_an
         graph.loop("flooded")
         graph.states()
     until(lambda: graph.motion() == "holding", 30.0, "the last of them at its end")
-    accepted, lasted = graph.results(frame_id="mad", phase="accepted"), time.monotonic() - begun
+    accepted = graph.results(frame_id="mad", phase="accepted")
+    lasted = time.monotonic() - begun
     assert (
         len(accepted) <= 1 + lasted / PACE
     )  # of 2000 and more: the daemon was not asked more often than it wants

@@ -34,7 +34,10 @@ class Graph:
     """A daemon, its bridge, a router and a peer."""
 
     def __init__(self, daemon: Daemon, router: Router, peer: Peer, bridge: "subprocess.Popen[str]") -> None:
-        self.daemon, self.router, self.peer, self.bridge = daemon, router, peer, bridge
+        self.daemon = daemon
+        self.router = router
+        self.peer = peer
+        self.bridge = bridge
         self._stamp = 0
 
     def command(self, *positions: float, seconds: float = 0.5) -> dict[str, int]:

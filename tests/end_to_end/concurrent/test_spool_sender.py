@@ -75,7 +75,8 @@ class Odd:
         self.seen: list[tuple[str, bytes, float]] = []  # key, body, when, of every request
         self._listener = socket.create_server(("127.0.0.1", 0))
         host = "http://127.0.0.1" if context is None else "https://localhost"
-        self.url, self._context = f"{host}:{self._listener.getsockname()[1]}/in?secret=1", context
+        self.url = f"{host}:{self._listener.getsockname()[1]}/in?secret=1"
+        self._context = context
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
@@ -226,7 +227,8 @@ def test_what_will_never_be_taken_is_a_dead_letter_and_holds_nobody_up() -> None
 def test_a_disk_that_takes_no_deletion_has_nothing_sent_twice() -> None:
     endpoint = Odd()
     with sender(endpoint) as (spool, made, _):
-        acknowledge, broken = spool.acknowledge, threading.Event()
+        acknowledge = spool.acknowledge
+        broken = threading.Event()
 
         def failing(sequence: int) -> None:
             if not broken.is_set():

@@ -23,7 +23,8 @@ def spool() -> Iterator[Spool]:
 
 
 def numbers(spool: Spool) -> list[int]:
-    found, after = [], 0
+    found = []
+    after = 0
     while (kept := spool.oldest(after)) is not None:
         after = kept.sequence
         found.append(after)

@@ -21,7 +21,9 @@ def daemons(tmp_path: Path) -> Iterator[Daemons]:
 def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path) -> None:
     daemons("control", lambda method: None)
     daemons("observe", lambda method: {"parameters": {"state": "estop", "torque_off": True, "done": True}})
-    stops, stop, estop = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue(), queue.Queue()
+    stops = StopThreads(local(str(tmp_path)), bound=1.0)
+    stop = queue.Queue()
+    estop = queue.Queue()
     stops.stop.ask(stop.put)
     stops.estop.ask(estop.put)
     assert told(estop, 0.9) == StopOutcome(True, "e-stop", "state estop, torque is off")
@@ -34,7 +36,8 @@ def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path)
 def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
     daemons: Daemons, tmp_path: Path
 ) -> None:
-    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
+    stops = StopThreads(local(str(tmp_path)), bound=1.0)
+    outcomes = queue.Queue()
     stops.estop.ask(outcomes.put)
     none = told(outcomes)
     assert (none.done, none.title) == (False, "e-stop NOT confirmed") and "own switch" in none.text
@@ -60,7 +63,8 @@ def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
 ) -> None:
     answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
     daemons("control", answers.get)
-    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
+    stops = StopThreads(local(str(tmp_path)), bound=1.0)
+    outcomes = queue.Queue()
 
     def no_tab(outcome: StopOutcome) -> None:
         raise RuntimeError("the tab was closed")

@@ -142,7 +142,9 @@ def killed_at_random(
 
     Kills, samples, each of which arrived once, and what the streamer says at its end.
     """
-    rng, out, kills = random.Random(seed), folder / "in", 0
+    rng = random.Random(seed)
+    out = folder / "in"
+    kills = 0
     ingest, url = begun(out, "--fail", "0.2")
     stream = streamer(run, url, folder / "spool")
     until(lambda: (out / "messages.ndjson").read_bytes(), PATIENCE, "it has begun")
@@ -212,7 +214,9 @@ class Ledger:
 def test_a_streamer_that_is_killed_goes_on_and_no_key_comes_back_for_other_data(
     run: Path, tmp_path: Path
 ) -> None:
-    rng, endpoint, spool = random.Random(4), Ledger(), tmp_path / "spool"
+    rng = random.Random(4)
+    endpoint = Ledger()
+    spool = tmp_path / "spool"
     try:
         for _ in range(4):
             before = len(endpoint.seen)
@@ -237,7 +241,8 @@ def test_a_streamer_that_is_killed_goes_on_and_no_key_comes_back_for_other_data(
 
 
 def test_a_daemon_that_restarts_a_second_streamer_and_what_people_are_told(tmp_path: Path) -> None:
-    run, spool = tmp_path / "run", tmp_path / "spool"
+    run = tmp_path / "run"
+    spool = tmp_path / "spool"
     endpoint = Odd()
     with simulated(run) as daemon:
         stream = streamer(run, endpoint.url, spool, "--batch", "4")
@@ -269,7 +274,8 @@ def test_a_daemon_that_restarts_a_second_streamer_and_what_people_are_told(tmp_p
 
 
 def test_dead_letters_are_listed_and_sent_again_when_somebody_asks(run: Path, tmp_path: Path) -> None:
-    spool, out = tmp_path / "spool", tmp_path / "in"
+    spool = tmp_path / "spool"
+    out = tmp_path / "in"
     ingest, url = begun(out, "--refuse", "1")
     code, said, told = streamer(run, url, spool, "--gzip", "--seconds", "2").end(0)
     assert code == 0 and json.loads(said)["dead"] >= 3

@@ -51,7 +51,8 @@ class Watchers:
 
 def streams() -> tuple[StreamerReports, Watchers]:
     watchers: Any = Watchers()
-    world, telemetry = SimpleNamespace(stream=watchers.now), SimpleNamespace(stream=watchers.tell)
+    world = SimpleNamespace(stream=watchers.now)
+    telemetry = SimpleNamespace(stream=watchers.tell)
     return StreamerReports(world, telemetry), watchers  # type: ignore[arg-type]
 
 

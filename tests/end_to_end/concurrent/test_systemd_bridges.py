@@ -90,7 +90,9 @@ def test_the_uplink_owns_nothing(uplink: Unit) -> None:
 
 def test_an_uplink_proves_by_its_credentials_who_it_is(uplink: Unit, tmp_path: Path) -> None:
     """The examples of router, drop-in and configuration together, for an instance; the last of its tests."""
-    machine, name, endpoint = uplink.machine, "h24-007", "tls/localhost:7448"
+    machine = uplink.machine
+    name = "h24-007"
+    endpoint = "tls/localhost:7448"
     authority = Authority(tmp_path / "authority")
     for who in ("router", name, "operator"):
         folder = machine.inside(f"/etc/twind/{who}")

@@ -44,7 +44,8 @@ def test_the_status_line_says_mode_state_joints_and_rate(plain: Service) -> None
 
 
 def test_it_runs_with_mujoco_and_without_any_right(plain: Service) -> None:
-    main, front = plain.main(), plain.front()
+    main = plain.main()
+    front = plain.front()
     assert front is not None
     for pid in (main, front):
         status = dict(line.split(":\t", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
@@ -134,7 +135,8 @@ def test_figures_are_served_to_this_machine_by_nobody_that_owns_anything(plain: 
 
 def test_readings_are_sent_by_nobody_that_owns_anything(plain: Service) -> None:
     machine = plain.machine
-    unit, out = Unit(machine, "twind-stream.service"), machine.inside("/tmp/ingest/messages.ndjson")
+    unit = Unit(machine, "twind-stream.service")
+    out = machine.inside("/tmp/ingest/messages.ndjson")
     assert unit.show("UnitFileState") == "disabled"
     machine.run("systemd-run", "--unit=ingest", "/opt/twind/bin/twindctl", "ingest", "--out", "/tmp/ingest")
     unit.start()
@@ -194,7 +196,8 @@ def test_who_is_in_no_group_is_told_which(plain: Service) -> None:
 
 
 def test_a_front_that_is_killed_is_replaced_while_the_service_stays(plain: Service) -> None:
-    main, front = plain.main(), plain.front()
+    main = plain.main()
+    front = plain.front()
     assert front is not None
     plain.machine.kill(front)
     plain.machine.until(lambda: plain.front() not in (None, front), 10.0, "another front")

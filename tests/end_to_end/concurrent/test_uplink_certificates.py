@@ -17,7 +17,9 @@ from tests.support.zenoh_router import Router
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, SessionError, open_now
 
 EXAMPLES = Path(__file__).parents[3] / "systemd" / "examples"
-ROBOT, OTHER = "h24-007", "h24-008"  # as the example of the router has them
+# as the example of the router has them
+ROBOT = "h24-007"
+OTHER = "h24-008"
 CREDENTIALS = "/run/credentials/twind-uplink.service"
 
 
@@ -25,7 +27,8 @@ class Ground:
     """An authority, a router by the example, and a robot that may be called ROBOT."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.authority = folder, Authority(folder / "authority")
+        self.folder = folder
+        self.authority = Authority(folder / "authority")
         certificate, key = self.authority.sign("router")
         said = (EXAMPLES / "zenoh-router.json5").read_text()
         for name, path in {"ca": self.authority.certificate, "cert": certificate, "key": key}.items():
@@ -89,7 +92,8 @@ def test_who_is_listed_as_an_observer_sees_everything_and_commands_nothing(
 ) -> None:
     with closing(Far(ground.place("observer"), ROBOT)) as far:
         assert far.there()
-        state, status = far.listen("state", "10"), far.listen("news", "status")
+        state = far.listen("state", "10")
+        status = far.listen("news", "status")
         assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
         until(lambda: len(state) > 2 and status, PATIENCE, "what is told")
         assert silent(far, "lease", op="acquire", holder="observer")

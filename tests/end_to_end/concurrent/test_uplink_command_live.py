@@ -98,7 +98,8 @@ def test_state_goes_out_as_the_daemon_sent_it_where_somebody_listens_and_nowhere
 
 
 def test_news_go_out_by_topic(here: Site, far: Far) -> None:
-    events, latency = far.listen("news", "events"), far.listen("news", "latency")
+    events = far.listen("news", "events")
+    latency = far.listen("news", "latency")
     status = far.listen("news", "status")
     until(lambda: latency and status, PATIENCE, "what is told now and then")
     with here.daemon.client() as client:
@@ -206,7 +207,8 @@ def test_who_has_no_lease_stops_it_all_the_same(far: Far) -> None:
 @contextmanager
 def flood(here: Site, data: bytes, *key: str) -> Iterator[list[int]]:
     """Somebody asks that flat out until the end; how many were sent, and how many answered, errors too."""
-    count, stop = [0, 0], threading.Event()
+    count = [0, 0]
+    stop = threading.Event()
     peer = Far(NetworkConfig(connect=(here.router.endpoint,)), here.far.robot)
 
     def answered(reply: Any) -> None:
@@ -267,7 +269,8 @@ def test_no_flood_of_garbage_keeps_anybody_from_renewing_his_lease(here: Site, f
 
 def test_a_flood_of_questions_is_told_that_it_is_one(far: Far) -> None:
     answers: list[Any] = []
-    get, key = far._session.get, far.key("ask", "GetStatus")
+    get = far._session.get
+    key = far.key("ask", "GetStatus")
     for _ in range(400):
         get(key, lambda reply: answers.append(bool(reply.ok)), payload=b"{}", timeout=PATIENCE)
     until(lambda: len(answers) == 400, PATIENCE, "every question gets an answer")
@@ -302,7 +305,8 @@ def test_who_asks_for_checks_flat_out_uses_up_no_goals_turn(far: Far) -> None:
     answers: list[bool] = []
     point = {"positions": [0.1], "time_from_start": 1.0}
     payload = json.dumps({"trajectory": {"joint_names": [JOINT], "points": [point]}}).encode()
-    get, key = far._session.get, far.key("check")
+    get = far._session.get
+    key = far.key("check")
     with far.holding() as lease:
         for number in range(20):
             for _ in range(5):

@@ -74,7 +74,8 @@ class Watched:
     """Ends of motions as the daemon tells them beside the robot, and the ticks that were missed."""
 
     def __init__(self, here: Site) -> None:
-        self._here, self._client = here, Client(here.daemon.sockets, name="observe", timeout=PATIENCE)
+        self._here = here
+        self._client = Client(here.daemon.sockets, name="observe", timeout=PATIENCE)
         self._ends: list[tuple[float, str]] = []  # s, monotonic; phase
         self._thread = threading.Thread(target=self._follow)
         self._thread.start()
@@ -133,7 +134,8 @@ def alive_again(here: Site) -> None:
 def test_a_router_that_dies_takes_the_goal_with_it_and_the_next_one_finds_the_robot(here: Site) -> None:
     heard = here.far.listen("state", "10")
     until(lambda: heard, PATIENCE, "the state")
-    watched, before = Watched(here), moving(here)
+    watched = Watched(here)
+    before = moving(here)
     fault = time.monotonic()
     here.router.kill()
     watched.check_let_go(before, fault)
@@ -146,7 +148,8 @@ def test_a_router_that_dies_takes_the_goal_with_it_and_the_next_one_finds_the_ro
 def test_a_link_that_freezes_holds_up_nothing_and_the_goal_lapses(here: Site) -> None:
     heard = here.far.listen("state", "full")
     until(lambda: heard, PATIENCE, "the state")
-    watched, before = Watched(here), moving(here)
+    watched = Watched(here)
+    before = moving(here)
     fault = time.monotonic()
     here.router.signal(signal.SIGSTOP)
     try:
@@ -197,7 +200,8 @@ def test_a_goal_that_waits_while_the_robot_is_stopped_does_not_begin_after_the_s
 
 
 def test_an_uplink_that_hangs_lets_go_all_the_same(here: Site) -> None:
-    watched, before = Watched(here), moving(here)
+    watched = Watched(here)
+    before = moving(here)
     fault = time.monotonic()
     here.uplink.process.send_signal(signal.SIGSTOP)
     try:

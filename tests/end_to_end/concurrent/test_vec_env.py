@@ -14,7 +14,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMoni
 
 from twind.learn.batch.vec_env import BatchVecEnv
 
-COUNT, EPISODE = 3, 12
+COUNT = 3
+EPISODE = 12
 ID = "twind.learn.envs:twind/Stand-v0"
 
 
@@ -27,15 +28,18 @@ def single() -> Any:
 
 
 def test_it_says_what_a_dummy_vec_env_of_single_environments_says() -> None:
-    one, other = batch(), DummyVecEnv([single] * COUNT)
+    one = batch()
+    other = DummyVecEnv([single] * COUNT)
     assert (one.observation_space, one.action_space) == (other.observation_space, other.action_space)
     one.seed(3), other.seed(3)
     assert np.array_equal(one.reset(), other.reset())
     assert one.reset_infos == other.reset_infos
-    rng, ended = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    ended = 0
     for _ in range(30):
         action = rng.uniform(-1.0, 1.0, (COUNT, 24)).astype(np.float32)
-        seen, expected = one.step(action), other.step(action)
+        seen = one.step(action)
+        expected = other.step(action)
         for got, wanted in zip(seen[:3], expected[:3], strict=True):
             assert np.array_equal(got, wanted) and got.dtype == wanted.dtype
         for done, info, wanted in zip(seen[2], seen[3], expected[3], strict=True):
@@ -99,7 +103,8 @@ def test_ppo_learns_on_it() -> None:
 
 
 def test_single_environments_run_in_processes_of_their_own_too() -> None:
-    with_processes, alone = SubprocVecEnv([single] * 2), DummyVecEnv([single] * 2)
+    with_processes = SubprocVecEnv([single] * 2)
+    alone = DummyVecEnv([single] * 2)
     try:
         with_processes.seed(2), alone.seed(2)
         assert np.array_equal(with_processes.reset(), alone.reset())

@@ -44,8 +44,11 @@ class Canvas:
 
     def __init__(self) -> None:
         self.words: list[str] = []
-        self.scene, self.initial_camera = None, SimpleNamespace()
-        self.plots, self.ghost, self.say = SimpleNamespace(draw=self._plot, of=id), AUTO, self.words.append
+        self.scene = None
+        self.initial_camera = SimpleNamespace()
+        self.plots = SimpleNamespace(draw=self._plot, of=id)
+        self.ghost = AUTO
+        self.say = self.words.append
         self.plotted = 0
         self.flush = self.atomic = contextlib.nullcontext
 
@@ -63,7 +66,10 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     monkeypatch.setattr(robot_viewer, "RobotScene", lambda *_: SimpleNamespace(remove=lambda: None))
     monkeypatch.setattr(robot_viewer, broken, lambda told: {}["no such pose"])
     daemons("control", lambda method: {"parameters": {"state": "estop"}})
-    stops, outcomes, known, canvas = StopThreads(local(str(tmp_path))), queue.Queue(), ViewerState(), Canvas()
+    stops = StopThreads(local(str(tmp_path)))
+    outcomes = queue.Queue()
+    known = ViewerState()
+    canvas = Canvas()
     for news in (RobotAnnounced(h24()), status(), state(h24())):
         known.take(news)
     ended = threading.Event()

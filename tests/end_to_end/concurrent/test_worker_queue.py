@@ -8,7 +8,9 @@ from twind.bridge.uplink.worker_queue import WorkerQueue
 
 
 def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_counted() -> None:
-    lane, done, gate = WorkerQueue("asking", length=3), list[int](), threading.Event()
+    lane = WorkerQueue("asking", length=3)
+    done = list[int]()
+    gate = threading.Event()
     assert lane.put(gate.wait)
     for number in range(2):
         assert lane.put(lambda number=number: done.append(number))  # type: ignore[misc]
@@ -32,7 +34,8 @@ def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
 
 
 def test_a_lane_that_hangs_does_not_keep_the_end_of_the_process() -> None:
-    gate, last = threading.Event(), list[str]()
+    gate = threading.Event()
+    last = list[str]()
     lane = WorkerQueue("settling", last=lambda: last.append(threading.current_thread().name))
     lane.put(gate.wait)
     lane.start()

@@ -95,7 +95,8 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
             client.call("GetStatus")
         with pytest.raises(Disconnected, match="nobody answers ask/GetRobot"):
             client.call("GetRobot")
-        robot.slow, client.timeout = 3.0, 0.2
+        robot.slow = 3.0
+        client.timeout = 0.2
         with pytest.raises((NoAnswer, Disconnected)):
             client.call("Check", trajectory=PATH)
         client.timeout = 20.0
@@ -247,7 +248,8 @@ def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: Far
     robot.answers["goal"] = answer
     with robot.client() as client, lease(client):
         reports = client.stream("SubmitTrajectory", trajectory=PATH)
-        first, second = next(reports), next(reports)
+        first = next(reports)
+        second = next(reports)
         told(robot, phase="running", progress=0.6)
         told(robot, phase="succeeded", progress=1.0, findings=[])
         rest = list(reports)
@@ -329,7 +331,8 @@ def test_a_goal_for_which_nobody_answers_any_more_is_given_up(
 def test_a_deadline_is_in_the_robots_clock_and_never_later_than_a_lease_from_now(robot: FarRobot) -> None:
     """However long the grant was on its way: each way takes the time that it takes."""
     for slow in (0.0, 0.4):
-        robot.slow, robot.answers["goal"] = slow, accepted
+        robot.slow = slow
+        robot.answers["goal"] = accepted
         with robot.client() as client, lease(client):
             sent = time.monotonic()
             reports = client.stream("SubmitTrajectory", trajectory=PATH)

@@ -86,11 +86,9 @@ def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: Network
 
 
 def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> None:
-    place, stop, lines = (
-        NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",)),
-        threading.Event(),
-        list[str](),
-    )
+    place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))
+    stop = threading.Event()
+    lines = list[str]()
     with pytest.raises(SessionError, match=place.connect[0]):
         zenoh_session.open_now(place, 0.2)
     threading.Timer(2.5, stop.set).start()
@@ -110,10 +108,8 @@ def test_who_listens_waits_for_nobody() -> None:
 def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
     """A callback that a daemon thread declared has a daemon thread: one that comes back from compiled code
     while the interpreter ends would abort the process."""
-    joined, heard = (
-        zenoh_session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0),
-        list[object](),
-    )
+    joined = zenoh_session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0)
+    heard = list[object]()
 
     def declare() -> None:
         joined.declare_subscriber("twind/robot/state/10", heard.append)

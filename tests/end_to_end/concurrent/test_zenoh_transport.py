@@ -219,7 +219,8 @@ def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publisher
         samples = session.declare_subscriber(f"{domain}/bridge/results/**")
         node.open([RESULTS], [], lambda topic, data: None, lambda service, data: (True, ""))
         try:
-            begun, seen = time.time_ns(), []
+            begun = time.time_ns()
+            seen = []
             for _ in range(round(PATIENCE / 0.05)):
                 node.publish(RESULTS, encode(STRING, {"data": "x"}))
                 time.sleep(0.05)
@@ -239,7 +240,8 @@ def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publisher
 
 @pytest.mark.parametrize("rate", [100, 500])
 def test_of_24_joints_none_is_lost_at(rate: int, us: Us, router: Router) -> None:
-    buffer, count = JointStateBuffer(JOINTS, velocity=True, effort=True), rate * 2
+    buffer = JointStateBuffer(JOINTS, velocity=True, effort=True)
+    count = rate * 2
     with Peer(router.endpoint) as peer:
         hears(us, peer, RESULTS)
         peer.ask("hear", topic=HW_JOINTS.name, kind=HW_JOINTS.kind)

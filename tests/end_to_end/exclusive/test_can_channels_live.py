@@ -13,7 +13,8 @@ OPENING = b"\r\rC\rS8\rO\r"
 
 
 def test_our_slcan_and_python_cans_understand_each_other_on_the_two_ends_of_one_wire() -> None:
-    ours, theirs = Terminal(), Terminal()
+    ours = Terminal()
+    theirs = Terminal()
     channel = open_channel(f"can:slcan:{ours.path}", 1_000_000)
     bus = slcanBus(theirs.path, bitrate=1_000_000, sleep_after_open=0.0)
     try:

@@ -18,7 +18,8 @@ from tests.support.processes import Daemon, arm, daemon, robot, until
 from twind.client import Client, NoDaemon, Refused
 from twind.client.errors import CallError
 
-JOINT, PLACE = "head_pitch", 1
+JOINT = "head_pitch"
+PLACE = 1
 LONG = {"joint_names": [JOINT], "points": [{"positions": [0.6], "time_from_start": 6.0}]}
 
 STREAM = """
@@ -212,7 +213,8 @@ def test_a_log_that_nobody_reads_costs_no_tick() -> None:
 
         try:
             until(lambda: (status() or {}).get("state") == "connected", 30.0, "connected")
-            began, before = time.monotonic(), status()
+            began = time.monotonic()
+            before = status()
             assert before is not None
             with Client(str(folder)) as client:
                 refused = 0

@@ -81,16 +81,20 @@ def test_a_log_that_nobody_takes_costs_no_tick_and_no_answer(tmp_path: Path, how
     stderr, others = {"full": full, "unread": unread, "gone": gone, "closed": lambda: (None, [])}[how]()
     try:
         with daemon(tmp_path, stderr) as (process, client):
-            began, first = time.monotonic(), client.call("GetStatus")["status"]["loop"]
-            slowest, asked = 0.0, 0
+            began = time.monotonic()
+            first = client.call("GetStatus")["status"]["loop"]
+            slowest = 0.0
+            asked = 0
             while time.monotonic() < began + SECONDS:
                 since = time.monotonic()
                 with pytest.raises(CallError):  # a line of the log, each
                     client.call("SubmitTrajectory", trajectory={"joint_names": ["nobody"], "points": []})
                 client.call("GetStatus")
-                slowest, asked = max(slowest, time.monotonic() - since), asked + 1
+                slowest = max(slowest, time.monotonic() - since)
+                asked = asked + 1
                 time.sleep(0.06)  # within the trajectories that one may ask for in a second
-            last, took = client.call("GetStatus")["status"]["loop"], time.monotonic() - began
+            last = client.call("GetStatus")["status"]["loop"]
+            took = time.monotonic() - began
             assert slowest < SLOWEST, slowest
             assert asked > 5
             ticks, missed = (last[key] - first[key] for key in ("ticks", "missed"))

@@ -202,7 +202,8 @@ def test_a_servo_that_turns_the_other_way_round_is_told_also_without_a_calibrati
 
 
 def test_another_firmware_than_when_it_was_calibrated_is_told(ground: Ground) -> None:
-    seen, old = examined(ground.virtual), {case.id for case in OLDER}
+    seen = examined(ground.virtual)
+    old = {case.id for case in OLDER}
     assert seen.calibration is not None
     joints = tuple(
         replace(joint, device=replace(joint.device, firmware=45)) if joint.id in old else joint

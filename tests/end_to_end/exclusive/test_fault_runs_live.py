@@ -22,7 +22,8 @@ from twind.virtual.virtual_robot_spec import specimen
 
 # s that a refresh may lie before the stamp of its reading, and after it on a loaded machine. A reading in
 # trouble has 35 bytes of each servo, 4.2 ms at 2 Mbaud, and 2 ms of patience; the rest is scheduling.
-EARLY, LATE = 0.015, 0.04
+EARLY = 0.015
+LATE = 0.04
 # Which case of one fault of each kind; all others, and all strengths and ids, are run under the fake clock.
 # Faults told by the same code do not follow each other: what was told is not told again within a second.
 RUN = {
@@ -55,11 +56,13 @@ class LiveJudge:
     """Judges the messages of a span of time by what the registers showed."""
 
     def __init__(self, virtual: Virtual, watch: Watch) -> None:
-        self._virtual, self._watch = virtual, watch
+        self._virtual = virtual
+        self._watch = watch
         made = specimen(load_robot("h24"))
         self._joints = {joint.name: joint for joint in made.robot.joints}
         self._zeros = made.zeros
-        self._seen, self._since = 0, -1.0
+        self._seen = 0
+        self._since = -1.0
         self._before: dict[str, float | None] = {}
         self._lost = self._read_lost()
         self.fresh = self.stale = self.nowhere = 0
@@ -68,11 +71,16 @@ class LiveJudge:
         return float(self._virtual.order(query="state")["lost"])
 
     def _history(self) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        times, rows, more, ids = list[float](), list[list[int]](), True, list[int]()
+        times = list[float]()
+        rows = list[list[int]]()
+        more = True
+        ids = list[int]()
         while more:
             page = self._virtual.order(query="history", since=self._since)
-            times, rows = times + page["time"], rows + page["position"]
-            more, ids = page["more"], page["ids"]
+            times = times + page["time"]
+            rows = rows + page["position"]
+            more = page["more"]
+            ids = page["ids"]
             self._since = times[-1] if times else self._since
         self._since -= 5.0  # messages that this process took up late are older than the last page
         return np.array(times), np.array(rows), ids
@@ -81,7 +89,8 @@ class LiveJudge:
         """All messages that came since the last time. Raises AssertionError."""
         states = self._watch.states[self._seen :]
         self._seen += len(states)
-        lost, self._lost = self._lost, self._read_lost()
+        lost = self._lost
+        self._lost = self._read_lost()
         times, rows, ids = self._history()
         wrong: list[str] = []
         for state in states:
@@ -93,8 +102,11 @@ class LiveJudge:
         assert not wrong, "\n".join([said, *wrong[:10]])
 
     def _one(self, joint: dict[str, Any], shown: np.ndarray, at: float) -> list[str]:
-        name, place, age = joint["name"], joint["position"], joint["age_ms"]
-        before, self._before[name] = self._before.get(name, place), place
+        name = joint["name"]
+        place = joint["position"]
+        age = joint["age_ms"]
+        before = self._before.get(name, place)
+        self._before[name] = place
         if not joint["heard"]:
             self.stale += 1
             changed = before is not None and place != before
@@ -136,7 +148,8 @@ def arm_and_move(client: Client, running: Daemon) -> None:
     status = running.status()
     if not status["armed"] or status["faults"] or status["state"] != "armed":
         client.call("EStop", level="cut")
-        deadline, last = time.monotonic() + 10.0, time.monotonic() + 60.0
+        deadline = time.monotonic() + 10.0
+        last = time.monotonic() + 60.0
         while True:
             with suppress(CallError):
                 client.call("Reset")

@@ -15,7 +15,9 @@ from tests.support.processes import Daemon
 from twind import link
 from twind.client import Refused
 
-ELBOW, YAW = NAMES[5], NAMES[4]  # of h24's left arm: bent and turned in, the forearm goes into the chest
+# of h24's left arm: bent and turned in, the forearm goes into the chest
+ELBOW = NAMES[5]
+YAW = NAMES[4]
 
 
 @pytest.fixture
@@ -34,7 +36,8 @@ def path(*points: tuple[float, float], every: float = 1.0) -> dict[str, Any]:
     return {"joint_names": [ELBOW, YAW], "points": rows}
 
 
-INTO_ITSELF, CLEAR = path((-0.2, 0.0), (-1.5, -1.4)), path((-0.2, 0.0), (-0.5, 0.1))
+INTO_ITSELF = path((-0.2, 0.0), (-1.5, -1.4))
+CLEAR = path((-0.2, 0.0), (-0.5, 0.1))
 LONG = path(*((-0.3 * (place % 2), 0.3 * (place % 3)) for place in range(2000)), every=0.02)
 
 

@@ -46,7 +46,8 @@ class Shown:
 
 @pytest.fixture(scope="module")
 def shown() -> Iterator[Shown]:
-    known, ended = ViewerState(), threading.Event()
+    known = ViewerState()
+    ended = threading.Event()
     with browser() as found, served(None, "test") as site:
         viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
         drawing = threading.Thread(target=run, args=(viewer, known, (), ended))

@@ -14,7 +14,10 @@ from tests.support.processes import Daemon, simulated, until
 from tests.support.ros_graphs import REAL, Bridge, Graph, Peer, here
 
 OLDEST = "3.10"  # of Humble
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
+# action_msgs/msg/GoalStatus
+SUCCEEDED = 4
+CANCELED = 5
+ABORTED = 6
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +70,8 @@ def move(peer: Peer, joint: str, place: float, **more: float) -> None:
 def test_it_runs_under_the_python_of_each_distribution(version: str, daemon: Daemon, tmp_path: Path) -> None:
     graph = Graph(version, tmp_path)
     try:
-        bridge, peer = graph.bridge(daemon.sockets), graph.peer()
+        bridge = graph.bridge(daemon.sockets)
+        peer = graph.peer()
         peer.hear(topic="/joint_states", kind="JointState")
         peer.hear(topic="/bridge/results", kind="String")
         assert len(peer.newest(topic="/joint_states")["name"]) == 24

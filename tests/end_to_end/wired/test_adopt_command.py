@@ -201,7 +201,8 @@ def test_an_instance_is_found_by_its_settings_and_by_its_name(
     monkeypatch.setattr("twind_calibration.robot_description.SERVICE", tmp_path / "twind.yaml")
     options = argparse.Namespace(config=str(settings), socket=None, robot=None, calibration=None, port=[])
     assert str(read(options).sockets) == "/run/twind/arm"
-    options.config, options.socket = None, "/run/twind/arm"
+    options.config = None
+    options.socket = "/run/twind/arm"
     assert read(options).port("main") == "/dev/ttyARM"
     assert stop(str(read(options).sockets)) == (
         "sudo systemctl stop twind@arm twind-control@arm.socket twind-observe@arm.socket"

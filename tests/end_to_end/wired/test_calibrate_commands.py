@@ -30,7 +30,8 @@ class Bench:
     """A specimen of which nothing is known, and a daemon whose state folder is empty at first."""
 
     def __init__(self, virtual: Virtual, folder: Path) -> None:
-        self.virtual, self.state = virtual, folder / "state"
+        self.virtual = virtual
+        self.state = folder / "state"
         self.state.mkdir()
         self.file = self.state / "calibration" / "h24.yaml"
         self.daemon = self.start("mirror")
@@ -73,7 +74,8 @@ class Bench:
             nonlocal before
             time.sleep(0.2)
             now = [servo["position"] for servo in self.virtual.servos()]
-            moved, before = now != before, now
+            moved = now != before
+            before = now
             return not moved
 
         until(still, 20.0, "the hands are there")
@@ -258,7 +260,8 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
     said = capsys.readouterr().out
     assert "a zero is coarse" in said and "a wrong sign fits its ends too: `twindctl" in said
     after = load_calibration(bench.file, ROBOT)
-    then, now = measured.by_name["head_yaw"], after.by_name["head_yaw"]
+    then = measured.by_name["head_yaw"]
+    now = after.by_name["head_yaw"]
     assert (now.method, now.captures) == ("sweep", 2) and abs(now.zero_ticks - then.zero_ticks) < 60
     assert after.by_name["l_knee"] == measured.by_name["l_knee"]
     assert bench.verb("zero", "--from-sweep", "--yes") == 1

@@ -93,7 +93,8 @@ def test_a_servo_s_own_registers_are_taken_where_somebody_set_them(bench: Bench,
 def test_a_map_names_motors_and_leaves_some_out(bench: Bench, capsys: Captured, tmp_path: Path) -> None:
     known = load_calibration(bench.virtual.calibration, ROBOT)
     motors = lerobot(known, "l_knee", "r_knee")
-    path, names = tmp_path / "lerobot.json", tmp_path / "map.yaml"
+    path = tmp_path / "lerobot.json"
+    names = tmp_path / "map.yaml"
     path.write_text(json.dumps(motors))
     left, right = (f"motor_{known.by_name[name].id}" for name in ("l_knee", "r_knee"))
     names.write_text(f"{left}: l_knee\n{right}: null\n")

@@ -20,7 +20,8 @@ def test_missing_unknown_doubled_and_wrong_devices_are_all_listed_at_once(
 ) -> None:
     known = load_robot("h24")
     text = known.path.read_text().replace("mjcf: h24.xml", f"mjcf: {known.mjcf_path}")
-    begin, end = text.index("  xm430:\n"), text.index("defaults:")
+    begin = text.index("  xm430:\n")
+    end = text.index("defaults:")
     kind = text[begin:end].replace("xm430:", "xm540:").replace("XM430-W350", "XM540-W150").rstrip()
     text = f"{text[:begin]}{kind}\n{text[begin:]}"
     described = tmp_path / "h24.yaml"

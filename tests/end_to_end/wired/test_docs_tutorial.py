@@ -258,7 +258,8 @@ def test_the_arm_of_the_tutorial_is_checked_armed_moved_played_recorded_and_disa
                 timeout=60.0,
             )
             assert done.returncode != 0
-            said, expected = done.stderr.splitlines()[0], refused[1]
+            said = done.stderr.splitlines()[0]
+            expected = refused[1]
             assert re.sub(r"[\d.]+ s\b", "T", said) == re.sub(r"[\d.]+ s\b", "T", expected)
             play = block("6. Play a motion file")
             if not find_spec("matplotlib"):

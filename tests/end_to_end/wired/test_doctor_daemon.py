@@ -141,7 +141,8 @@ def troubled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     for suffix in ("yaml", "xml"):
         shutil.copy(Path(__file__).parents[3] / f"twind/robots/h24.{suffix}", folder)
     running = Daemon.__new__(Daemon)
-    running.sockets, running.log = folder / "run", folder / "log"
+    running.sockets = folder / "run"
+    running.log = folder / "log"
     running.sockets.mkdir()
     words = ["--socket", str(running.sockets), "--mode", "sim", "--rate", "250"]
     words += ["--robot", str(folder / "h24.yaml")]

@@ -31,7 +31,8 @@ class Failsafe:
         command = [sys.executable, "-m", "twind.cli", "--failsafe", *options]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE)
         favour(self.process)
-        self.relay, self.said = relay, b""
+        self.relay = relay
+        self.said = b""
 
     def line(self) -> bytes:
         """Its next line; the monitor is told of states, as there is no socket to hear them from."""

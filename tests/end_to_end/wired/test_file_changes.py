@@ -13,7 +13,8 @@ from twind.config.file_changes import LARGEST, edited, fingerprints, texts
 
 
 def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:
-    one, other = tmp_path / "one.yaml", tmp_path / "other.yaml"
+    one = tmp_path / "one.yaml"
+    other = tmp_path / "other.yaml"
     for file in (one, other):
         file.write_text("a: 1\n")
     before = fingerprints([one, other])
@@ -27,7 +28,9 @@ def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Path) -> None:
-    pipe, folder, long = tmp_path / "pipe", tmp_path / "folder", tmp_path / "long"
+    pipe = tmp_path / "pipe"
+    folder = tmp_path / "folder"
+    long = tmp_path / "long"
     os.mkfifo(pipe)
     folder.mkdir()
     with long.open("wb") as file:
@@ -38,7 +41,9 @@ def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Pa
 
 
 def test_what_files_said_is_kept_as_it_was_when_they_were_read(tmp_path: Path) -> None:
-    same, changed, binary = tmp_path / "same", tmp_path / "changed", tmp_path / "binary"
+    same = tmp_path / "same"
+    changed = tmp_path / "changed"
+    binary = tmp_path / "binary"
     same.write_text("a: ä\n")
     changed.write_text("a: 1\n")
     binary.write_bytes(b"\xff\x00")

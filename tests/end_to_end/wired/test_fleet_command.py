@@ -22,7 +22,9 @@ from tests.support.zenoh_router import Router
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 
 PATIENCE = 30.0  # s that a busy machine may take
-HERE, FAR, OTHER = "h24-split", "elsewhere", "another"
+HERE = "h24-split"
+FAR = "elsewhere"
+OTHER = "another"
 
 
 @dataclass

@@ -134,7 +134,8 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         assert not [one for one in environment if one.startswith(tuple(SERVICE))]
         assert f"PATH={os.environ['PATH']}" in environment
 
-        theirs, ours = descriptors(world.pid), descriptors(os.getpid())
+        theirs = descriptors(world.pid)
+        ours = descriptors(os.getpid())
         sockets = [ours[listener.fileno()] for listener in world.listeners.values()]
         assert [theirs[5], theirs[6]] == sockets
         shared = {theirs[fd] for fd in (0, 1, 2)} | {"/dev/null", "anon_inode:[eventpoll]"}
@@ -266,7 +267,8 @@ def test_a_killed_front_is_noticed_and_the_next_one_waits_a_moment(tmp_path: Pat
 
 def test_ending_a_front_kills_it_and_closes_the_link(tmp_path: Path) -> None:
     with started(tmp_path) as world:
-        sock, pid = world.front.socket, world.pid
+        sock = world.front.socket
+        pid = world.pid
         assert sock is not None
         world.front.end(200.0)
         world.front.end(200.0)  # twice is no harm

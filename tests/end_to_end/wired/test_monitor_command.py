@@ -73,7 +73,8 @@ def stopped(pid: int) -> bool:
 def test_it_follows_the_window_at_once_and_leaves_no_garbage(run: Callable[..., Run]) -> None:
     one = run("--rate", "0.5", columns=80, rows=24)  # the next picture in its own time would be 2 s later
     for columns, rows in ((120, 40), (60, 20), (200, 60), (81, 25)):
-        begun, emptied = time.monotonic(), one.screen.emptied
+        begun = time.monotonic()
+        emptied = one.screen.emptied
         one.resize(columns, rows)
         one.until(lambda screen, before=emptied: screen.emptied > before and whole(screen))
         assert time.monotonic() - begun < 1.5
@@ -123,7 +124,8 @@ def test_ctrl_z_gives_the_terminal_to_the_shell_and_fg_draws_all_anew(run: Calla
 
 def test_news_that_come_faster_than_pictures_are_drawn_make_no_more_of_them(run: Callable[..., Run]) -> None:
     one = run("--rate", "100")
-    before, begun = one.raw.count(FRAME), time.monotonic()
+    before = one.raw.count(FRAME)
+    begun = time.monotonic()
     one.watch(2.0)
     assert one.raw.count(FRAME) - before <= 17 * (time.monotonic() - begun)
 
@@ -157,7 +159,8 @@ def test_a_daemon_that_restarts_is_waited_for(tmp_path: Path) -> None:
         one.until(lambda screen: re.match(r"!! no daemon since [1-9]\d* s;", screen.lines[1]))
         for name in ("control", "observe"):
             (tmp_path / f"{name}.sock").unlink()
-        second, before = StandIn(tmp_path), len(lines.got)
+        second = StandIn(tmp_path)
+        before = len(lines.got)
         one.until(lambda screen: whole(screen) and not any("no daemon" in line for line in screen.lines))
         lines.until(lambda got: len(got) > before)
         assert one.end(signal.SIGTERM) == 143
@@ -227,7 +230,8 @@ def test_news_are_taken_as_they_come_while_nobody_draws(loop: StandIn) -> None:
         while not feed.watched.is_complete:
             assert time.monotonic() < end
             time.sleep(0.01)
-        before, end = feed.watched.count, time.monotonic() + 3.0
+        before = feed.watched.count
+        end = time.monotonic() + 3.0
         while feed.watched.count - before < 150:
             assert time.monotonic() < end, feed.watched.count - before
             time.sleep(0.1)

@@ -17,7 +17,9 @@ from twind_calibration.wiggling.joint_move import goal_of
 
 Captured = pytest.CaptureFixture[str]
 H24 = load_robot("h24")
-TRIES, TRY = 5, 20.0  # s that one takes, and it may have to be armed again before
+# s that one takes, and it may have to be armed again before
+TRIES = 5
+TRY = 20.0
 TRUTH = {"joints": {"r_hip_pitch": {"sign": 1}}}  # the robot file says -1
 
 

@@ -205,7 +205,8 @@ def test_rosbags_decodes_what_the_daemon_sent(story: Story) -> None:
 
 def test_the_columns_are_what_the_daemon_sent(story: Story) -> None:
     path = story.files("whole")[0]
-    found, sent = open_recording(path), known(path, story.witness)
+    found = open_recording(path)
+    sent = known(path, story.witness)
     assert not found.damage and found.robot is not None and found.mjcf
     assert found.meta["robot"] == "h24" and found.meta["mode"] == "mirror"
     both = 0
@@ -265,7 +266,8 @@ def test_a_kill_loses_less_than_a_second_and_the_rest_recovers(story: Story) -> 
     last = whole.start_ns + round(whole.time[-1] * 1e9)
     heard = max(time for time in story.witness.states if time <= story.killed)
     assert about.wall(heard) - last <= 1_000_000_000
-    begins, sent = whole.start_ns, known(found.out, story.witness)
+    begins = whole.start_ns
+    sent = known(found.out, story.witness)
     expected = [time for time in sent if begins <= time <= last]
     stamps = {round(each * 1e9) + begins for each in whole.time}
     told = sum(note.what["count"] for note in whole.notes if note.what["kind"] == "dropped")

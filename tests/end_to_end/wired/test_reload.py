@@ -202,7 +202,8 @@ sys.exit(cli.main(sys.argv[1:]))
 
 
 def test_a_hang_up_while_a_daemon_starts_ends_nothing_and_is_a_reload(tmp_path: Path) -> None:
-    sources, log = files(tmp_path), tmp_path / "log"
+    sources = files(tmp_path)
+    log = tmp_path / "log"
     command = [sys.executable, "-c", HUNG_UP, "--socket", str(tmp_path / "run"), "--config"]
     with log.open("wb") as said:
         process = subprocess.Popen([*command, str(sources.config)], stderr=said, start_new_session=True)

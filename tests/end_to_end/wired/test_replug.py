@@ -13,7 +13,9 @@ from typing import Any
 from tests.support.processes import Virtual, arm, daemon, robot
 from twind.client import Client
 
-SEEN, BACK = 0.5, 3.0  # s
+# s
+SEEN = 0.5
+BACK = 3.0
 
 
 def until_lost(news: Iterator[dict[str, Any]]) -> float:

@@ -14,7 +14,8 @@ from tests.support.systemd.service import Service, drop_in, settings
 MIRROR = {"mode": "mirror", "robot": "h24"}
 SIM = {"mode": "sim", "robot": "h24"}
 TOKEN = "not for everybody"
-LEFT, SIMULATION = "twind@left.service", "twind-sim.service"
+LEFT = "twind@left.service"
+SIMULATION = "twind-sim.service"
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,8 @@ def test_the_first_connection_starts_the_service_and_is_answered(handed: Service
 
 def test_who_connects_while_it_restarts_is_answered_by_the_next(handed: Service) -> None:
     assert handed.status()["mode"] == "mirror"
-    main, front = handed.main(), handed.front()
+    main = handed.main()
+    front = handed.front()
     handed.machine.kill(main)
     handed.machine.until(lambda: front not in handed.pids(), 5.0, "the end of its front")
     assert handed.status()["mode"] == "mirror"  # at once, and only one attempt

@@ -94,7 +94,8 @@ def reloaded(live: Service) -> list[str]:
 def test_reload_applies_what_may_change_and_names_what_waits_while_the_robot_stands_armed(
     live: Service, robot: Robot, armed: Client
 ) -> None:
-    main, away = live.show("MainPID"), robot.places()
+    main = live.show("MainPID")
+    away = robot.places()
     settings(live.machine, "body", robot.settings(log_level="debug", thresholds={"latency_warn_ms": 40}))
     live.machine.run("systemctl", "reload", live.unit)
     parameters = armed.call("GetParameters")["parameters"]
@@ -114,7 +115,8 @@ def test_reload_applies_what_may_change_and_names_what_waits_while_the_robot_sta
 def test_reload_of_a_bad_file_fails_in_words_and_changes_nothing(
     live: Service, robot: Robot, armed: Client
 ) -> None:
-    main, away = live.show("MainPID"), robot.places()
+    main = live.show("MainPID")
+    away = robot.places()
     before = armed.call("GetParameters")
     settings(live.machine, "body", "mode: live\nlog_level: shout\n")
     failed = live.machine.try_run("systemctl", "reload", live.unit)
@@ -143,7 +145,8 @@ def test_stop_lowers_the_robot_then_torque_is_off(live: Service, robot: Robot, a
 def test_killed_it_is_back_moves_nothing_and_reports_what_it_inherited(
     live: Service, robot: Robot, armed: Client
 ) -> None:
-    away, restarts = robot.places(), int(live.show("NRestarts"))
+    away = robot.places()
+    restarts = int(live.show("NRestarts"))
     live.signal(signal.SIGKILL)
     live.until(NRestarts=str(restarts + 1), ActiveState="active")
     status = live.reach(state="connected", inherited=True)
@@ -157,7 +160,8 @@ def test_killed_it_is_back_moves_nothing_and_reports_what_it_inherited(
 def test_hung_it_is_ended_by_the_watchdog_with_a_stack_and_the_robot_stands_still(
     live: Service, robot: Robot, armed: Client
 ) -> None:
-    away, restarts = robot.places(), int(live.show("NRestarts"))
+    away = robot.places()
+    restarts = int(live.show("NRestarts"))
     begun = time.monotonic()
     live.signal(signal.SIGSTOP)
     live.until(NRestarts=str(restarts + 1), ActiveState="active")
@@ -266,7 +270,8 @@ def test_while_uninstalling_lowers_the_robot_an_observer_can_still_cut(
     live: Service, robot: Robot, uninstall: list[str]
 ) -> None:
     live.stop()
-    machine, sockets = live.machine, [f"twind-{name}@body.socket" for name in ("control", "observe")]
+    machine = live.machine
+    sockets = [f"twind-{name}@body.socket" for name in ("control", "observe")]
     machine.run("systemctl", "start", *sockets)
     live.status()  # starts it
     live.reach(state="connected")

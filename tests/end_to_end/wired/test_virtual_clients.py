@@ -186,7 +186,8 @@ def test_sdk_sync_write_sync_read_and_fast_sync_read(port: sdk.PortHandler) -> N
 
 def test_sdk_bulk_write_bulk_read_and_fast_bulk_read_over_three_layouts(port: sdk.PortHandler) -> None:
     rows = {XM[0]: (116, 4, 1500), XM[1]: (84, 2, 700), XL: (65, 1, 1), PH: (564, 4, 70_000)}
-    writes, reads = sdk.GroupBulkWrite(port, talk), sdk.GroupBulkRead(port, talk)
+    writes = sdk.GroupBulkWrite(port, talk)
+    reads = sdk.GroupBulkRead(port, talk)
     for id, (address, size, value) in rows.items():
         assert writes.addParam(id, address, size, list(value.to_bytes(size, "little")))
         assert reads.addParam(id, address, size)

@@ -116,7 +116,8 @@ def test_in_sim_and_mirror_only_the_gate_is_asked_near_a_limit_it_goes_the_other
     assert [servo["position"] for servo in virtual.servos()] == before
 
 
-JOINT, WAY = "l_knee", radians(2.0)
+JOINT = "l_knee"
+WAY = radians(2.0)
 
 
 def to(place: float, seconds: float = 0.5) -> dict[str, Any]:

@@ -6,7 +6,10 @@ write need; id, baud rate, protocol, indirect addresses and goals of other modes
 
 from dataclasses import dataclass
 
-TORQUE, WATCHDOG, GOAL, GOAL_CURRENT = 64, 98, 116, 102
+TORQUE = 64
+WATCHDOG = 98
+GOAL = 116
+GOAL_CURRENT = 102
 EEPROM_END = 64
 
 
@@ -22,7 +25,11 @@ def _one(size: int, most: int, *, with_torque: bool = True) -> Field:
     return Field(((size, 0, most),), with_torque)
 
 
-WORD, LONG, GAIN, PWM, PROFILE = 0xFFFF, 0xFFFFFFFF, 16383, 885, 32767
+WORD = 0xFFFF
+LONG = 0xFFFFFFFF
+GAIN = 16383
+PWM = 885
+PROFILE = 32767
 
 EEPROM = {
     (9, 1): _one(1, 254),

@@ -23,7 +23,9 @@ class Ear:
 
     def ask(self, request: Request | None, now: float) -> None:
         """From now on this is what answers belong to."""
-        self.request, self.asked, self.bytes = request, now, 0
+        self.request = request
+        self.asked = now
+        self.bytes = 0
         self.heard = set()
         self._buffer = b""
 
@@ -58,7 +60,8 @@ class Ear:
         self.bytes += len(data)
         if self.request is None:
             return
-        buffer, at = (self._buffer + data)[-MOST:], 0
+        buffer = (self._buffer + data)[-MOST:]
+        at = 0
         fast = self.request.instruction in FAST
         while (found := buffer.find(HEADER, at)) >= 0:
             at = found
@@ -85,7 +88,9 @@ class Ear:
             body = unstuff(packet[7:-2])
         except Malformed:
             return
-        id, error, data = packet[4], body[1], body[2:]
+        id = packet[4]
+        error = body[1]
+        data = body[2:]
         span = self.request.reads.get(id)
         self.heard.add(id)
         if span is not None and len(data) == span[1]:
@@ -94,7 +99,8 @@ class Ear:
     def _blocks(self, answer: bytes) -> Iterator[tuple[int, int, int, bytes]]:
         """Blocks of a joint answer, each proved by the CRC over all before it; the rest is not believed."""
         assert self.request is not None
-        at, length = 8, self.request.expected
+        at = 8
+        length = self.request.expected
         sound = len(answer) == length and crc16(answer[:-2]) == answer[-2] | answer[-1] << 8
         for id, (address, size) in self.request.reads.items():
             end = at + size + 4

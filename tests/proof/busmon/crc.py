@@ -29,7 +29,8 @@ def _tables() -> np.ndarray:
     return table
 
 
-TABLES, PLACES = _tables(), np.arange(LONGEST)
+TABLES = _tables()
+PLACES = np.arange(LONGEST)
 
 
 def crc16(data: bytes) -> int:

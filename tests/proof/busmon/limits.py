@@ -78,7 +78,8 @@ def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dic
     if not str(kind["device"]).startswith(X_SERIES):
         raise ValueError(f"{name}: {kind['device']} is not of the X series: its registers are not known here")
     mode = MODES[joint.get("mode", kind.get("mode", "position"))]
-    sign, ratio = int(joint.get("sign", 1)), float(joint.get("ratio", 1.0))
+    sign = int(joint.get("sign", 1))
+    ratio = float(joint.get("ratio", 1.0))
     if sign not in (1, -1) or not ratio > 0.0:
         raise ValueError(f"{name}: sign {sign}, ratio {ratio}")
     if int(measured["id"]) != int(joint["id"]) or int(measured["sign"]) != sign:
@@ -120,12 +121,15 @@ def _range(limits: list[float], each: float, mode: int, measured: dict[str, Any]
         raise ValueError(f"limits {limits}")
     zero = int(measured["zero_ticks"])
     ends = sorted(((limits[0] - BEYOND) / each, (limits[1] + BEYOND) / each))
-    low, high = zero + math.ceil(ends[0] - 1e-9), zero + math.floor(ends[1] + 1e-9)
+    low = zero + math.ceil(ends[0] - 1e-9)
+    high = zero + math.floor(ends[1] + 1e-9)
     sweep = sorted(int(count) for count in measured["sweep_ticks"])
-    low, high = max(low, sweep[0], -TURNS), min(high, sweep[1], TURNS)
+    low = max(low, sweep[0], -TURNS)
+    high = min(high, sweep[1], TURNS)
     if mode == 3:
         kept = measured["device"]["eeprom"]
-        low, high = max(low, int(kept["min_ticks"])), min(high, int(kept["max_ticks"]))
+        low = max(low, int(kept["min_ticks"]))
+        high = min(high, int(kept["max_ticks"]))
     return low, high
 
 

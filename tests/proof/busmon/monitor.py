@@ -69,7 +69,9 @@ class Monitor:
 
     def __init__(self, limits: Limits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
-        self.limits, self.servos, self.parser = limits, Turning(limits), Parser(limits)
+        self.limits = limits
+        self.servos = Turning(limits)
+        self.parser = Parser(limits)
         self.violations: list[Violation] = []
         self.last: deque[Seen] = deque(maxlen=KEPT)
         self.sent_packets = self.answers = self.goal_packets = 0
@@ -77,8 +79,10 @@ class Monitor:
         self.words = Words(self._broken, writes=writes, hearsay=hearsay)
         self.stopping = Stopping(self._broken, limits, self.servos)
         self.search = Search(limits, self.servos)
-        self._rest, self._rest_since = b"", -np.inf
-        self._since, self._alone = -np.inf, True
+        self._rest = b""
+        self._rest_since = -np.inf
+        self._since = -np.inf
+        self._alone = True
         self._packet_at = -np.inf  # s, the last instruction packet
         self._stored: dict[int, tuple[int, bytes]] = {}  # reg writes
         self._easy = False  # nothing is pending but whole goal packets in range and in step
@@ -92,7 +96,8 @@ class Monitor:
 
     def sent(self, data: bytes, now: float, since: float | None = None) -> None:
         """Bytes to the servos; they left at `now`, or from `since` on: who stamps may be late."""
-        self._since, self._alone = now if since is None else since, True
+        self._since = now if since is None else since
+        self._alone = True
         self.look(now)
         if self.words.stopped:  # it runs again: its silence is over, and counts
             self.words.stopped = False
@@ -161,7 +166,8 @@ class Monitor:
         elif what in ("hold", "damp", "aborted", "state", "killed"):
             self.stopping.told(what, now, facts)
         elif what in ("born", "port"):
-            self._rest, self._packet_at = b"", -np.inf
+            self._rest = b""
+            self._packet_at = -np.inf
             self.ear.ask(None, now)
             self.servos.begun(now)
             self.stopping.clear()
@@ -303,8 +309,10 @@ class Monitor:
         self._easy = not pending and self.words.easy and self.stopping.easy
 
     def _goal(self, row: int, word: int, now: float) -> None:
-        servos, id = self.servos, self.servos.ids[row]
-        lower, upper = int(servos.lower[row]), int(servos.upper[row])
+        servos = self.servos
+        id = self.servos.ids[row]
+        lower = int(servos.lower[row])
+        upper = int(servos.upper[row])
         if self.words.state == SEARCHING:
             rule, _, text = self.search.goal(row, word, now).partition(" ")
             if rule:
@@ -333,10 +341,13 @@ class Monitor:
         )
 
     def _torque(self, row: int, value: int, now: float) -> None:
-        servos, id = self.servos, self.servos.ids[row]
+        servos = self.servos
+        id = self.servos.ids[row]
         self._easy = False
         if not value:
-            servos.on[row], servos.off[row], servos.bare[row] = False, True, np.inf
+            servos.on[row] = False
+            servos.off[row] = True
+            servos.bare[row] = np.inf
             self.stopping.let_go(now)
             return
         if self.words.state == SEARCHING:
@@ -351,7 +362,9 @@ class Monitor:
         if not 1 <= servos.watchdog[row] <= WATCHDOG or not servos.proved[row]:
             state = f"written {servos.watchdog[row]}, read back {bool(servos.proved[row])}"
             self._broken("W7", now, id, f"torque on, and its watchdog is {state}")
-        servos.on[row], servos.off[row], servos.first[row] = True, False, True
+        servos.on[row] = True
+        servos.off[row] = False
+        servos.first[row] = True
         servos.lost[row] = False
 
     def _sought(self, rows: np.ndarray, now: float, what: str) -> None:
@@ -363,7 +376,8 @@ class Monitor:
 
     def _watchdog(self, row: int, value: int, now: float) -> None:
         servos = self.servos
-        servos.watchdog[row], servos.proved[row] = value, False
+        servos.watchdog[row] = value
+        servos.proved[row] = False
         self._easy = False
         if value > WATCHDOG and servos.on[row]:
             self._broken("W7", now, servos.ids[row], f"its watchdog is {value} x 20 ms under torque")
@@ -399,10 +413,12 @@ class Monitor:
         self._registers(row, address, data)
 
     def _registers(self, row: int, address: int, data: bytes) -> None:
-        servos, end = self.servos, address + len(data)
+        servos = self.servos
+        end = address + len(data)
         self.search.read(row, address, data)
         if address <= allowed.TORQUE < end:
             limp = data[allowed.TORQUE - address] == 0
-            servos.off[row], servos.lost[row] = limp and not servos.on[row], limp and servos.on[row]
+            servos.off[row] = limp and not servos.on[row]
+            servos.lost[row] = limp and servos.on[row]
         if address <= allowed.WATCHDOG < end:
             servos.proved[row] = data[allowed.WATCHDOG - address] == servos.watchdog[row]

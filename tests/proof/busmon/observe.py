@@ -21,7 +21,9 @@ class Observer:
     """A connection that comes and goes with the daemon's front."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self.level = path, "settle"  # of the next e-stop: its event does not say
+        # of the next e-stop: its event does not say
+        self._path = path
+        self.level = "settle"
         self._socket: socket.socket | None = None
         self._buffer = b""
         self._new = True  # no status has come on this connection
@@ -43,7 +45,9 @@ class Observer:
             made.close()
             return False
         made.setblocking(False)
-        self._socket, self._buffer, self._new = made, b"", True
+        self._socket = made
+        self._buffer = b""
+        self._new = True
         return True
 
     def close(self) -> None:

@@ -45,7 +45,8 @@ def open_packet(packet: bytes) -> tuple[int, int, bytes]:
 
 def unstuff(body: bytes) -> bytes:
     """INST and params as meant. Raises Malformed where FF FF FD is not followed by the FD it needs."""
-    parts, at = [], 0
+    parts = []
+    at = 0
     while (found := body.find(PATTERN, at)) >= 0:
         if body[found + 3 : found + 4] != b"\xfd":
             raise Malformed("FF FF FD inside a packet without its stuffing byte", len(body) + 9)

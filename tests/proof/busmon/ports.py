@@ -9,9 +9,12 @@ import tty
 from contextlib import suppress
 from pathlib import Path
 
-TCGETS2, TCSETS2 = 0x802C542A, 0x402C542B  # <asm-generic/ioctls.h>: any baud rate
+# <asm-generic/ioctls.h>: any baud rate
+TCGETS2 = 0x802C542A
+TCSETS2 = 0x402C542B
 TERMIOS2 = "IIIIB19sII"
-CBAUD, BOTHER = 0o010017, 0o010000
+CBAUD = 0o010017
+BOTHER = 0o010000
 CHUNK = 65536
 FEW = 4  # processes that are looked at together
 
@@ -47,7 +50,8 @@ class ServoEnd:
     """The servos' port, opened as a host does."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self.fd = path, -1
+        self._path = path
+        self.fd = -1
 
     def open(self, baud: int) -> bool:
         """Is it there?"""
@@ -70,7 +74,9 @@ class DaemonEnd:
     """A pseudo-terminal under a link, for the daemon to open."""
 
     def __init__(self, link: Path) -> None:
-        self._link, self.fd, self.path = link, -1, ""
+        self._link = link
+        self.fd = -1
+        self.path = ""
         self.present = False  # somebody has it open
         self._poll = select.poll()
 
@@ -105,7 +111,8 @@ class DaemonEnd:
         """Hang up, as an unplugged adapter does."""
         if self.fd >= 0:
             os.close(self.fd)
-            self.fd, self.present = -1, False
+            self.fd = -1
+            self.present = False
             with suppress(OSError):
                 if os.readlink(self._link) == self.path:
                     self._link.unlink()
@@ -123,7 +130,8 @@ class Holders:
         """Two or more processes that had it open in two rounds of looking; else none."""
         if not self._left:
             both = self._found & self._before
-            self._before, self._found = self._found, set()
+            self._before = self._found
+            self._found = set()
             self._left = [int(name) for name in os.listdir("/proc") if name.isdigit()]
             if len(both) > 1:
                 return sorted(both)

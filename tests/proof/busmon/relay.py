@@ -31,12 +31,15 @@ class Relay:
         self, servos: Path, link: Path, limits: AnyLimits, *, observe: Path | None, hearsay: float
     ) -> None:
         self.monitor = monitor_of(limits, hearsay=hearsay)
-        self._servos, self._daemon = ServoEnd(servos), DaemonEnd(link)
+        self._servos = ServoEnd(servos)
+        self._daemon = DaemonEnd(link)
         self._observer = Observer(observe) if observe else None
         self._holders = Holders()
         self._process = -1  # pidfd of the daemon
         self._orders = b""
-        self._baud, self._try_at, self._was_there = port_baud(limits), 0.0, False
+        self._baud = port_baud(limits)
+        self._try_at = 0.0
+        self._was_there = False
         self.ended = False
         self._since = 0.0  # s, the earliest that what is read now can have come
         self._empty = 0.0  # s, when the daemon's port was last known to hold nothing

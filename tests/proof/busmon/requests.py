@@ -8,9 +8,21 @@ from tests.proof.busmon import allowed
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.packet import BROADCAST, Malformed, open_packet
 
-PING, READ, WRITE, REG_WRITE, ACTION, FACTORY, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08
-CLEAR, BACKUP, SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x10, 0x20, 0x82, 0x83, 0x8A
-BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
+PING = 0x01
+READ = 0x02
+WRITE = 0x03
+REG_WRITE = 0x04
+ACTION = 0x05
+FACTORY = 0x06
+REBOOT = 0x08
+CLEAR = 0x10
+BACKUP = 0x20
+SYNC_READ = 0x82
+SYNC_WRITE = 0x83
+FAST_SYNC_READ = 0x8A
+BULK_READ = 0x92
+BULK_WRITE = 0x93
+FAST_BULK_READ = 0x9A
 NAMES = {
     PING: "ping",
     READ: "read",
@@ -135,7 +147,8 @@ def _word(params: bytes, at: int) -> int:
 
 def _ping(request: Request, params: bytes) -> None:
     _need(params, not params)
-    request.reads, request.expected = {request.id: (0, 3)}, 14
+    request.reads = {request.id: (0, 3)}
+    request.expected = 14
 
 
 def _read(request: Request, params: bytes) -> None:
@@ -168,7 +181,9 @@ def _sync_read(request: Request, params: bytes) -> None:
         _fast(request)
         at, size = span
         if at <= 132 and at + size >= 136:
-            names, formats, places = ["err", "id", "position"], ["u1", "u1", "<i4"], [0, 1, 2 + 132 - at]
+            names = ["err", "id", "position"]
+            formats = ["u1", "u1", "<i4"]
+            places = [0, 1, 2 + 132 - at]
             request.uniform = np.dtype(
                 {"names": names, "formats": formats, "offsets": places, "itemsize": size + 4}
             )
@@ -182,7 +197,8 @@ def _fast(request: Request) -> None:
 
 def _sync_write(request: Request, params: bytes) -> None:
     _need(params, len(params) > 5)
-    address, size = _word(params, 0), _word(params, 2)
+    address = _word(params, 0)
+    size = _word(params, 2)
     _need(params, size > 0 and (len(params) - 4) % (size + 1) == 0)
     request.rows = [
         (params[at], address, params[at + 1 : at + 1 + size]) for at in range(4, len(params), size + 1)

@@ -10,7 +10,9 @@ from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.turns import Turning
 
 CAPPED = 5  # operating mode
-MODE, CURRENT = 11, 102  # registers
+# registers
+MODE = 11
+CURRENT = 102
 STATE = "calibrating"
 LATE = 0.1  # s that a goal may make good at once: then the search has ended by itself
 
@@ -20,7 +22,8 @@ class Search:
 
     def __init__(self, limits: Limits, servos: Turning) -> None:
         known = [limits.servos[id] for id in servos.ids]
-        self._servos, self._since = servos, np.full(len(known), -np.inf)
+        self._servos = servos
+        self._since = np.full(len(known), -np.inf)
         self._ends = np.array([servo.stops for servo in known], np.int64)
         self._speed = np.array([servo.slow for servo in known])
         self._weak = np.array([servo.weak for servo in known])
@@ -29,7 +32,8 @@ class Search:
     def written(self, row: int, address: int, data: bytes) -> None:
         """Modes and caps. A mode that changes resets the cap."""
         if address <= MODE < address + len(data):
-            self._servos.mode[row], self._cap[row] = data[MODE - address], -1
+            self._servos.mode[row] = data[MODE - address]
+            self._cap[row] = -1
         if address == CURRENT and len(data) == 2:
             self._cap[row] = int.from_bytes(data, "little")
 

@@ -61,7 +61,8 @@ class Servos:
                 found.append(int(positions[row]))
             else:
                 found += [int(positions[each]) for each in np.flatnonzero(rows == row)]
-        lower, upper = int(self.lower[row]), int(self.upper[row])
+        lower = int(self.lower[row])
+        upper = int(self.upper[row])
         return found + [min(max(place, lower), upper) for place in found if not lower <= place <= upper]
 
     def is_here(self, row: int, goal: int, now: float) -> bool:

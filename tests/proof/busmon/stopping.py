@@ -37,8 +37,10 @@ class Stopping:
     """What must come to rest, and until when."""
 
     def __init__(self, broken: Broken, limits: Limits, servos: Servos) -> None:
-        self._broken, self._servos = broken, servos
-        self._free, self._period = limits.support not in ("fixed", "gantry"), limits.period
+        self._broken = broken
+        self._servos = servos
+        self._free = limits.support not in ("fixed", "gantry")
+        self._period = limits.period
         longest = float((servos.step / servos.brake).max()) * limits.period
         self._hold_within = 2.0 * longest + HELD
         self.clear()
@@ -46,7 +48,9 @@ class Stopping:
     def clear(self) -> None:
         """Nothing is owed: another process, or no port."""
         self._stop: Stop | None = None
-        self._hold_due, self._silence, self._still = np.inf, 0.0, 0
+        self._hold_due = np.inf
+        self._silence = 0.0
+        self._still = 0
 
     @property
     def easy(self) -> bool:
@@ -100,13 +104,15 @@ class Stopping:
                 self._hold_due = np.inf
 
     def _brakes(self, time: float, moves: np.ndarray) -> None:
-        stop, servos = self._stop, self._servos
+        stop = self._stop
+        servos = self._servos
         assert stop is not None
         if stop.level == "cut":
             self._broken("W6", time, None, "a goal after an e-stop that cuts")
             return
         if time - stop.last > 0.5 * self._period:
-            stop.packets, stop.last = stop.packets + 1, time
+            stop.packets = stop.packets + 1
+            stop.last = time
         fastest = np.maximum(stop.speed - SHARE * servos.brake * max(0, stop.packets - LEAD), 0.0) + ROUNDING
         wrong = (stop.packets <= stop.lasts) & ~(np.abs(moves) <= fastest + 1e-6)
         if wrong.any():
@@ -125,7 +131,9 @@ class Stopping:
         """Nothing was said for too long: from now on a hold must show."""
         self._silence = max(self._silence, silence)
         if self._hold_due == np.inf:
-            self._hold_due, self._still, self._silence = now + self._hold_within, 0, silence
+            self._hold_due = now + self._hold_within
+            self._still = 0
+            self._silence = silence
 
     def look(self, now: float) -> None:
         """What is overdue."""

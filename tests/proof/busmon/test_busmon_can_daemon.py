@@ -60,7 +60,8 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
     rig, found = watched(tmp_path)
     rig.arm()
     bus = rig.virtual["l_leg"]
-    heard, moved = bus.hear, round(lie * 65535 / 25.0)
+    heard = bus.hear
+    moved = round(lie * 65535 / 25.0)
 
     def touched(frames: Any, now: float) -> int:
         frames = frames.copy()

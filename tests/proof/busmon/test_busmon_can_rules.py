@@ -49,7 +49,8 @@ def test_every_extended_frame_likewise(id: int, data: bytes) -> None:
 def test_frames_in_memory_become_the_lines_of_the_same_frames(
     id: int, extended: bool, remote: bool, data: bytes
 ) -> None:
-    id, data = id if extended else id & 0x7FF, b"" if remote else data
+    id = id if extended else id & 0x7FF
+    data = b"" if remote else data
     flags = extended << 31 | remote << 30
     kept = (id | flags).to_bytes(4, "little") + bytes((len(data), 0, 0, 0)) + data.ljust(8, b"\0")
     [line, rest] = text(kept).split(b"\r")
@@ -70,7 +71,8 @@ def test_what_is_no_frame_is_refused(line: bytes) -> None:
 
 @given(st.binary(max_size=200), st.integers(1, 50))
 def test_any_bytes_in_any_pieces_are_cut_at_the_same_places(data: bytes, size: int) -> None:
-    whole, pieces = Lines(), Lines()
+    whole = Lines()
+    pieces = Lines()
     cut = [line for at in range(0, len(data), size) for line in pieces.take(data[at : at + size])]
     assert (whole.take(data), whole.rest) == (cut, pieces.rest)
     assert b"\r" not in pieces.rest
@@ -227,7 +229,8 @@ def test_limits_come_from_the_two_files(tmp_path: Path) -> None:
     assert isinstance(monitor_of(limits), CanMonitor)
     assert (limits.period, limits.baud, limits.support) == (0.005, 500_000, "fixed")
     assert port_baud(limits) == 1_000_000
-    hip, knee = limits.servos[1], limits.servos[2]
+    hip = limits.servos[1]
+    knee = limits.servos[2]
     each = FIELD / 25.0
     count = 2.0 * 3.141592653589793 / TURN
     assert (hip.reply, knee.reply) == (0x11, 99)

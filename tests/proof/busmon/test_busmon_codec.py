@@ -79,7 +79,8 @@ def test_the_tables_give_the_bitwise_crc() -> None:
 
 
 def test_the_crc_is_the_vendors_on_packets_without_pattern() -> None:
-    rng, handler = random.Random(2), PacketHandler(2.0)
+    rng = random.Random(2)
+    handler = PacketHandler(2.0)
     for _ in range(300):
         data = packet.HEADER + bytes(rng.choice(range(0xF0)) for _ in range(rng.randrange(4, 140)))
         assert crc.bitwise(data) == handler.updateCRC(0, list(data), len(data))

@@ -42,9 +42,11 @@ class Day:
 
     def nod(self) -> None:
         """Every joint half-way to the middle of its travel and back, at a good part of its speed."""
-        limits, here = self.rig.loop.limits, self.rig.loop.executor.reference.position
+        limits = self.rig.loop.limits
+        here = self.rig.loop.executor.reference.position
         away = here + np.clip(0.5 * (limits.lower + limits.upper) - here, -0.5, 0.5)
-        rows, count = np.array([away, here, away, here]), len(here)
+        rows = np.array([away, here, away, here])
+        count = len(here)
         path = Trajectory(np.arange(1.0, 5.0), rows, np.ones(count, np.bool_), np.zeros_like(rows))
         self.rig.submit(path)
 

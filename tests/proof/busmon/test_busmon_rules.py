@@ -105,7 +105,8 @@ def test_goals_leave_in_states_that_move_and_torque_goes_on_in_one(state: str) -
 
 @pytest.mark.parametrize("state", STATES)
 def test_eeprom_and_restarts_need_a_robot_at_rest_and_torque_read_off(state: str) -> None:
-    written, restart = packet.make(1, 0x03, bytes.fromhex("1f 00 50")), packet.make(1, 0x08)
+    written = packet.make(1, 0x03, bytes.fromhex("1f 00 50"))
+    restart = packet.make(1, 0x08)
     for data, states in ((written, ("calibrating",)), (restart, ("connected", "calibrating"))):
         port = world.VirtualPort(LIMITS)
         daemon = Good(port, LIMITS)
@@ -190,7 +191,8 @@ def test_the_last_packets_can_be_printed() -> None:
 
 def test_limits_that_make_no_sense_are_refused(tmp_path: Path) -> None:
     robot, calibration = world.files(tmp_path)
-    text, measured = robot.read_text(), calibration.read_text()
+    text = robot.read_text()
+    measured = calibration.read_text()
     for file, old, new in (
         (robot, "XM430-W350", "PH54-200-S500-R"),
         (robot, "sign: -1", "sign: 2"),
@@ -304,7 +306,8 @@ def test_of_who_dropped_its_goal_a_step_counts_from_where_it_was_read(off: int) 
 
 @pytest.mark.parametrize(("pause", "wrong"), [(0.0, False), (0.049, False), (0.051, True)])
 def test_the_rest_of_a_packet_may_take_50_ms(pause: float, wrong: bool) -> None:
-    monitor, ping = Monitor(LIMITS), packet.make(1, 0x01)
+    monitor = Monitor(LIMITS)
+    ping = packet.make(1, 0x01)
     monitor.sent(ping[:4], 10.0)
     monitor.sent(ping[4:7], 10.0 + pause / 2)
     monitor.sent(ping[7:], 10.0 + pause)

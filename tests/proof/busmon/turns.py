@@ -24,7 +24,8 @@ class Turning(Servos):
         """Positions were read. The turn is that on which a place is nearest to the middle of its travel."""
         if self.lost.any() or not self.on.all():
             limp = ~self.on[rows] | self.lost[rows]
-            who, where = rows[limp], positions[limp]
+            who = rows[limp]
+            where = positions[limp]
             turns = np.round((where - self._middle[who]) / self._turn[who]).astype(np.int64)
             self.shift[who] = np.where(self.mode[who] == ONE_TURN, 0, turns * self._turn[who])
             self.lower, self.upper = self._range + self.shift

@@ -31,7 +31,8 @@ class Watched:
         if isinstance(monitor, CanMonitor):
             self._tap_frames(monitor, bus)
             return
-        receive, take = bus.receive, bus.take
+        receive = bus.receive
+        take = bus.take
 
         def received(data: bytes, now: float) -> None:
             if data:
@@ -45,11 +46,13 @@ class Watched:
                 monitor.answered(bytes(data), now)
             return bytes(data)
 
-        bus.receive, bus.take = received, taken
+        bus.receive = received
+        bus.take = taken
 
     def _tap_frames(self, monitor: CanMonitor, bus: Any) -> None:
         """A CAN bus in this process takes and gives frames: told as the text that an adapter would have."""
-        hear, say = bus.hear, bus.say
+        hear = bus.hear
+        say = bus.say
 
         def heard(frames: Any, now: float) -> int:
             self.listen(now)
@@ -62,7 +65,8 @@ class Watched:
                 monitor.answered(text(frames.tobytes()), now)
             return frames
 
-        bus.hear, bus.say = heard, said
+        bus.hear = heard
+        bus.say = said
 
     def listen(self, now: float) -> None:
         """What the daemon is, told to every monitor when it changes."""

@@ -32,8 +32,10 @@ class Words:
 
     def __init__(self, broken: Broken, *, writes: bool, hearsay: float) -> None:
         """`hearsay` (s): how much later than the bytes the words may come."""
-        self._broken, self._hearsay = broken, hearsay
-        self.state, self.mode = "disconnected", "live" if writes else "mirror"
+        self._broken = broken
+        self._hearsay = hearsay
+        self.state = "disconnected"
+        self.mode = "live" if writes else "mirror"
         self.killed = self.stopped = False
         self.open = True
         self.deaf = False  # nobody could have told us anything just now
@@ -77,7 +79,8 @@ class Words:
             self.killed = True
         elif what == "born":
             self.killed = self.stopped = False
-            self.state, self.open = "disconnected", True
+            self.state = "disconnected"
+            self.open = True
         elif what == "port":
             self.open = bool(facts["open"])
         elif what == "stopped":

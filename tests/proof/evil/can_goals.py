@@ -11,10 +11,13 @@ from tests.proof.evil.can_registry import breaks
 class AtEdge(Good):
     """Walks to the end of a range in allowed steps; the next goal is `beyond` words past it."""
 
-    id, way, beyond = DAMIAO, 1, 1
+    id = DAMIAO
+    way = 1
+    beyond = 1
 
     def armed(self) -> None:
-        motor, goals = self.motor(self.id), dict(self.goals)
+        motor = self.motor(self.id)
+        goals = dict(self.goals)
         end = motor.upper if self.way > 0 else motor.lower
         while goals[self.id] != end:
             goals[self.id] += self.way * min(int(motor.speed * self.period), abs(end - goals[self.id]))
@@ -32,7 +35,8 @@ class BeyondUpper(AtEdge):
 
 @breaks("W1")
 class BeyondLower(AtEdge):
-    id, way = ROBSTRIDE, -1
+    id = ROBSTRIDE
+    way = -1
 
 
 @breaks("W1")
@@ -47,7 +51,8 @@ class WrongRange(Good):
     """Takes one motor's range for another's: 12.5 rad for 12.57, far out it is past the end."""
 
     def armed(self) -> None:
-        motor, goals = self.motor(ROBSTRIDE), dict(self.goals)
+        motor = self.motor(ROBSTRIDE)
+        goals = dict(self.goals)
         while goals[ROBSTRIDE] < motor.upper:
             goals[ROBSTRIDE] += min(70, motor.upper - goals[ROBSTRIDE])
             self.cycle(goals)
@@ -164,10 +169,12 @@ class ChangesTheRunModeUnderTorque(Good):
 class Step(Good):
     """One step too far."""
 
-    id, more = DAMIAO, 3
+    id = DAMIAO
+    more = 3
 
     def moving(self) -> None:
-        goals, motor = dict(self.goals), self.motor(self.id)
+        goals = dict(self.goals)
+        motor = self.motor(self.id)
         goals[self.id] -= int(motor.speed * self.period + 1.0 + motor.slack) + self.more
         self.cycle(goals)
         raise Over
@@ -180,12 +187,14 @@ class TooFast(Step):
 
 @breaks("W3")
 class OneWordTooFast(Step):
-    id, more = ROBSTRIDE, 1
+    id = ROBSTRIDE
+    more = 1
 
 
 @breaks("W3")
 class TooFastInTurns(Step):
-    id, more = ODRIVE, 1
+    id = ODRIVE
+    more = 1
 
 
 @breaks("W3")

@@ -7,7 +7,9 @@ from typing import Any, Protocol
 from tests.proof.busmon.can.motors import TURN, CanLimits, Motor
 from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, said
 
-FAR, WAY = 900, 0.8  # words and s of a move there and back
+# words and s of a move there and back
+FAR = 900
+WAY = 0.8
 SLACK = 0.002  # s that answers take
 TICKS = 2000  # of 50 us: 0.1 s
 
@@ -43,7 +45,9 @@ class Good:
     ticks = TICKS
 
     def __init__(self, port: Port, limits: CanLimits) -> None:
-        self.port, self.limits, self.period = port, limits, limits.period
+        self.port = port
+        self.limits = limits
+        self.period = limits.period
         self.ids = sorted(limits.servos)
         self.goals: dict[int, int] = {}
         self.speed: dict[int, float] = {}

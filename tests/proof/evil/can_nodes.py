@@ -10,7 +10,10 @@ from tests.proof.busmon.can.motors import TURN, CanLimits, Motor, motor, word
 from tests.proof.busmon.can.text import Frame, Lines, Malformed, frame
 
 DELAY = 0.0004  # s from a frame to its answer
-DAMIAO, ROBSTRIDE, ODRIVE, CUBEMARS = 1, 2, 3, 4
+DAMIAO = 1
+ROBSTRIDE = 2
+ODRIVE = 3
+CUBEMARS = 4
 START = {DAMIAO: 0.20, ROBSTRIDE: -0.30, ODRIVE: 0.10, CUBEMARS: 0.05}  # rad
 HOST = 0xFD
 
@@ -130,7 +133,9 @@ class Nodes:
     def _robstride(self, node: Node | None, one: Frame, now: float) -> None:
         if node is None:
             return
-        kind, data, index = one.id >> 24, one.data, one.data[0] | one.data[1] << 8
+        kind = one.id >> 24
+        data = one.data
+        index = one.data[0] | one.data[1] << 8
         if kind in (3, 4):
             node.on = kind == 3
         if kind == 0x12 and index == 0x7028:

@@ -18,7 +18,8 @@ class VirtualPort:
     def __init__(
         self, limits: CanLimits = LIMITS, *, writes: bool = True, monitor: type[CanMonitor] = CanMonitor
     ) -> None:
-        self.monitor, self.nodes = monitor(limits, writes=writes), Nodes(limits)
+        self.monitor = monitor(limits, writes=writes)
+        self.nodes = Nodes(limits)
         self.now = 0.0
 
     def write(self, data: bytes) -> None:
@@ -30,7 +31,8 @@ class VirtualPort:
 
     def read(self, seconds: float) -> bytes:
         """What comes within that time."""
-        data, end = b"", self.now + seconds
+        data = b""
+        end = self.now + seconds
         while self.nodes.due() <= end:
             self.now = max(self.now, self.nodes.due())
             came = self.nodes.take(self.now)

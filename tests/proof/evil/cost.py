@@ -22,7 +22,8 @@ def day(folder: Path) -> tuple[Watched, list[tuple[str, Any]], int]:
     rig = Rig("h24")
     save(rig.made, folder / "calibration.yaml")
     watched = Watched(rig, folder / "calibration.yaml")
-    monitor, log = watched.monitors["main"], list[tuple[str, Any]]()
+    monitor = watched.monitors["main"]
+    log = list[tuple[str, Any]]()
     for name in ("sent", "answered", "told"):
         given = getattr(monitor, name)
 
@@ -35,7 +36,8 @@ def day(folder: Path) -> tuple[Watched, list[tuple[str, Any]], int]:
     rig.seconds(0.6)
     rig.call(link.AcquireLease)
     assert rig.call(link.Arm).error is None
-    limits, here = rig.loop.limits, rig.loop.measured.position
+    limits = rig.loop.limits
+    here = rig.loop.measured.position
     away = here + 0.5 * (0.5 * (limits.lower + limits.upper) - here)
     rows = np.array([away if k % 2 else here for k in range(18)])
     rig.submit(

@@ -7,14 +7,16 @@ from tests.proof.evil.registry import breaks
 class AtEdge(Good):
     """Walks to the end of a range in allowed steps; the next goal is `beyond` counts past it."""
 
-    way, beyond = 1, 1
+    way = 1
+    beyond = 1
 
     def armed(self) -> None:
         self.hold(2)
         id = self.ids[0]
         servo = self.limits.servos[id]
         end = servo.upper if self.way > 0 else servo.lower
-        goals, least = dict(self.goals), int(servo.speed * self.period)
+        goals = dict(self.goals)
+        least = int(servo.speed * self.period)
         while abs(end - goals[id]) > 3:
             goals[id] += self.way * min(least, abs(end - goals[id]) - 3)
             self.cycle(goals)
@@ -36,7 +38,8 @@ class BeyondUpper(AtEdge):
 
 @breaks("W1")
 class BeyondLower(AtEdge):
-    way, beyond = -1, 12
+    way = -1
+    beyond = 12
 
 
 @breaks("W1")
@@ -85,7 +88,9 @@ class OneServoAlone(Good):
 class Step(Good):
     """One step that is too long by `more` counts, on the way of one servo."""
 
-    servo, more, back = 1, 2, False
+    servo = 1
+    more = 2
+    back = False
 
     def moving(self) -> None:
         id = self.ids[self.servo]
@@ -104,7 +109,8 @@ class TwoCountsTooFast(Step):
 
 @breaks("W3")
 class OneCountTooFast(Step):
-    servo, more = 0, 1
+    servo = 0
+    more = 1
 
 
 @breaks("W3")

@@ -10,10 +10,28 @@ from typing import Any, Protocol
 from tests.proof.busmon.limits import Limits
 from tests.proof.busmon.packet import make
 
-PING, READ, WRITE, REG_WRITE, ACTION, FACTORY, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08
-CLEAR, SYNC_READ, SYNC_WRITE, FAST, BULK_WRITE, ALL = 0x10, 0x82, 0x83, 0x8A, 0x93, 254
-TORQUE, GAINS, WATCHDOG, PROFILE, GOAL, POSITION = 64, 80, 98, 108, 116, 132
-FAR, WAY = 260, 0.8  # counts and s of a move there and back
+PING = 0x01
+READ = 0x02
+WRITE = 0x03
+REG_WRITE = 0x04
+ACTION = 0x05
+FACTORY = 0x06
+REBOOT = 0x08
+CLEAR = 0x10
+SYNC_READ = 0x82
+SYNC_WRITE = 0x83
+FAST = 0x8A
+BULK_WRITE = 0x93
+ALL = 254
+TORQUE = 64
+GAINS = 80
+WATCHDOG = 98
+PROFILE = 108
+GOAL = 116
+POSITION = 132
+# counts and s of a move there and back
+FAR = 260
+WAY = 0.8
 SLACK = 0.002  # s
 
 
@@ -43,7 +61,8 @@ class Good:
     """Each step is a method of its own, so that a wrong daemon changes one."""
 
     def __init__(self, port: Port, limits: Limits) -> None:
-        self.port, self.limits = port, limits
+        self.port = port
+        self.limits = limits
         self.ids = sorted(limits.servos)
         self.period = limits.period
         self.goals: dict[int, int] = {}

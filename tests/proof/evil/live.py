@@ -39,7 +39,8 @@ class PtyPort:
     """A port to the relay; words go to its standard input."""
 
     def __init__(self, relay: Any) -> None:
-        self._relay, self.late = relay, 0.0
+        self._relay = relay
+        self.late = 0.0
         self._fd = os.open(relay.link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self._fd)
         set_baud(self._fd, BAUD)
@@ -55,7 +56,9 @@ class PtyPort:
             raise Over from None
 
     def read(self, count: int, timeout: float) -> bytes:
-        data, end = b"", self.now + timeout + 0.02  # the relay and the servos are processes of a busy machine
+        # the relay and the servos are processes of a busy machine
+        data = b""
+        end = self.now + timeout + 0.02
         while len(data) < count and self.now < end:
             if not select.select([self._fd], [], [], max(0.0, end - self.now))[0]:
                 continue
@@ -95,7 +98,8 @@ def tried(daemon: type[Good], folder: Path, servos: Path | str) -> tuple[int, st
     """A daemon's life over ptys: the relay's exit code, what it said, and whether the machine kept pace."""
     robot, calibration = files(folder)
     with relayed(folder, servos, robot, calibration, options=("--hearsay", "0.2")) as relay:
-        port, whole = PtyPort(relay), True
+        port = PtyPort(relay)
+        whole = True
         try:
             daemon(port, Limits.read(robot, calibration, "main")).live()
         except Over:

@@ -3,13 +3,18 @@
 from tests.proof.evil.good import GOAL, POSITION, TORQUE, WATCHDOG, WRITE, Good, make, word
 from tests.proof.evil.registry import breaks
 
-MODE, CURRENT = 11, 102
+MODE = 11
+CURRENT = 102
 
 
 class Seeker(Good):
     """One servo alone, in current-based position mode, weak and slow, to the end of what it may be sent."""
 
-    mode, cap, step, beyond = 5, 55, 3, 0  # raw; raw; counts a tick; counts
+    # raw; raw; counts a tick; counts
+    mode = 5
+    cap = 55
+    step = 3
+    beyond = 0
 
     def live(self) -> None:
         self.connect()
@@ -20,7 +25,8 @@ class Seeker(Good):
 
     def seek(self, id: int) -> None:
         self.begin(id)
-        goal, end = self.here[id], self.limits.servos[id].stops[1] + self.beyond
+        goal = self.here[id]
+        end = self.limits.servos[id].stops[1] + self.beyond
         for aim in [goal, *range(goal, end, self.step), end]:
             self.here |= self.ask(POSITION, 4, self.sync_write(GOAL, {id: word(aim)}))
             self.wait()

@@ -48,7 +48,8 @@ JOINT = """
 
 def files(folder: Path) -> tuple[Path, Path]:
     """Robot and calibration file of the three."""
-    robot, calibration = folder / "trio.yaml", folder / "calibration.yaml"
+    robot = folder / "trio.yaml"
+    calibration = folder / "calibration.yaml"
     robot.write_text(ROBOT)
     rows = (("a", 1, 1, 900, 3200), ("b", 2, -1, 1100, 3300), ("c", 5, 1, 1250, 2450))
     text = "format: twind-calibration/1\njoints:"
@@ -83,7 +84,8 @@ class VirtualPort:
     """A daemon's way to the servos, through the monitor. Time passes where the daemon waits."""
 
     def __init__(self, limits: Limits, *, writes: bool = True, monitor: type[Monitor] = Monitor) -> None:
-        self.monitor, self.bus = monitor(limits, writes=writes), bus()
+        self.monitor = monitor(limits, writes=writes)
+        self.bus = bus()
         self.now = 0.0
 
     def write(self, data: bytes) -> None:
@@ -95,7 +97,8 @@ class VirtualPort:
 
     def read(self, count: int, timeout: float) -> bytes:
         """`count` bytes, or what came within `timeout` s."""
-        data, end = b"", self.now + timeout
+        data = b""
+        end = self.now + timeout
         while len(data) < count:
             if self.bus.next_output_time() > end:
                 self.now = end

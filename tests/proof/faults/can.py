@@ -109,7 +109,8 @@ class CanWorld(World):
 
     def of_bus(self, name: str) -> list[int]:
         """Places of the actuators of a bus."""
-        names, sizes = list(self.rig.virtual), self._sizes()
+        names = list(self.rig.virtual)
+        sizes = self._sizes()
         at = sum(sizes[: names.index(name)])
         return list(range(at, at + sizes[names.index(name)]))
 
@@ -140,7 +141,8 @@ class CanWorld(World):
 
     def left(self, bound: float, codes: tuple[str, ...] = ("CAN_BUS_STATE",)) -> list[int]:
         """The bus is given up in time: its actuators let go by themselves, the others hold or are lowered."""
-        rig, mine = self.rig, self.of_bus(self.bus)
+        rig = self.rig
+        mine = self.of_bus(self.bus)
         self.latches(bound, codes)
         self.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
         self.seconds(max(0.0, self.begun + 0.3 - self.now))
@@ -169,7 +171,8 @@ class CanWorld(World):
         self.until(lambda: bool(set(codes) & set(self.rig.loop.latches)), self.begun + bound + 0.3 - self.now)
         self.latched(*codes)
         delay = self.now - self.begun
-        self.outcome.delay, self.outcome.bound = delay, bound
+        self.outcome.delay = delay
+        self.outcome.bound = bound
         late = f"latched after {delay:.3f} s, bound {bound:.3f} s and the tick in which it is looked at"
         self.claim(delay <= bound + TICK + 1e-6, late)
 
@@ -177,7 +180,8 @@ class CanWorld(World):
         """Healed: everybody is identified, nothing of before moves anybody, nobody is armed."""
         rig = self.rig
         self.seconds(float(self.random.uniform(0.05, 1.0)))
-        since, places = self.now, rig.counts[mine]
+        since = self.now
+        places = rig.counts[mine]
         self.obey(*heal)
         self.seconds(0.5)
         found = self.until(lambda: rig.loop.hardware.connected, 3.0)

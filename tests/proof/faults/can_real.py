@@ -29,7 +29,8 @@ def _others(ground: Ground) -> list[bool]:
 
 
 def _moving(ground: Ground) -> None:
-    ground.swing, ground.relay_bus = SWING, LEG
+    ground.swing = SWING
+    ground.relay_bus = LEG
     ground.moving(name="h24-mixed", watched=True)
 
 

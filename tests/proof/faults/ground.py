@@ -45,7 +45,8 @@ class Ground:
     """A robot and a daemon of its own. `random` decides joint, phase and strength, by the seed."""
 
     def __init__(self, fault: Fault, seed: int) -> None:
-        self.fault, self.outcome = fault, Outcome(fault.number, seed)
+        self.fault = fault
+        self.outcome = Outcome(fault.number, seed)
         self.wrong = self.outcome.wrong
         self.random = np.random.default_rng([fault.number, seed, 1])
         self.stack = ExitStack()
@@ -69,7 +70,8 @@ class Ground:
 
     def relayed(self) -> Relayed:
         """The monitor between daemon and servos from now on."""
-        file, servos = load_robot(self.virtual.robot).path, self.folder / "ports" / self.relay_bus
+        file = load_robot(self.virtual.robot).path
+        servos = self.folder / "ports" / self.relay_bus
         made = relayed(
             self.folder,
             servos,
@@ -142,7 +144,8 @@ class Ground:
 
     def arm(self, client: Client, seconds: float = 12.0) -> None:
         """Tried until it is done: first readings, restarted servos and busy machines take their time."""
-        end, said = time.monotonic() + seconds, ""
+        end = time.monotonic() + seconds
+        said = ""
         while time.monotonic() < end:
             try:
                 client.call("AcquireLease", take=True)

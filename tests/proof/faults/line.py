@@ -19,7 +19,8 @@ GOALS = 134  # bytes of a sync write of goals to 24 servos
 def flipped_answer(world: World) -> None:
     """1 to 16 bits of one or two answers: dropped, counted, not believed; the motion goes on."""
     world.moving(judge=True)
-    count, bits = int(world.random.integers(1, 3)), int(world.random.integers(1, 17))
+    count = int(world.random.integers(1, 3))
+    bits = int(world.random.integers(1, 17))
     before = world.rejected
     world.inject({"fault": "corrupt", "count": count, "bits": bits, "id": world.id}, inside=False)
     world.counted(before)
@@ -39,7 +40,8 @@ def forged_answer(world: World) -> None:
 
 def flipped_command(world: World) -> None:
     """Bits of what is sent: in everything, or in goals alone, which nobody answers: the robot stands."""
-    rig, goals = world.moving(), bool(world.random.random() < 0.5)
+    rig = world.moving()
+    goals = bool(world.random.random() < 0.5)
     if not goals:  # so many that no packet of a write stays whole: goals that got through would be followed
         world.inject({"fault": "mangle", "count": 1_000_000, "bits": int(world.random.integers(48, 65))})
         world.detected(codes=(*SILENT, "RX_SHAPE", "FOLLOW_ERR"), bound=0.06)
@@ -142,7 +144,8 @@ class Twins(Rig):
             np.append(found.servos.muscles.position, 2048.0 + 300.0), now=self.clock.now()
         )
         copy = ServoSpec(spec.id, spec.model, spec.settings, spec.firmware, powered=7.0)
-        baud, now = self.robot.bus(bus).baud, self.clock.now()
+        baud = self.robot.bus(bus).baud
+        now = self.clock.now()
         made = VirtualBus(bus, [*servos, copy], muscles, baud=baud, now=now)
         made.servos.silenced[-1] = True
         made.servos.invalidate_cache()

@@ -41,8 +41,11 @@ def front_hangs(world: World) -> None:
     world.move(more=False)
     world.begun = world.now  # its last word
     world.ticks(int(world.random.integers(0, 60)))
-    collect, rig._collect = rig._collect, lambda: None  # type: ignore[method-assign]
-    missed, seconds = rig.loop.figures.missed, float(world.random.uniform(1.2, 3.0))
+    # type: ignore[method-assign]
+    collect = rig._collect
+    rig._collect = lambda: None
+    missed = rig.loop.figures.missed
+    seconds = float(world.random.uniform(1.2, 3.0))
     world.seconds(seconds)
     rig._collect = collect  # type: ignore[method-assign]
     world.ticks(2)
@@ -59,7 +62,9 @@ class Disk:
     """`os` whose n-th call of those that touch the disk fails with this error, or never returns."""
 
     def __init__(self, calls: int, error: BaseException) -> None:
-        self.left, self._error, self.failed = calls, error, False
+        self.left = calls
+        self._error = error
+        self.failed = False
 
     def __getattr__(self, name: str) -> Any:
         real = getattr(os, name)
@@ -84,7 +89,8 @@ class PowerCut(BaseException):
 
 def _saved(world: World, error: BaseException) -> tuple[bool, str, str, str]:
     """A file is written over while the disk fails somewhere: did it, and old, new and what is there then."""
-    old, new = "old\n" * int(world.random.integers(1, 900)), "new\n" * int(world.random.integers(1, 900))
+    old = "old\n" * int(world.random.integers(1, 900))
+    new = "new\n" * int(world.random.integers(1, 900))
     real = atomic_save.os
     with tempfile.TemporaryDirectory(prefix="twind-faults-") as name:
         folder = Path(name)
@@ -169,7 +175,8 @@ def second_client(world: World) -> None:
 def no_memory(world: World) -> None:
     """Memory cannot be had in one or two ticks: told, the last goal is held with torque."""
     rig = world.moving()
-    update, left = rig.loop.twin.update, int(world.random.integers(1, 3))
+    update = rig.loop.twin.update
+    left = int(world.random.integers(1, 3))
 
     def failing(*given: Any) -> Any:
         nonlocal left
@@ -209,7 +216,9 @@ def nan_in_the_model(world: World) -> None:
 def storm_of_events(world: World) -> None:
     """Nobody takes the news while faults make many: the tick goes on, what is lost is counted."""
     rig = world.moving()
-    rig_collect, rig._collect = rig._collect, lambda: None  # type: ignore[method-assign]
+    # type: ignore[method-assign]
+    rig_collect = rig._collect
+    rig._collect = lambda: None
     missed = rig.loop.figures.missed
     world.begun = world.now
     for _ in range(20):

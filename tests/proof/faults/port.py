@@ -48,7 +48,8 @@ def _back(world: World, name: str, **how: Any) -> None:
     rows = ~world.rows(world.of_bus(name))
     world.seconds(float(world.random.uniform(0.05, 0.6)))
     asked = Asked(world, name)
-    goals, places = rig.register("goal_position")[rows], rig.counts[rows]
+    goals = rig.register("goal_position")[rows]
+    places = rig.counts[rows]
     since = world.now
     world.obey({"fault": "replug", "bus": name, **how})
     world.claim(world.until(lambda: rig.loop.hardware.connected, 2.0), "not identified within 2 s")
@@ -126,9 +127,11 @@ def wrong_adapter(world: World) -> None:
         world.obey({"fault": "unplug"})
         world.ticks(3)
     bus = rig.virtual["main"]
-    servos, kind = bus.servos, str(world.random.choice(WRONG))
+    servos = bus.servos
+    kind = str(world.random.choice(WRONG))
     id = int(world.random.integers(1, 25))
-    row, keep = bus.faults.rows(id)[0], {}
+    row = bus.faults.rows(id)[0]
+    keep = {}
     table = servos.memory.tables[row]
     other = {"model": ("model_number", 1060), "offset": ("homing_offset", 512), "mode": ("operating_mode", 1)}
     key, value = other.get(kind, ("id", 250))

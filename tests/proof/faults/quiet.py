@@ -20,8 +20,12 @@ FINE = {"debug", "info"}
 
 def quiet(hours: float, seed: int = 0) -> dict[str, Any]:
     """So long under the fake clock; what it came to, and under `wrong` what must not be."""
-    rig, random = Rig(), np.random.default_rng([seed, 99])
-    tap, wrong, played, begun = Tap(rig), list[str](), 0, time.process_time()
+    rig = Rig()
+    random = np.random.default_rng([seed, 99])
+    tap = Tap(rig)
+    wrong = list[str]()
+    played = 0
+    begun = time.process_time()
     motions = _motions(rig)
     until = rig.clock.now() + 3600.0 * hours
     _ready(rig)
@@ -37,7 +41,8 @@ def quiet(hours: float, seed: int = 0) -> dict[str, Any]:
         tap.look()
         wrong += _said(rig) + tap.wrong[:5]
         rig.news.clear()
-    missed, state = rig.loop.figures.missed, rig.loop.state.value
+    missed = rig.loop.figures.missed
+    state = rig.loop.state.value
     rig.close()
     if missed:
         wrong.append(f"{missed} ticks missed")

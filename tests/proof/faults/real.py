@@ -153,7 +153,8 @@ def shutdown(ground: Ground) -> None:
 def heating(ground: Ground) -> None:
     """Row 15: a ramp past 70 °C: told, lowered, not armed while hot."""
     ground.moving(watched=True)
-    id, celsius = ground.swinging(), 58.0
+    id = ground.swinging()
+    celsius = 58.0
     while celsius < 75.0:
         if celsius > 60.5 and not ground.begun:
             ground.begun = time.monotonic()

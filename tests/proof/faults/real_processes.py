@@ -65,7 +65,8 @@ def killed(ground: Ground) -> None:
     tripped = ground.until(lambda: all(servo["tripped"] for servo in ground.servos()), 5.0)
     ground.claim(tripped, "not every watchdog tripped")
     delays = [servo["trip_delay"] or 9.0 for servo in ground.servos()]
-    ground.outcome.delay, ground.outcome.bound = max(delays), 0.12
+    ground.outcome.delay = max(delays)
+    ground.outcome.bound = 0.12
     ground.claim(max(delays) <= 0.12, f"a watchdog tripped after {max(delays):.3f} s")
     ground.torque(True)
     time.sleep(0.5)
@@ -108,7 +109,8 @@ def front_hangs(ground: Ground) -> None:
         not any(servo["tripped"] for servo in ground.servos()), "a watchdog tripped: the tick waited"
     )
     again = ground.until(lambda: _front(ground) not in (None, front), 8.0)
-    ground.outcome.delay, ground.outcome.bound = time.monotonic() - ground.begun, 8.0
+    ground.outcome.delay = time.monotonic() - ground.begun
+    ground.outcome.bound = 8.0
     ground.claim(again, "no new front within 8 s")
     time.sleep(1.0)
     ground.stands()
@@ -167,7 +169,8 @@ def hangs(ground: Ground) -> None:
         ground.until(lambda: all(servo["tripped"] for servo in ground.servos()), 3.0), "no watchdog tripped"
     )
     delays = [servo["trip_delay"] or 9.0 for servo in ground.servos()]
-    ground.outcome.delay, ground.outcome.bound = max(delays), 0.12
+    ground.outcome.delay = max(delays)
+    ground.outcome.bound = 0.12
     ground.claim(max(delays) <= 0.12, f"a watchdog tripped after {max(delays):.3f} s")
     _heard(manager)
     time.sleep(2.2)

@@ -51,7 +51,8 @@ class Robot:
     """`random` decides joint, motion, phase and strength; the same seed is the same run."""
 
     def __init__(self, fault: Fault, seed: int) -> None:
-        self.fault, self.outcome = fault, Outcome(fault.number, seed)
+        self.fault = fault
+        self.outcome = Outcome(fault.number, seed)
         self.random = np.random.default_rng([fault.number, seed])
         self.wrong = self.outcome.wrong
         self.free = fault.number in FREE and seed % 3 == 2  # nothing carries it but its legs
@@ -67,7 +68,9 @@ class Robot:
 
     def take(self, rig: Rig, *, judge: bool = False) -> Rig:
         """This rig from now on, watched."""
-        self.rig, self.trace, self.tap = rig, Trace(rig), Tap(rig)
+        self.rig = rig
+        self.trace = Trace(rig)
+        self.tap = Tap(rig)
         self.judge = Judge(rig) if judge else None
         self._seen = 0
         self.events: list[link.Event] = []
@@ -223,7 +226,8 @@ class Robot:
 
     def within(self, act: Callable[[], None]) -> None:
         """Do it when the loop next waits for answers, and let that tick end."""
-        wait, clock = self.rig.clock.wait, self.rig.clock
+        wait = self.rig.clock.wait
+        clock = self.rig.clock
 
         def once(*given: Any) -> Any:
             del clock.wait  # type: ignore[attr-defined]

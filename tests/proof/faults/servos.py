@@ -15,7 +15,9 @@ STATUS = 0.05  # s between two readings of torque, hardware error and watchdog
 HELD = 30.0  # s that a robot that stands by itself is held after a stop of ours
 LIMP = ("FOLLOW_ERR", "DAMP")  # a way down with a joint that does not follow ends softly
 HOT = 70.0  # °C: the robot is lowered
-OVERHEATING, OVERLOAD, ELECTRIC = 4, 32, 16
+OVERHEATING = 4
+OVERLOAD = 32
+ELECTRIC = 16
 
 
 def brown_out(world: World) -> None:
@@ -119,7 +121,8 @@ def sag(world: World) -> None:
     pace = float(world.random.uniform(0.5, 4.0))  # V/s
     world.begun = world.now
     protection = rig.virtual["main"].servos.protection
-    crossed, low = None, float("inf")
+    crossed = None
+    low = float("inf")
     while protection.volts.min() > 10.3:
         world.obey({"fault": "supply", "volts": max(10.3, 12.0 - pace * (world.now - world.begun))})
         world.ticks(1)
@@ -205,7 +208,8 @@ def lost_turn(world: World) -> None:
     rig = world.live()
     world.joint = int(world.random.integers(24))
     world.id = world.id_of(world.joint)
-    bus, offset = rig.virtual["main"], bool(world.random.random() < 0.5)
+    bus = rig.virtual["main"]
+    offset = bool(world.random.random() < 0.5)
     row = bus.faults.rows(world.id)[0]
     field = bus.servos.memory.tables[row]["homing_offset"]
     keep = int(np.asarray(bus.servos["homing_offset"])[row])

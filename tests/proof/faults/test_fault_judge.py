@@ -99,7 +99,8 @@ def an_answer_of_another_length_is_taken(patch: Patch) -> None:
 
 
 def registers_get_a_new_stamp_for_old_values(patch: Patch) -> None:
-    fold, first = DynamixelSlowRegisters.update_from_replies, dict[Any, Any]()
+    fold = DynamixelSlowRegisters.update_from_replies
+    first = dict[Any, Any]()
 
     def folded(self: Any, query: Any, ids: Any, data: Any, time: float) -> None:
         fold(self, query, ids, first.setdefault((query, ids), data.copy()), time)
@@ -125,7 +126,8 @@ MUTANTS: list[tuple[Mutation, Injury, str]] = [
 @pytest.fixture
 def mirror() -> Iterator[tuple[Rig, Judge, Wire]]:
     rig = Rig(mode=Mode.MIRROR, muscles=Moved)
-    judge, wire = Judge(rig), Wire(rig, writes=False)
+    judge = Judge(rig)
+    wire = Wire(rig, writes=False)
     yield rig, judge, wire
     rig.close()
 
@@ -197,7 +199,8 @@ def test_the_watch_on_the_wire_finds_a_goal_that_jumps_or_leaves_its_range(armed
     wire = Wire(armed, writes=True)
     armed.ticks(3)
     wire.verdict()
-    port, place = armed.loop.hardware.ports[0], int(armed.counts[0])
+    port = armed.loop.hardware.ports[0]
+    place = int(armed.counts[0])
     assert port.reader is not None
     port.reader.transport.write(packet.sync_write(116, {1: (place + 300).to_bytes(4, "little")}))
     with pytest.raises(AssertionError, match="the last goal"):

@@ -49,7 +49,8 @@ def test_every_fault_that_can_be_ordered_has_its_cases() -> None:
 def mirror() -> Iterator[tuple[Rig, Judge, Wire]]:
     """A mirror of a robot whose joints hands move all the time, whatever goes wrong."""
     rig = Rig(mode=Mode.MIRROR, muscles=Moved)
-    judge, wire = Judge(rig), Wire(rig, writes=False)
+    judge = Judge(rig)
+    wire = Wire(rig, writes=False)
     rig.connect()
     rig.seconds(0.3)
     yield rig, judge, wire
@@ -188,7 +189,9 @@ def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
 ) -> None:
     """Bounds: threshold, refresh period and two ticks (docs/reason-codes.md)."""
     rig = live
-    judge, wire, case = Judge(rig), Wire(rig, writes=True), CASES[name][number]
+    judge = Judge(rig)
+    wire = Wire(rig, writes=True)
+    case = CASES[name][number]
     random = np.random.default_rng([number, *name.encode()])
     given = order(name, case, random)
     rig.arm()
@@ -217,7 +220,8 @@ def test_a_turn_lost_at_a_restart_is_what_the_register_says_and_is_told(
 ) -> None:
     """e-manual, "Operating Mode" note: at power-up a position falls back to one turn. R11 and R13 tell."""
     rig, judge, _ = mirror
-    shaft, begun = rig.virtual["main"].servos.muscles.position, rig.clock.now()
+    shaft = rig.virtual["main"].servos.muscles.position
+    begun = rig.clock.now()
     for _ in range(205):
         shaft[8] += 20.0  # a hand turns it once around
         rig.ticks(1)

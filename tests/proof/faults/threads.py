@@ -31,7 +31,8 @@ class Keeper(Thread):
 
     def __init__(self, client: Client) -> None:
         super().__init__(daemon=True)
-        self._client, self._going = client, True
+        self._client = client
+        self._going = True
         self.start()
 
     def run(self) -> None:

@@ -78,7 +78,8 @@ class Heir(Rig):
 def killed(world: World) -> None:
     """SIGKILL anywhere in a tick: servos stop by themselves, torque on; the next daemon moves nothing."""
     rig = world.moving()
-    left, now = int(world.random.integers(1, 40)), rig.clock.now
+    left = int(world.random.integers(1, 40))
+    now = rig.clock.now
 
     def dying() -> float:
         nonlocal left
@@ -180,13 +181,15 @@ def hang(world: World) -> None:
 @contextmanager
 def _wall(offset: float) -> Iterator[None]:
     """The wall clock is off by that much from now on."""
-    real, real_ns = time.time, time.time_ns
+    real = time.time
+    real_ns = time.time_ns
     time.time = lambda: real() + offset
     time.time_ns = lambda: real_ns() + int(offset * 1e9)
     try:
         yield
     finally:
-        time.time, time.time_ns = real, real_ns
+        time.time = real
+        time.time_ns = real_ns
 
 
 def wall_clock(world: World) -> None:

@@ -34,7 +34,8 @@ class World(Robot):
 
     def told(self, codes: Iterable[str] | None = None, since: float | None = None) -> float | None:
         """When one of the codes was first told since the injection, s."""
-        wanted, since = set(codes if codes is not None else self.fault.codes), since or self.begun
+        wanted = set(codes if codes is not None else self.fault.codes)
+        since = since or self.begun
         times = [
             event.time
             for event in self.events
@@ -47,7 +48,8 @@ class World(Robot):
         self, bound: float | None = None, since: float | None = None, codes: Sequence[str] | None = None
     ) -> bool:
         """Time passes until it is told: within the bound, counted from `since`. The delay is kept."""
-        bound, since = self.fault.bound if bound is None else bound, self.begun if since is None else since
+        bound = self.fault.bound if bound is None else bound
+        since = self.begun if since is None else since
         if not self.until(lambda: self.told(codes) is not None, since + bound + 0.3 - self.now):
             said = sorted({event.code for event in self.events if event.time >= self.begun})
             self.blame(f"not told within {bound * 1e3:.0f} ms; told was {said}")
@@ -62,7 +64,8 @@ class World(Robot):
     def behind(self, far: float, lasting: float, seconds: float = 8.0) -> float | None:
         """Time passes until a shaft has been that far (rad) from the last goal sent, and what a moving goal
         may be ahead, for so long (s) without a break, or until a fault holds it; when that began."""
-        rig, since = self.rig, np.full(len(self.rig.truth), np.inf)
+        rig = self.rig
+        since = np.full(len(self.rig.truth), np.inf)
         before = rig.loop.written
         for _ in range(round(seconds / rig.loop.period)):
             self.ticks(1)
@@ -103,7 +106,8 @@ class World(Robot):
 
     def of_bus(self, name: str) -> list[int]:
         """Places of the servos of a bus."""
-        at, found = 0, list[int]()
+        at = 0
+        found = list[int]()
         for bus in self.rig.virtual.values():
             count = len(bus.servos.tripped)
             found += range(at, at + count) if bus.name == name else ()
@@ -184,9 +188,11 @@ class World(Robot):
 
     def goes_on(self, seconds: float = 1.5) -> None:
         """The motion was not touched: goals and shaft of the joint still move."""
-        since, row = self.now, self.row(self.joint)
+        since = self.now
+        row = self.row(self.joint)
         self.seconds(seconds)
-        goal, place = self.trace.goal(since)[:, row], self.trace.place(since)[:, row]
+        goal = self.trace.goal(since)[:, row]
+        place = self.trace.place(since)[:, row]
         self.claim(np.ptp(goal) > 10 and np.ptp(place) > 10, "the motion ended")
         self.torque_stays()
 
@@ -202,7 +208,8 @@ class World(Robot):
         """Nobody gets torque by itself, and no goal is written into who has none."""
         since = self.now
         self.seconds(max(seconds, 0.02))
-        torque, goal = self.trace.torque(since), self.trace.goal(since)
+        torque = self.trace.torque(since)
+        goal = self.trace.goal(since)
         self.claim(not (np.diff(torque, axis=0) > 0).any(), "torque came on by itself")
         left = ~self.trace.ours(since)[:-1] & ~self.trace.ours(since)[1:]
         written = (np.diff(goal, axis=0) != 0) & (torque[:-1] == 0) & left

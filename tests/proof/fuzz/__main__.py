@@ -19,7 +19,8 @@ USUAL = {"wire": 20_000, "frames": 2_000, "files": 300}  # some seconds of each
 
 def run(what: str, seed: int, first: int, count: int) -> int:
     """Inputs `first` .. `first + count` of a kind. Prints what it did; the number of failures (1 at most)."""
-    begun, number = time.monotonic(), first
+    begun = time.monotonic()
+    number = first
     files = Files() if what == "files" else None
     frames = Frames() if what == "frames" else None
     one: Callable[[Random], object] = files.one if files else frames.one if frames else wire.one

@@ -65,7 +65,8 @@ class Files:
         data = _mutated(rng, SMALL if robot else _short(rng))
         if not robot and rng.random() < 0.7:
             data = _resigned(data)
-        begun, refused = time.process_time(), None
+        begun = time.process_time()
+        refused = None
         try:
             self._read(data, robot=robot)
         except ConfigError as error:

@@ -77,7 +77,9 @@ def _noise(rng: Random) -> None:
 
 def _round_trip(rng: Random) -> None:
     """P3: what is built is found, as it was meant, in any pieces."""
-    id, code, params = rng.randrange(253), rng.choice(list(p.Instruction)), _params(rng)
+    id = rng.randrange(253)
+    code = rng.choice(list(p.Instruction))
+    params = _params(rng)
     params = (params or b"\0") if code == p.STATUS else params
     data = p.instruction(id, code, params)
     framer = Framer(status=None)

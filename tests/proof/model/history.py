@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
-TERM, STREAMING = 1.0, 0.25  # s that a lease lasts after the last call that keeps it (docs/protocol.md)
+# s that a lease lasts after the last call that keeps it (docs/protocol.md)
+TERM = 1.0
+STREAMING = 0.25
 KEEPS = {"AcquireLease": TERM, "RenewLease": TERM, "SubmitTrajectory": TERM, "Setpoint": STREAMING}
 NEEDS = frozenset({"RenewLease", "SubmitTrajectory", "Setpoint", "Arm"})  # obeyed: it held the lease
 NO_SIGN = frozenset({"ok", "LEASE_MISSING", "LeaseHeld"})  # refused before it could keep anything, or obeyed
@@ -170,7 +172,8 @@ def _two_holders(spans: Sequence[Span]) -> list[str]:
     found = []
     for place, one in enumerate(spans):
         for other in spans[place + 1 :]:
-            begin, end = max(one.must_begin, other.must_begin), min(one.must_end, other.must_end)
+            begin = max(one.must_begin, other.must_begin)
+            end = min(one.must_end, other.must_end)
             if one.client != other.client and begin < end:
                 found.append(f"two holders from {begin:.3f} to {end:.3f} s: {one.client} and {other.client}")
     return found

@@ -31,7 +31,9 @@ class Invariants:
 
     def born(self, rest: Any) -> None:
         """Another daemon: its counts begin anew; it moves nothing."""
-        self._sequence, self._heard, self._epoch = -1, 0, 0
+        self._sequence = -1
+        self._heard = 0
+        self._epoch = 0
         self.sound = True  # nothing was wrong so far
         self._time, self._state, self._mode = -np.inf, "disconnected", str(self.world.loop.mode.value)
         self._rest = rest
@@ -41,7 +43,8 @@ class Invariants:
 
     def tick(self, news: list[Any]) -> None:
         """After a tick, with what it told."""
-        now, self.sound = self.world.clock.now(), False
+        now = self.world.clock.now()
+        self.sound = False
         torque = self.world.register("torque_enable").astype(bool).copy()
         self._torque.append((now, torque))
         for each in news:
@@ -66,12 +69,14 @@ class Invariants:
         assert gap >= 0, f"tick {tick.sequence} after {self._sequence}"
         assert self._sequence < 0 or gap <= tick.dropped, f"{gap} ticks missing, {tick.dropped} said"
         assert tick.time > self._time
-        self._sequence, self._time = tick.sequence, tick.time
+        self._sequence = tick.sequence
+        self._time = tick.time
         if tick.mode != self._mode:
             asked = [op for op in self.world.history.ops[-60:] if op.name == "SetMode"]
             assert asked, f"mode {self._mode} became {tick.mode} and nobody asked"
             self._mode = tick.mode
-        self.ticks, self.armed_ticks = self.ticks + 1, self.armed_ticks + tick.armed
+        self.ticks = self.ticks + 1
+        self.armed_ticks = self.armed_ticks + tick.armed
         if tick.armed:
             assert tick.mode == "live", tick.mode
             assert tick.state in ("armed", "settling", "fault", "estop"), tick.state
@@ -84,7 +89,9 @@ class Invariants:
         self._events.append(event)
         if not event.before:
             return
-        before, after, why = event.before, event.code, event.cause
+        before = event.before
+        after = event.code
+        why = event.cause
         assert before == self._state, f"{before} to {after}, but it was {self._state}"
         self._state = after
         if after in LATCHES:
@@ -110,9 +117,11 @@ class Invariants:
     def _reported(self, now: float) -> None:
         """Torque of joints that answer is what it was, somewhere in the last 100 ms."""
         loop = self.world.loop
-        known, age = loop.torque_known, loop.measured.age
+        known = loop.torque_known
+        age = loop.measured.age
         recent = [torque for time, torque in self._torque if time >= now - FRESH - loop.period]
-        ever_on, ever_off = np.any(recent, axis=0), ~np.all(recent, axis=0)
+        ever_on = np.any(recent, axis=0)
+        ever_off = ~np.all(recent, axis=0)
         if loop.mode.value == "sim" or len(recent) < 10:
             return
         heard = age <= FRESH

@@ -25,9 +25,11 @@ class Workload:
     """Clients, a watcher of events, and what they saw."""
 
     def __init__(self, daemon: Daemon, seed: int) -> None:
-        self.daemon, self.seed = daemon, seed
+        self.daemon = daemon
+        self.seed = seed
         self.history = History(slack=SLACK)
-        self._numbers, self._lock = count(1), threading.Lock()
+        self._numbers = count(1)
+        self._lock = threading.Lock()
         self._motions: dict[str, Op] = {}
         self._ends: dict[str, tuple[str, tuple[str, ...]]] = {}
         self._until = self._latest = 0.0
@@ -144,7 +146,8 @@ class Workload:
         try:
             for answer in client.stream("SubmitTrajectory", trajectory=path):
                 if not op.result:
-                    op.end, op.result = time.monotonic(), "ok"
+                    op.end = time.monotonic()
+                    op.result = "ok"
                     self._begun(op, str(answer["id"]))
                 if answer["phase"] in ENDS:
                     op.fate = answer["phase"]
@@ -189,7 +192,8 @@ class Workload:
 
     def _note(self, event: dict[str, object]) -> None:
         self.events += 1
-        name, phase = str(event["id"]), str(event["phase"])
+        name = str(event["id"])
+        phase = str(event["phase"])
         if event["code"] == "MOTION" and phase in ENDS:
             codes = tuple(finding["code"] for finding in event["findings"])  # type: ignore[attr-defined]
             with self._lock:

@@ -12,7 +12,9 @@ from tests.proof.model.world import JOINT, World
 from twind import link
 from twind.robot.modes import Mode
 
-QUIET, QUIET_WARNING = 1.0, 10.0  # s before the same is said again of a joint: armed, and not armed
+# s before the same is said again of a joint: armed, and not armed
+QUIET = 1.0
+QUIET_WARNING = 10.0
 WHO = st.integers(0, 2)
 PLACES = st.sampled_from([-0.4, -0.1, 0.0, 0.1, 0.3])
 PAUSES = st.sampled_from([0.01, 0.02, 0.05, 0.1, 0.3, 1.1])
@@ -88,7 +90,8 @@ class Daemon(RuleBasedStateMachine):
 
     @rule(first=WHO, second=WHO, take=st.booleans())
     def acquire_at_once(self, first: int, second: int, take: bool) -> None:
-        one, other = self.client(first), self.client(second)
+        one = self.client(first)
+        other = self.client(second)
         self.world.begin(one, link.AcquireLease)
         self.world.begin(other, link.AcquireLease, take=take)
         self.world.pass_(0.01)
@@ -105,7 +108,8 @@ class Daemon(RuleBasedStateMachine):
 
     @rule(who=WHO, wait=st.sampled_from([0.05, 1.5]))
     def arm(self, who: int, wait: float) -> None:
-        client, before = self.client(who), self.world.register("torque_enable").astype(bool).copy()
+        client = self.client(who)
+        before = self.world.register("torque_enable").astype(bool).copy()
         self.world.begin(client, link.AcquireLease)
         alone = self.world.loop.state != "arming"  # another who arms may succeed where this one is refused
         op = self.world.begin(client, link.Arm)
@@ -161,7 +165,8 @@ class Daemon(RuleBasedStateMachine):
 
     @rule(who=WHO, place=PLACES, count=st.integers(1, 12))
     def stream(self, who: int, place: float, count: int) -> None:
-        client, joint = self.client(who), self.world.names.index(JOINT)
+        client = self.client(who)
+        joint = self.world.names.index(JOINT)
         for _ in range(count):
             self.world.begin(client, link.Setpoint, joints=[joint], positions=[place], allow_clamp=True)
             self.world.pass_(0.03)

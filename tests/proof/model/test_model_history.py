@@ -24,7 +24,11 @@ def wrong(*ops: Op, gone: dict[int, float] | None = None, deaths: tuple[float, .
     return "\n".join(History(list(ops), gone or {}, list(deaths)).wrong())
 
 
-ACQUIRE, RENEW, RELEASE, SETPOINT, ARM = "AcquireLease", "RenewLease", "ReleaseLease", "Setpoint", "Arm"
+ACQUIRE = "AcquireLease"
+RENEW = "RenewLease"
+RELEASE = "ReleaseLease"
+SETPOINT = "Setpoint"
+ARM = "Arm"
 
 SOUND = {
     "one after the other gave it back": [op(1, ACQUIRE, 0.0), op(1, RELEASE, 0.2), op(2, ACQUIRE, 0.3)],

@@ -27,7 +27,8 @@ class MortalFront(HandFront):
 
     def __init__(self, now: Callable[[], float]) -> None:
         super().__init__()
-        self._now, self._start_at = now, 0.0
+        self._now = now
+        self._start_at = 0.0
 
     def kill(self) -> None:
         """SIGKILL: its end of the link is closed, and what it had not read is gone."""
@@ -62,7 +63,8 @@ class World(Rig):
         super().__init__(mode=mode)
         self.history = History()
         self.clients: list[int] = []
-        self._number, self._calls = 0, dict[int, Op]()
+        self._number = 0
+        self._calls = dict[int, Op]()
         self._motions: dict[str, Op] = {}
         self.faults: list[Fault] = []
         self.lives = 1
@@ -94,7 +96,8 @@ class World(Rig):
         op = Op(client, kind.__name__, self.clock.now(), take=bool(parameters.get("take")), more=more)
         self.history.ops.append(op)
         if self.front.socket is None:
-            op.result, op.end = "lost", op.begin
+            op.result = "lost"
+            op.end = op.begin
         else:
             self._calls[self.send(kind, client=client, **parameters)] = op
         return op
@@ -104,7 +107,8 @@ class World(Rig):
         op = Op(client, "SubmitTrajectory", self.clock.now(), more=more)
         self.history.ops.append(op)
         if self.front.socket is None:
-            op.result, op.end = "lost", op.begin
+            op.result = "lost"
+            op.end = op.begin
             return op
         path = self.path(JOINT, [place], [seconds])
         if not np.isfinite(path.position).all():
@@ -152,14 +156,16 @@ class World(Rig):
             elif isinstance(each, link.Event) and each.code == "MOTION":
                 op = self._motions.get(each.id)
                 if op is not None and each.phase in ENDS and not op.fate:
-                    op.fate, op.codes = each.phase, tuple(finding.code.value for finding in each.findings)
+                    op.fate = each.phase
+                    op.codes = tuple(finding.code.value for finding in each.findings)
 
     @staticmethod
     def _answer(op: Op, reply: link.Reply, now: float) -> None:
         if not op.result:
             findings = reply.parameters.get("findings") or [{}]
             code = str(findings[0].get("code")) if isinstance(findings[0], dict) else str(findings[0].code)
-            op.end, op.result = now, "ok" if reply.error is None else reply.error
+            op.end = now
+            op.result = "ok" if reply.error is None else reply.error
             if reply.error == "Refused":
                 codes = [finding.get("code") for finding in findings]
                 op.result = "LEASE_MISSING" if "LEASE_MISSING" in codes else code
@@ -198,7 +204,8 @@ class World(Rig):
         self.news.clear()
         self.loop = self.born(mode)
         self.watched.told("born", self.clock.now())
-        self._deadline, self.lives = self.clock.now(), self.lives + 1
+        self._deadline = self.clock.now()
+        self.lives = self.lives + 1
         self.invariants.born(rest)
 
     def _servos(self) -> dict[str, Any]:

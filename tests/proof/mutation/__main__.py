@@ -39,7 +39,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--brief", action="store_true", help="few generated examples, and no second try")
     parser.add_argument("--anew", action="store_true", help="believe no earlier run")
     asked = parser.parse_args(arguments)
-    begun, fine = time.monotonic(), True
+    begun = time.monotonic()
+    fine = True
     reasons = ledger()
     chosen = [(room, _choose(modules, asked)) for room, modules in rooms_of(asked.files)]
     for place, (room, (cases, every)) in enumerate(chosen):
@@ -109,12 +110,14 @@ def _heard(
         known[case.name] = killer, stamp(case.module, killer.partition("::")[0])
         memory.write_text(json.dumps(known))
 
-    fresh, settled = [], []
+    fresh = []
+    settled = []
     # In this order a run that is cut short is a fair sample.
     for case in random.Random(SEED).sample(cases, len(cases)):
         killer, stamped = known.get(case.name, ("", ""))
         if stamped == stamp(case.module, killer.partition("::")[0]):
-            case.killer, case.covered = killer or None, True
+            case.killer = killer or None
+            case.covered = True
             settled.append(case)
         else:
             fresh.append(case)
@@ -133,7 +136,8 @@ def _report(
     """Says what came out; False where something is wrong."""
     alive = [case for case in judged if not case.killer]
     same = sum(reasons.get(case.name, "").startswith("equivalent") for case in alive)
-    killed, able = len(judged) - len(alive), len(judged) - same
+    killed = len(judged) - len(alive)
+    able = len(judged) - same
     rate = killed / able if able else 1.0
     note = "" if len(judged) == asked else f" ({asked - len(judged)} more for want of time)"
     print(
@@ -149,7 +153,8 @@ def _report(
         for case in judged
         if case.killer and case.name in reasons
     ]
-    names, modules = {case.name for case in every}, {case.module for case in every}
+    names = {case.name for case in every}
+    modules = {case.module for case in every}
     wrong += [
         f"listed, but not there: {name}"
         for name in reasons

@@ -229,7 +229,9 @@ class _FirstFailure:
     """A plugin: fewer examples, a bound on each test's time, and the name of the first test that fails."""
 
     def __init__(self, examples: int | None, seconds: dict[str, float]) -> None:
-        self.name, self._examples, self._seconds = "", examples, seconds
+        self.name = ""
+        self._examples = examples
+        self._seconds = seconds
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         _thin(items, self._examples)
@@ -245,7 +247,8 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Loads the mutated module in the place of the true one."""
 
     def __init__(self, case: Case) -> None:
-        self._case, self._name = case, importable(case.module)
+        self._case = case
+        self._name = importable(case.module)
 
     def find_spec(self, name: str, path: Any, target: ModuleType | None = None) -> Any:
         if name != self._name:
@@ -260,7 +263,10 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 def cases_of(module: str) -> list[Case]:
     """Every mutant of a module under a name that outlives moved lines."""
     source = (HOME / module).read_text()
-    rows, seen, cases, tree = source.splitlines(), dict[str, int](), [], ast.parse(source)
+    rows = source.splitlines()
+    seen = dict[str, int]()
+    cases = []
+    tree = ast.parse(source)
     for mutant in mutants(tree):
         name = f"{module}::{mutant.scope}::{rows[mutant.line - 1].strip()}::{mutant.words}"
         seen[name] = seen.get(name, 0) + 1
@@ -308,7 +314,8 @@ def _codes(code: CodeType, name: str) -> Iterator[CodeType]:
 
 def _forget() -> None:
     """Everything of ours that was imported, tests too; not this tool."""
-    tests, tool = str(HOME / "tests"), str(Path(__file__).parent)
+    tests = str(HOME / "tests")
+    tool = str(Path(__file__).parent)
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None) or ""
         if name.split(".")[0] in OURS or (file.startswith(tests) and not file.startswith(tool)):
@@ -338,7 +345,8 @@ def _side_by_side(
     deadline: float,
 ) -> Iterator[Case]:
     """Each case in a child of its own, `JOBS` at a time. Yields what was judged."""
-    waiting, running = list(reversed(cases)), dict[int, tuple[Case, int, float]]()
+    waiting = list(reversed(cases))
+    running = dict[int, tuple[Case, int, float]]()
     while waiting or running:
         while waiting and len(running) < JOBS and time.monotonic() < deadline:
             case = waiting.pop()

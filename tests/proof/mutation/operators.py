@@ -73,7 +73,8 @@ class Mutant:
         if self.place is None:
             setattr(self.owner, self.field, self.new)
             return rows
-        old, rows[self.place] = rows[self.place], self.new
+        old = rows[self.place]
+        rows[self.place] = self.new
         return old
 
 
@@ -128,7 +129,8 @@ class _Walk:
             for rows in (node.args.defaults, node.args.kw_defaults):
                 for place, value in enumerate(rows):
                     if value is not None:
-                        owner, name = node.args, "defaults" if rows is node.args.defaults else "kw_defaults"
+                        owner = node.args
+                        name = "defaults" if rows is node.args.defaults else "kw_defaults"
                         self.visit(value, owner, name, place)
             self.function = self.function or ".".join([*self.scope, node.name])
         self.scope.append(node.name)

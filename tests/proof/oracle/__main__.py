@@ -75,7 +75,8 @@ def _estranged(asked: Question, answer: GateResult) -> list[str]:
     """What runs must be what was asked: the same places and rhythm, slower as a whole or with a ramp."""
     told = {finding.code: finding.value for finding in answer.verdict.changes}
     k = len(asked.path.time)
-    path, factor = answer.path, told.get(ReasonCode.RETIMED) or 1.0
+    path = answer.path
+    factor = told.get(ReasonCode.RETIMED) or 1.0
     same = (
         len(path.time) == k + (ReasonCode.STOP_APPENDED in told)
         and np.array_equal(path.position[:k], asked.path.position)
@@ -124,7 +125,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     asked = parser.parse_args(arguments)
-    begun, seen, end = time.monotonic(), Tally(), asked.first + asked.n
+    begun = time.monotonic()
+    seen = Tally()
+    end = asked.first + asked.n
     starts = range(asked.first, end, STEP)
     with ProcessPoolExecutor() as pool:
         seeds = [asked.seed] * len(starts)

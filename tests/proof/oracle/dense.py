@@ -19,8 +19,12 @@ from twind.robot.trajectory import Reference, Trajectory
 SAMPLES = 401  # of a segment
 START_JUMP = 0.05  # rad
 END_VELOCITY = 0.05  # rad/s
-FLOOR, KEPT_BACK = 0.05, 0.2  # rad/s, of the braking rule
-LONGEST, SHORTEST = 60.0, 0.001  # s
+# rad/s, of the braking rule
+FLOOR = 0.05
+KEPT_BACK = 0.2
+# s
+LONGEST = 60.0
+SHORTEST = 0.001
 
 Excess = dict[ReasonCode, float]
 
@@ -55,7 +59,9 @@ def excess(path: Trajectory, before: Reference, limit: JointLimits) -> Excess:
 
 def _ends(see, path: Trajectory, before: Reference, limit: JointLimits, joint: int) -> None:
     """S17 at the points, S18, S22, and the first instant of S20."""
-    place, low, high = path.position[:, joint], limit.lower[joint], limit.upper[joint]
+    place = path.position[:, joint]
+    low = limit.lower[joint]
+    high = limit.upper[joint]
     see(ReasonCode.POS_LIMIT, max(np.max(place - high), np.max(low - place)))
     jump = abs(place[0] - before.position[joint])
     see(ReasonCode.START_JUMP, jump - START_JUMP - limit.velocity[joint] * path.time[0])
@@ -74,13 +80,17 @@ def _between(see, path: Trajectory, before: Reference, limit: JointLimits, joint
     """S17, S19–S21 along the curve."""
     segments = w.oracle_segments(path, before, joint)
     strongest = float(limit.acceleration[joint])
-    slopes, spans = [float(before.velocity[joint])], [0.0]
+    slopes = [float(before.velocity[joint])]
+    spans = [0.0]
     for index, (T, exact) in enumerate(segments):
-        duration, ascending = float(T), [float(c) for c in exact]
+        duration = float(T)
+        ascending = [float(c) for c in exact]
         p, v, a = _sampled(ascending, duration)
-        low, high = float(limit.lower[joint]), float(limit.upper[joint])
+        low = float(limit.lower[joint])
+        high = float(limit.upper[joint])
         if index == 0 and path.time[0] > 0.0:  # from outside it may come in
-            low, high = min(low, p[0]), max(high, p[0])
+            low = min(low, p[0])
+            high = max(high, p[0])
         see(ReasonCode.POS_LIMIT, max(p.max() - high, low - p.min()))
         see(ReasonCode.VEL_LIMIT, np.abs(v).max() - float(limit.velocity[joint]))
         see(ReasonCode.ACC_LIMIT, np.abs(a).max() - strongest)

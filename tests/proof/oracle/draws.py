@@ -26,7 +26,8 @@ class Question:
 
 def question(rng: np.random.Generator) -> Question:
     """One to three joints, one to five points; lines, cubics or quintics; limits that are nearly reached."""
-    n, k = int(rng.integers(1, 4)), int(rng.integers(1, 6))
+    n = int(rng.integers(1, 4))
+    k = int(rng.integers(1, 6))
     degree = int(rng.integers(3))
     time = np.cumsum(rng.choice((0.02, 0.1, 0.3, 1.0)) * rng.uniform(0.1, 2.0, k))
     if rng.random() < 0.4:

@@ -65,7 +65,8 @@ class Growth:
         """What grew; nothing where there are too few samples to say."""
         if len(self.time) < 12:
             return []
-        found, it = [], self.figures()
+        found = []
+        it = self.figures()
         if it["mb_late"] - it["mb_early"] > MOST_MEMORY:
             found.append(f"{self.name}: memory grew from {it['mb_early']} to {it['mb_late']} MB")
         if it["files_late"] - it["files_early"] > MOST_FILES:

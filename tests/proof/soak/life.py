@@ -34,7 +34,8 @@ class Life:
         self.random = np.random.default_rng([seed, 4])
         self.rig = Rig()
         self.tap = Tap(self.rig)
-        self.growth, self.wrong = Growth("loop"), list[str]()
+        self.growth = Growth("loop")
+        self.wrong = list[str]()
         self.acts: dict[str, int] = {}
         self.faults: dict[str, int] = {}
         self._looked = self._second = self.rig.clock.now()
@@ -112,7 +113,8 @@ class Life:
 
     def motion(self) -> None:
         """A trajectory of some joints, followed for a while or to its end."""
-        rig, random = self.rig, self.random
+        rig = self.rig
+        random = self.random
         self.call(link.AcquireLease)
         here = rig.loop.executor.reference
         if here is None:
@@ -129,7 +131,8 @@ class Life:
 
     def stream(self) -> None:
         """Setpoints of one joint for a while; then it falls silent, or is cancelled."""
-        rig, random = self.rig, self.random
+        rig = self.rig
+        random = self.random
         self.call(link.AcquireLease)
         if rig.loop.executor.reference is None:
             return
@@ -203,7 +206,9 @@ class Life:
 
     def ready(self) -> None:
         """Armed, by commands, from whatever there is, within `BACK`. What cannot be is wrong."""
-        loop, begun, said = self.rig.loop, self.rig.clock.now(), ""
+        loop = self.rig.loop
+        begun = self.rig.clock.now()
+        said = ""
         while loop.state is not RobotState.ARMED or loop.latches:
             if self.rig.clock.now() - begun > BACK:
                 latched = sorted(loop.latches)
@@ -242,7 +247,8 @@ class Life:
 
     def live(self, hours: float) -> dict[str, Any]:
         """So long, or until ten things were wrong."""
-        begun, cpu = self.rig.clock.now(), time.process_time()
+        begun = self.rig.clock.now()
+        cpu = time.process_time()
         acts = (
             self.motion,
             self.stream,
@@ -260,7 +266,8 @@ class Life:
             act = acts[int(self.random.choice(len(acts), p=weights / weights.sum()))]
             act()
             self.acts[act.__name__] = self.acts.get(act.__name__, 0) + 1
-        lived, cpu = (self.rig.clock.now() - begun) / 3600.0, time.process_time() - cpu
+        lived = (self.rig.clock.now() - begun) / 3600.0
+        cpu = time.process_time() - cpu
         packets = sum(monitor.sent_packets for monitor in self.tap.monitors.values())
         figures = {"hours": round(lived, 3), "cpu_s": round(cpu, 1), "packets": packets}
         figures["hours_per_s"] = round(lived / cpu, 5)

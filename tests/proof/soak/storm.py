@@ -27,7 +27,8 @@ class Storm:
     def __init__(self, seconds: float, seed: int) -> None:
         self.ground = Ground(Fault(0, "storm", (), 0.0, ""), seed)
         self.random = self.ground.random
-        self.seconds, self.wrong = seconds, self.ground.wrong
+        self.seconds = seconds
+        self.wrong = self.ground.wrong
         self.grown: dict[str, Growth] = {}
         self.count: dict[str, int] = {}
         self._second = 0.0
@@ -82,7 +83,8 @@ class Storm:
 
     def weigh(self) -> None:
         """Processes that live, no violation, a second since the last time."""
-        ground, now = self.ground, time.monotonic()
+        ground = self.ground
+        now = time.monotonic()
         if now - self._second < 1.0:
             return
         self._second = now

@@ -37,7 +37,9 @@ def _finding(module: Any) -> None:
 
 
 def _responder(module: Any) -> None:
-    event, error, mark = module.Responder.event, module.Responder.error, module.Responder.mark
+    event = module.Responder.event
+    error = module.Responder.error
+    mark = module.Responder.mark
 
     def blank_event(self: Any, level: str, code: str, message: str, *args: Any, **fields: Any) -> None:
         event(self, level, code, blank(message), *args, **fields)

@@ -32,7 +32,8 @@ TEXTS = dict(KNOWN) | {
 @cache
 def definitions(kind):
     """What the bytes of `kind` are."""
-    found, waiting = {}, [kind]
+    found = {}
+    waiting = [kind]
     while waiting:
         each = waiting.pop()
         if each not in found:

@@ -67,10 +67,13 @@ def lay(upper: Path) -> None:
 
 def over(folder: Path) -> Path:
     """`/` with a layer of our own on it, in memory."""
-    tree, layer = folder / "tree", folder / "layer"
+    tree = folder / "tree"
+    layer = folder / "layer"
     layer.mkdir()
     mount("-t", "tmpfs", "-o", "size=1g,mode=755", "twind-tests", layer)
-    upper, work, root = layer / "upper", layer / "work", layer / "root"
+    upper = layer / "upper"
+    work = layer / "work"
+    root = layer / "root"
     for each in (upper, work, root):
         each.mkdir()
     lay(upper)
@@ -137,7 +140,8 @@ def main() -> None:
     # As a kernel starts it, whatever we run as.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.setpriority(os.PRIO_PROCESS, 0, FAVOURED)
-    folder, plan = Path(sys.argv[1]), json.loads(Path(sys.argv[2]).read_text())
+    folder = Path(sys.argv[1])
+    plan = json.loads(Path(sys.argv[2]).read_text())
     root = over(folder)
     furnish(root)
     bind(root, plan["bind"])

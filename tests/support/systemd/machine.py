@@ -29,7 +29,10 @@ UNSHARE += ["--cgroup", "--uts", "--ipc", "--net"]
 BOOT = 20.0  # s that a busy machine may take
 COMMAND = 20.0  # s for one command inside
 PREFIX = "twind-tests-"
-NET_ADMIN, SYS_NICE, SYS_RESOURCE = 12, 23, 24  # <linux/capability.h>
+# <linux/capability.h>
+NET_ADMIN = 12
+SYS_NICE = 23
+SYS_RESOURCE = 24
 
 
 class Failed(AssertionError):

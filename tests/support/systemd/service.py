@@ -24,7 +24,8 @@ class Unit:
     """A unit, as systemd knows it."""
 
     def __init__(self, machine: Machine, unit: str) -> None:
-        self.machine, self.unit = machine, unit
+        self.machine = machine
+        self.unit = unit
         self._since = time.time()  # of this machine's clock, which is the journal's
 
     def start(self) -> Self:
@@ -142,7 +143,9 @@ class Robot(Virtual):
     behind links that stay: /run/robots/NAME/ports/BUS."""
 
     def __init__(self, machine: Machine, name: str, robot: str = "h24", *options: str) -> None:
-        self.machine, self.name, self.robot = machine, name, robot
+        self.machine = machine
+        self.name = name
+        self.robot = robot
         self.place = f"/run/robots/{name}"
         self.folder = machine.inside(self.place)
         self.folder.mkdir(parents=True)

@@ -14,7 +14,10 @@ import sys
 import time
 from pathlib import Path
 
-NETLINK_KOBJECT_UEVENT, GROUP_UDEV, MAGIC = 15, 2, 0xFEEDCAFE  # libudev-monitor's own message
+# libudev-monitor's own message
+NETLINK_KOBJECT_UEVENT = 15
+GROUP_UDEV = 2
+MAGIC = 0xFEEDCAFE
 
 
 def terminal() -> tuple[str, int, int]:
@@ -30,8 +33,10 @@ def terminal() -> tuple[str, int, int]:
 def tell(action: str, link: str, wants: str) -> None:
     """Make or remove node, link and data base entry, then say so."""
     name, major, minor = terminal()
-    node, alias = Path("/dev", name), Path("/dev", link)
-    entry, tag = Path(f"/run/udev/data/c{major}:{minor}"), Path(f"/run/udev/tags/systemd/c{major}:{minor}")
+    node = Path("/dev", name)
+    alias = Path("/dev", link)
+    entry = Path(f"/run/udev/data/c{major}:{minor}")
+    tag = Path(f"/run/udev/tags/systemd/c{major}:{minor}")
     if action == "add":
         alias.parent.mkdir(parents=True, exist_ok=True)
         if not node.exists():

@@ -86,7 +86,8 @@ def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> No
     from twind.ctl.picture.styled_lines import cut, line
     from twind.ctl.picture.terminal_screen import TerminalScreen
 
-    palette, pictures = Palette.for_console(Console(file=sys.stdout)), 0
+    palette = Palette.for_console(Console(file=sys.stdout))
+    pictures = 0
     with TerminalScreen().entered() as screen:
         while not stop.is_set() and pictures != count:
             pictures += 1

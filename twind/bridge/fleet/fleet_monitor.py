@@ -37,7 +37,8 @@ class FleetMonitor:
 
     def __init__(self, roll: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
         """`only`: of this machine the daemon in this folder alone."""
-        self.roll, self.trouble = roll, ""
+        self.roll = roll
+        self.trouble = ""
         self.way: SharedSession | None = None
         self._place = place
         self._here = LocalDaemonPoller(roll, only)
@@ -101,7 +102,8 @@ class FleetMonitor:
     def _enter(self, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         from twind.bridge.fleet.remote_robots import RemoteRobotPoller
 
-        self.way, self.trouble = SharedSession(session, str(self._place)), ""
+        self.way = SharedSession(session, str(self._place))
+        self.trouble = ""
         self._elsewhere = RemoteRobotPoller(self.roll, session, tell)
 
     def _ask(self) -> None:

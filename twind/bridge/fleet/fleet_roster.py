@@ -84,7 +84,8 @@ class FleetRoster:
         except msgspec.ValidationError as error:
             self.odd(name, where, str(error))
             return
-        status, heard = msgspec.to_builtins(said.status), sum(joint.heard for joint in said.joints)
+        status = msgspec.to_builtins(said.status)
+        heard = sum(joint.heard for joint in said.joints)
         joints = len(said.joints)
         self._keep(
             name, where, status=status, heard=heard, joints=joints, told_at=now, way=way, lost="", odd=""

@@ -19,8 +19,10 @@ class LeaseRenewer:
         """`came`: s, monotonic, when the grant was here."""
         self._reach = reach
         self.id = str(grant["lease"])
-        self._robot_time, self._came = float(grant["now"]), came
-        self.confirmed, self._due = came, came + RENEWED
+        self._robot_time = float(grant["now"])
+        self._came = came
+        self.confirmed = came
+        self._due = came + RENEWED
         self.lost = ""
 
     def deadline(self, now: float) -> float:

@@ -28,7 +28,8 @@ class LocalDaemonPoller:
 
     def __init__(self, roll: FleetRoster, only: str | None = None) -> None:
         """`only`: the daemon in this folder and no other."""
-        self._roll, self._only = roll, only
+        self._roll = roll
+        self._only = only
         self._names: dict[str, str] = {}  # of robots, by folder
         self._asked: dict[str, threading.Thread] = {}
 

@@ -22,7 +22,9 @@ from twind.ctl.verb import UsageError
 if TYPE_CHECKING:
     import zenoh
 
-JOINING, BESIDE = 3.0, 0.3  # s that joining a network may take; one of this machine
+# s that joining a network may take; one of this machine
+JOINING = 3.0
+BESIDE = 0.3
 NAME_IT = f"the network is named by --remote ROBOT@tcp/HOST:PORT or {VARIABLE}"
 
 

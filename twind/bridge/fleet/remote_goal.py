@@ -31,7 +31,9 @@ class RemoteGoal:
         now: float,
     ) -> None:
         """Send the goal. `path`: a Trajectory; `now`: s, monotonic."""
-        self._reach, self._hold, self._inbox = reach, hold, inbox
+        self._reach = reach
+        self._hold = hold
+        self._inbox = inbox
         self._lock = threading.Lock()
         self.over = self._closed = False
         self._open = self._again = False  # a question is on its way; it was asked after
@@ -39,7 +41,8 @@ class RemoteGoal:
         self._early: list[dict[str, Any]] = []  # told before the gate's answer was here
         self._last: dict[str, Any] = {}
         self._heard = False  # since the last look
-        self._asked, self._alive = now, now
+        self._asked = now
+        self._alive = now
         name = uuid.uuid4().hex
         # Asked again by its name and lease it is never run twice: the answer is what became of the first.
         self._named = {"goal": name, "lease": hold.id}
@@ -63,7 +66,8 @@ class RemoteGoal:
                 f"{self._reach.robot}: no answer for {GONE:g} s; the lease has lapsed, so its motion is held"
             )
         elif now - self._asked > QUIET and not self._open:
-            self._asked, self._again = now, True
+            self._asked = now
+            self._again = True
             self._ask(self._named, GONE)
         return min(self._hold.renew_if_due(now), QUIET)
 

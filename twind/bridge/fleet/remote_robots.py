@@ -23,7 +23,9 @@ class RemoteRobotPoller:
 
         `tell`: receives the robots that are left out, each reason once.
         """
-        self._roll, self._session, self._tell = roll, session, tell
+        self._roll = roll
+        self._session = session
+        self._tell = tell
         self._left_out: set[str] = set()
         self._tokens = session.liveliness().declare_subscriber(
             f"{ROOT}/*/{ALIVE}", self._changed, history=True

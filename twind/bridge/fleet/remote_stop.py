@@ -24,9 +24,13 @@ class RemoteStop:
         now: float,
     ) -> None:
         """Sends it. `now`: s, monotonic."""
-        self._reach, self._inbox = reach, inbox
-        self._parts, self._parameters = ("stop", method), parameters
-        self._begun, self._open = now, True  # a question is on its way
+        self._reach = reach
+        self._inbox = inbox
+        self._parts = ("stop", method)
+        self._parameters = parameters
+        # a question is on its way
+        self._begun = now
+        self._open = True
         self._refusal = b""  # the last error that asking again may change
         self.over = False
         self._ask()
@@ -65,7 +69,8 @@ class RemoteStop:
             self.over = True
             self._inbox.answer(message)
         else:
-            self._refusal, self._open = message, False
+            self._refusal = message
+            self._open = False
 
     def _unheard(self) -> None:
         self._open = False

@@ -16,8 +16,11 @@ class ReplyQueue:
     more of them than anybody takes are the end."""
 
     def __init__(self, room: int = ROOM, answers: int = ANSWERS) -> None:
-        self._room, self._news = room, 0  # bytes
-        self._most, self._answers = answers, 0
+        # bytes
+        self._room = room
+        self._news = 0
+        self._most = answers
+        self._answers = 0
         self._messages: deque[tuple[bytes, bool]] = deque()  # message, whether it is news
         self._lost = 0  # news since the last that was taken
         self._ended: str | None = None
@@ -72,7 +75,8 @@ class ReplyQueue:
             self._answers -= 1
             return message
         self._news -= len(message)
-        lost, self._lost = self._lost, 0
+        lost = self._lost
+        self._lost = 0
         return with_lost(message, lost) if lost else message
 
     def _drop(self) -> None:

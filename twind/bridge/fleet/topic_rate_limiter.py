@@ -32,9 +32,12 @@ class TopicRateLimiter:
     """
 
     def __init__(self, topic: str, rate: float | None) -> None:
-        asked, sent = rate or USUAL.get(topic, 0.0), _sent(topic, rate)
+        asked = rate or USUAL.get(topic, 0.0)
+        sent = _sent(topic, rate)
         self._period = 1.0 / asked if sent is None or asked < sent else 0.0  # s; 0: all
-        self._last, self._due = 0.0, float("-inf")  # s, the robot's clock
+        # s, the robot's clock
+        self._last = 0.0
+        self._due = float("-inf")
 
     def takes(self, message: bytes) -> bool:
         """It is time for one. What tells no time is let through."""

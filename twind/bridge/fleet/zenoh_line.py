@@ -55,7 +55,8 @@ class ZenohClientLine:
     def __init__(self, robot: str, way: SessionProvider) -> None:
         robot_key(robot)
         self.where = f"robot {robot} by {way.where}"
-        self._robot, self._way = robot, way
+        self._robot = robot
+        self._way = way
         self._reach: RemoteRobotEndpoint | None = None
         self._inbox = ReplyQueue()
         self._hold: LeaseRenewer | None = None
@@ -75,7 +76,8 @@ class ZenohClientLine:
         reach = RemoteRobotEndpoint(self._way.open_session(patience), self._robot)
         inbox = self._inbox = ReplyQueue()
         try:
-            self._there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
+            self._there = threading.Event()
+            gone = f"{self.where}: it went away, or the way to it is lost"
             self._subscribers = [reach.watch(self._there.set, lambda: inbox.end(gone))]
         except BaseException:
             self._forget(reach)
@@ -86,7 +88,8 @@ class ZenohClientLine:
         """Close the line. A lease is given back, else it lapses: motion under it ends in a hold."""
         if self._reach is None:
             return
-        reach, self._reach = self._reach, None
+        reach = self._reach
+        self._reach = None
         if self._hold is not None and not self._hold.lost:
             released = threading.Event()
             with suppress(Disconnected):
@@ -103,7 +106,9 @@ class ZenohClientLine:
             self._errand.close()
         for each in self._subscribers:
             each.undeclare()
-        self._errand, self._hold, self._subscribers = None, None, []
+        self._errand = None
+        self._hold = None
+        self._subscribers = []
         self._way.release_session(reach.session)
 
     # ------------------------------------------------------------------------------------------ messages
@@ -115,7 +120,8 @@ class ZenohClientLine:
         """
         assert self._reach is not None
         call = json.loads(message)
-        method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
+        method = call["method"].rpartition(".")[2]
+        more = bool(call.get("more"))
         parameters: Parameters = call["parameters"]
         if method in STOPS:
             self._errand = RemoteStop(self._reach, method, parameters, self._inbox, time.monotonic())
@@ -180,7 +186,8 @@ class ZenohClientLine:
 
     def _acquire(self, parameters: Parameters, patience: float) -> None:
         assert self._reach is not None
-        inbox, reach = self._inbox, self._reach
+        inbox = self._inbox
+        reach = self._reach
         what = {"op": "acquire", "holder": holder()}
 
         def on_lease_reply(message: bytes) -> None:
@@ -211,7 +218,8 @@ class ZenohClientLine:
         self._ask(("lease",), what, patience, on_lease_reply)
 
     def _release(self, _parameters: Parameters, patience: float) -> None:
-        hold, self._hold = self._hold, None
+        hold = self._hold
+        self._hold = None
         if hold is None:
             self._inbox.answer(b'{"parameters":{}}')
         else:

@@ -20,7 +20,8 @@ class CommandJournal:
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         """`tell` gets a line."""
-        self._tell, self._ended = tell, threading.Event()
+        self._tell = tell
+        self._ended = threading.Event()
         self._lines: queue.Queue[str] = queue.Queue(ROOM)
         self._missed = 0
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
@@ -48,7 +49,8 @@ class CommandJournal:
                 self._tell(self._lines.get(timeout=PACE))
             except queue.Empty:
                 continue
-            missed, self._missed = self._missed, 0
+            missed = self._missed
+            self._missed = 0
             if missed:
                 self._tell(f"{missed} outcomes of commands came too fast to be written here")
             self._ended.wait(PACE)

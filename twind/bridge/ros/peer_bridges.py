@@ -24,7 +24,8 @@ class PeerBridges:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         """`now`: s, monotonic."""
-        self.id, self._now = uuid.uuid4().hex[:8], now
+        self.id = uuid.uuid4().hex[:8]
+        self._now = now
         self._lock = threading.Lock()
         self._others: dict[str, tuple[str, float]] = {}  # by id: the robot's name, and when heard
 
@@ -33,7 +34,8 @@ class PeerBridges:
         try:
             said = json.loads(decode(STRING, data)["data"]) if len(data) <= LONGEST else {}
             bridge = said["bridge"]
-            name, robot = str(bridge.get("id"))[:64], str(said.get("robot") or "unknown")[:64]
+            name = str(bridge.get("id"))[:64]
+            robot = str(said.get("robot") or "unknown")[:64]
             takes = bool(bridge.get("commands"))
         except (CdrError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return

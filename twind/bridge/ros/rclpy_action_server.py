@@ -62,7 +62,9 @@ class TrajectoryActionServer:
     """The action server of one node."""
 
     def __init__(self, node: Any, kind: Any, goals: GoalConsumer, sockets: str | None) -> None:
-        self._kind, self._goals, self._sockets = kind, goals, sockets
+        self._kind = kind
+        self._goals = goals
+        self._sockets = sockets
         self._open: set[bytes] = set()  # ids of goals that have not ended
         self._closed = False
         self._server = ActionServer(
@@ -119,7 +121,8 @@ class TrajectoryActionServer:
         if beyond:
             return {"phase": "refused", "message": f"{beyond}: not served here; leave it empty"}
         said: queue.SimpleQueue[Said] = queue.SimpleQueue()
-        goal, withdrawn = handle.request, False
+        goal = handle.request
+        withdrawn = False
         cancel = self._goals(
             as_bytes(goal.trajectory),
             said.put,

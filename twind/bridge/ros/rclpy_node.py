@@ -77,7 +77,9 @@ class RclpyTransport:
         self, found: DiscoverySettings, tell: Callable[[str], None], *, sockets: str | None = None
     ) -> None:
         """`sockets`: of the daemon, for what a goal's client is told while it runs."""
-        self._discovery, self._tell, self._sockets = found, tell, sockets
+        self._discovery = found
+        self._tell = tell
+        self._sockets = sockets
         self.goals: GoalConsumer | None = None
         self._graph: _Graph | None = None
 
@@ -114,7 +116,8 @@ class RclpyTransport:
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""
-        graph, self._graph = self._graph, None
+        graph = self._graph
+        self._graph = None
         if graph is not None:
             graph.close()
 
@@ -123,7 +126,8 @@ class _Graph:
     """One life of the node: its context, its executor in a thread of its own, its publishers."""
 
     def __init__(self, domain: int, threads: int, tell: Callable[[str], None]) -> None:
-        self._context, self._tell = Context(), tell
+        self._context = Context()
+        self._tell = tell
         self._told: set[str] = set()
         try:
             # Not by rclpy.init: who runs us keeps its own handlers of signals.
@@ -164,7 +168,8 @@ class _Graph:
             try:
                 response.success, response.message = asked(service, getattr(request, "data", None))
             except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
-                response.success, response.message = False, f"{type(error).__name__}: {error}"
+                response.success = False
+                response.message = f"{type(error).__name__}: {error}"
                 self._complain(f"rclpy: {service.name}: {response.message}")
             return response
 
@@ -215,8 +220,11 @@ class ModeParameter:
 
     def __init__(self, node: Any, asked: Asked, offered: Collection[RosService]) -> None:
         """`offered`: services that are served; a mode without one cannot be asked for here either."""
-        self._node, self._asked, self._offered = node, asked, offered
-        self._mode, self._following = UNKNOWN, False
+        self._node = node
+        self._asked = asked
+        self._offered = offered
+        self._mode = UNKNOWN
+        self._following = False
         node.declare_parameter("mode", UNKNOWN)
         node.add_on_set_parameters_callback(self._on_set)
         # As the parameter services, in the default group: never beside them, so `_following` needs no lock.

@@ -64,16 +64,19 @@ class RosBridge:
         stop: threading.Event,
     ) -> None:
         """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
-        self._transport, self._tell, self._stop = transport, tell, stop
+        self._transport = transport
+        self._tell = tell
+        self._stop = stop
         self._sockets = sockets
         self._looks = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
-        self._speech, self._diagnostics = RosStateMessages(), Diagnostics()
-        self._graph, self._deaf, self._odd = TransitionReporter(), TransitionReporter(), TransitionReporter()
-        self._journal, self._neighbours, self._alone = (
-            CommandJournal(tell),
-            PeerBridges(),
-            TransitionReporter(),
-        )
+        self._speech = RosStateMessages()
+        self._diagnostics = Diagnostics()
+        self._graph = TransitionReporter()
+        self._deaf = TransitionReporter()
+        self._odd = TransitionReporter()
+        self._journal = CommandJournal(tell)
+        self._neighbours = PeerBridges()
+        self._alone = TransitionReporter()
         self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
         self._calls = RosServiceCalls(
             self._operator,
@@ -154,7 +157,8 @@ class RosBridge:
         except TransportError as error:
             self._wrong = str(error)
         else:
-            self._joined, self._wrong = True, ""
+            self._joined = True
+            self._wrong = ""
             self._publish_status()
         if self._graph.is_transition(self._wrong, time.monotonic()):
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
@@ -167,7 +171,8 @@ class RosBridge:
         except TransportError as error:
             if self._stop.is_set():
                 return  # it is being left, by us
-            self._joined, self._wrong = False, str(error)
+            self._joined = False
+            self._wrong = str(error)
             if self._graph.is_transition(self._wrong, time.monotonic()):
                 self._tell(f"{self._wrong}; tried again")
 
@@ -237,7 +242,8 @@ class RosBridge:
 
     def _keep(self, status: Mapping[str, Any], time: float) -> None:
         """Tell a status that says something new at once, others now and then."""
-        before, self._status = self._status, status
+        before = self._status
+        self._status = status
         news = before is None or any(before[key] != status[key] for key in URGENT)
         if news or time - self._told_at >= STATUS_PERIOD:
             self._told_at = time

@@ -100,19 +100,23 @@ class RosCommandQueue:
         with self._changed:
             if not self._dropped or now < self._tell_at:
                 return None
-            count, self._dropped, self._tell_at = self._dropped, 0, now + TELL
+            count = self._dropped
+            self._dropped = 0
+            self._tell_at = now + TELL
             return count, self._last
 
     def _drop(self, commands: Sequence[RosCommand]) -> None:
         """Drop these commands. The caller holds the lock."""
         for gone in commands:
             self._waiting.remove(gone)
-            self._dropped, self._last = self._dropped + 1, gone.head or CommandHeader()
+            self._dropped = self._dropped + 1
+            self._last = gone.head or CommandHeader()
 
 
 def _voids(newer: RosCommand, older: RosCommand) -> bool:
     """Return True if following the newer command leaves nothing of the older."""
-    new, old = newer.head, older.head
+    new = newer.head
+    old = older.head
     if new is None or old is None or older.told is not None or newer.number <= older.number:
         return False
     return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)

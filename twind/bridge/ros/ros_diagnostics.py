@@ -11,7 +11,10 @@ from twind.client.errors import finding_text
 from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, encode, stamp
 
 FIELDS = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
-OK, WARN, ERROR = 0, 1, 2  # levels of a DiagnosticStatus
+# levels of a DiagnosticStatus
+OK = 0
+WARN = 1
+ERROR = 2
 BAD_STATES = ("fault", "estop")
 
 Said = Mapping[str, Any]
@@ -57,15 +60,20 @@ class Diagnostics:
     def _bridge(self, bridge: Said) -> Said:
         grew = self._grew("dropped", bridge["dropped"])
         unheard = self._grew("undelivered", bridge["undelivered"])
-        level, message = OK, "the daemon is there"
+        level = OK
+        message = "the daemon is there"
         if bridge["error"]:
-            level, message = ERROR, str(bridge["error"])
+            level = ERROR
+            message = str(bridge["error"])
         elif bridge["commands"] and bridge["refuses"]:
-            level, message = WARN, str(bridge["refuses"])
+            level = WARN
+            message = str(bridge["refuses"])
         elif grew:
-            level, message = WARN, f"{grew} messages of the daemon were lost on the way here"
+            level = WARN
+            message = f"{grew} messages of the daemon were lost on the way here"
         elif unheard:
-            level, message = WARN, f"{unheard} messages were dropped: a reader does not keep up"
+            level = WARN
+            message = f"{unheard} messages were dropped: a reader does not keep up"
         return _row("bridge", "", level, message, bridge)
 
     def _loop(self, status: Said) -> Said:
@@ -78,15 +86,19 @@ class Diagnostics:
 
     def _bus(self, bus: Said, mode: str) -> Said:
         grew = self._grew(f"bus {bus['name']}", bus["errors"])
-        level, message = OK, "connected"
+        level = OK
+        message = "connected"
         if mode == "sim":
             message = "not opened in sim"
         elif not bus["connected"]:
-            level, message = ERROR, "not connected"
+            level = ERROR
+            message = "not connected"
         elif bus["warning"]:
-            level, message = WARN, str(bus["warning"])
+            level = WARN
+            message = str(bus["warning"])
         elif grew:
-            level, message = WARN, f"{grew} errors in the last second"
+            level = WARN
+            message = f"{grew} errors in the last second"
         keys = ("port", "latency_ms", "latency_p99_ms", "utilisation", "exchanges", "errors")
         return _row(f"bus {bus['name']}", bus["port"], level, message, {key: bus[key] for key in keys})
 
@@ -98,7 +110,8 @@ class Diagnostics:
 
 
 def _robot(status: Said) -> Said:
-    level, message = OK, f"{status['mode']}, {status['state']}, {status['motion']}"
+    level = OK
+    message = f"{status['mode']}, {status['state']}, {status['motion']}"
     faults = [finding_text(each) for each in status["faults"]]
     if status["state"] in BAD_STATES:
         level = ERROR
@@ -112,15 +125,19 @@ def _robot(status: Said) -> Said:
 
 
 def _joint(joint: Said, status: Said) -> Said:
-    level, message = OK, "heard"
+    level = OK
+    message = "heard"
     if joint["faults"]:
-        level, message = ERROR, ", ".join(joint["faults"])
+        level = ERROR
+        message = ", ".join(joint["faults"])
     elif not joint["heard"]:
-        level, message = WARN, "not heard"
+        level = WARN
+        message = "not heard"
     keys = ("age_ms", "temperature", "voltage", "torque", "calibrated", "verified", "bus", "id")
     name = f"{joint['bus']} {joint['id']}"
     if status["mode"] == "sim":
-        level, message = OK, "simulated"
+        level = OK
+        message = "simulated"
     return _row(f"joint {joint['name']}", name, level, message, {key: joint[key] for key in keys})
 
 

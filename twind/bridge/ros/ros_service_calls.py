@@ -34,7 +34,9 @@ LEVELS = ("settle", "cut")
 REASON = "asked for over ROS"
 
 KEPT = 2  # different things asked of one errand that wait
-MODE_PACE, STOP_PACE = 1.0, 0.1  # s from one to the next; an e-stop has none
+# s from one to the next; an e-stop has none
+MODE_PACE = 1.0
+STOP_PACE = 0.1
 
 Ask = Callable[[], Client]
 STOPPING = "stopping: the robot decelerates and holds"
@@ -47,7 +49,9 @@ class CoalescedCall:
         self, name: str, do: Callable[[str], None], tell: Callable[[str], None], pace: float = 0.0
     ) -> None:
         """`tell` gets a line when `do` raised. `pace`: s between two."""
-        self._do, self._tell, self._pace = do, tell, pace
+        self._do = do
+        self._tell = tell
+        self._pace = pace
         self._what: list[str] = []
         self._asked = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -94,8 +98,12 @@ class RosServiceCalls:
         no stop (True), or no mode is taken; "": it is. `say` gets what became of what came by topic, `tell` a
         line where even that fails.
         """
-        self._operator, self._observer, self._stopping = operator, observer, stopping
-        self._status, self._closed, self._say = status, closed, say
+        self._operator = operator
+        self._observer = observer
+        self._stopping = stopping
+        self._status = status
+        self._closed = closed
+        self._say = say
         self._stop = CoalescedCall(
             "stop", lambda _: self._log_outcome(STOP, "", self.stop()), tell, STOP_PACE
         )

@@ -36,17 +36,21 @@ class RosStateMessages:
     """Turns answers of `Monitor` into messages. `state` and the others may be called by two threads."""
 
     def __init__(self) -> None:
-        self._mode, self._measured = "", False
+        self._mode = ""
+        self._measured = False
         self._prepared: dict[tuple[tuple[str, ...], bool, bool], JointStateBuffer] = {}
-        self._inertial, self._felt = ImuBuffer(), float("-inf")
+        self._inertial = ImuBuffer()
+        self._felt = float("-inf")
 
     def status(self, status: Mapping[str, Any]) -> None:
         """`Status` of the interface: whose joints `/joint_states` are."""
-        self._mode, self._measured = status["mode"], bool(status["hw_connected"])
+        self._mode = status["mode"]
+        self._measured = bool(status["hw_connected"])
 
     def state(self, answer: Mapping[str, Any], clocks: ClockPair) -> list[Message]:
         """Topic `state`: what was measured, what is simulated, and which of both is the robot's."""
-        rows, time = answer["joints"], answer["time"]
+        rows = answer["joints"]
+        time = answer["time"]
         mode = answer.get("mode") or self._mode
         messages: list[Message] = []
         measured = None if mode == "sim" else self._answered_joints(rows, time, clocks)

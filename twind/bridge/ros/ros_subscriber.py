@@ -30,8 +30,13 @@ class RosSubscriber:
         rate: float | None = None,
     ) -> None:
         """`take` gets every answer; `tell` a line when the daemon goes and comes. `rate` None: the loop's."""
-        self._connect, self._topics, self._take, self._tell = connect, list(topics), take, tell
-        self._stop, self._rate, self._once = stop, rate or FASTEST, TransitionReporter()
+        self._connect = connect
+        self._topics = list(topics)
+        self._take = take
+        self._tell = tell
+        self._stop = stop
+        self._rate = rate or FASTEST
+        self._once = TransitionReporter()
         self._slow = 3.0 / self._rate  # s: who asks for one in a while waits longer
         self._heard = float("-inf")  # s, monotonic: of what was heard last
         self.error = ""  # why there is no daemon
@@ -75,7 +80,8 @@ class RosSubscriber:
                 self._heard = answer["time"]
                 self._take(answer)
                 if not self.there:
-                    self.there, self.error = True, ""
+                    self.there = True
+                    self.error = ""
                     self.lives += 1
                     if self._once.is_transition("", time.monotonic()):
                         self._tell("the daemon is there again")

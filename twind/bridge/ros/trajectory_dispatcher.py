@@ -41,14 +41,17 @@ class TrajectoryDispatcher:
 
         `closed`: why no command is taken; "": they are.
         """
-        self._driving, self._inbox, self._operator = (
-            MotionSession(operator, now),
-            RosCommandQueue(now),
-            operator,
-        )
-        self._say, self._wall_ns, self._now, self._closed = say, wall_ns, now, closed
+        self._driving = MotionSession(operator, now)
+        self._inbox = RosCommandQueue(now)
+        self._operator = operator
+        self._say = say
+        self._wall_ns = wall_ns
+        self._now = now
+        self._closed = closed
         self._stopped = -inf  # s, monotonic: what came before is void
-        self._mode, self._mode_at = "", -inf  # of the daemon, and when it was heard of
+        # of the daemon, and when it was heard of
+        self._mode = ""
+        self._mode_at = -inf
         self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
         self._begun: dict[str, RosCommand] = {}
         self._said = 0.0  # s, monotonic, when motions were last said to run
@@ -94,7 +97,8 @@ class TrajectoryDispatcher:
             mode = answer["status"]["mode"]
             if self._mode and mode != self._mode:
                 self._void(self._mode_at)  # it was another one after that
-            self._mode, self._mode_at = mode, answer["time"]
+            self._mode = mode
+            self._mode_at = answer["time"]
 
     @property
     def driving(self) -> tuple[str, ...]:
@@ -162,7 +166,9 @@ class TrajectoryDispatcher:
 
     def _make_request(self, command: RosCommand) -> dict[str, Any]:
         """What the daemon is asked, if it is still wanted. Raises Unfit."""
-        data, command.data = command.data, b""  # it may be long, and a motion too
+        # it may be long, and a motion too
+        data = command.data
+        command.data = b""
         waited = self._now() - command.came
         if command.came <= self._stopped:
             raise InvalidRosCommand("BUSY", "the robot was stopped after this was sent: send it again")
@@ -191,10 +197,12 @@ class TrajectoryDispatcher:
 
     def _withdraw(self) -> None:
         """Cancel what its sender does not want any more, and what began after a stop that it came before."""
-        begun, time = self._begun.values(), self._stopped
+        begun = self._begun.values()
+        time = self._stopped
         due = [each for each in begun if each.cancelled or each.came <= time <= each.began]
         for each in due:
-            each.cancelled, each.began = False, -inf
+            each.cancelled = False
+            each.began = -inf
         if due and not self._cancelled():
             self._driving.close()  # its lease goes with it, and the daemon holds
 

@@ -19,11 +19,15 @@ class CoalescedStop:
 
     def __init__(self, name: str, serve: Serve) -> None:
         """`serve`: one call, with the parameters of whoever waits longest."""
-        self._serve, self._waiting = serve, deque[RemoteQuery]()
+        self._serve = serve
+        self._waiting = deque[RemoteQuery]()
         self._lock = threading.Lock()
-        self._some, self._stop = threading.Event(), threading.Event()
+        self._some = threading.Event()
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self.name, self.done, self.full = name, 0, 0
+        self.name = name
+        self.done = 0
+        self.full = 0
 
     def start(self) -> None:
         """Begin with who waits."""

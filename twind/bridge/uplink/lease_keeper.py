@@ -55,8 +55,12 @@ class LeaseKeeper:
         tell: Callable[[str], None],
         now: Callable[[], float] = clock,
     ) -> None:
-        self._driving, self._tenancy, self._plans = driving, tenancy, plans
-        self._publish, self._tell, self._now = publish, tell, now
+        self._driving = driving
+        self._tenancy = tenancy
+        self._plans = plans
+        self._publish = publish
+        self._tell = tell
+        self._now = now
         self._goals = UplinkGoalTable()
         self._holder = ""  # "": nobody
         self._judging = False
@@ -84,7 +88,8 @@ class LeaseKeeper:
 
     def _acquire(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """From afar it is wrested from others afar alone: who holds it beside the robot sees what moves."""
-        take, holder = bool(asked.get("take")), str(asked.get("holder") or "somebody")
+        take = bool(asked.get("take"))
+        holder = str(asked.get("holder") or "somebody")
         if take and "deadline" not in asked:
             raise invalid("deadline", "take is only for what has one: acquire without take tells `now`")
         if "deadline" in asked:
@@ -109,7 +114,8 @@ class LeaseKeeper:
 
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
         """
-        name, lease = asked["goal"], asked["lease"]
+        name = asked["goal"]
+        lease = asked["lease"]
         known = self._goals.find_repeated(name, lease)
         if known is not None:
             return known.latest_reply()

@@ -24,8 +24,10 @@ class NameClaim:
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
         """Raises Rejected: the name is taken."""
-        self._robot, self.rival = robot, ""
-        self._living, self._here = session.liveliness(), str(session.zid())
+        self._robot = robot
+        self.rival = ""
+        self._living = session.liveliness()
+        self._here = str(session.zid())
         self._claims: list[zenoh.LivelinessToken] = []
         self._look_at = 0.0
         self._alive = robot_key(robot, "alive")

@@ -22,7 +22,10 @@ class RemoteQuery:
     """One that came to `where`. `asked`: its parameters; empty until `answer` where it is large."""
 
     def __init__(self, method: str, where: str, query: zenoh.Query, tell: Tell) -> None:
-        self._method, self._where, self._query, self._tell = method, where, query, tell
+        self._method = method
+        self._where = where
+        self._query = query
+        self._tell = tell
         self._size = 0 if query.payload is None else len(query.payload)
         self.asked: dict[str, Any] = {}
 
@@ -80,7 +83,9 @@ class QueryServer:
     """Opens keys of one robot."""
 
     def __init__(self, session: zenoh.Session, robot: str, tell: Tell) -> None:
-        self._session, self._robot, self._tell = session, robot, tell
+        self._session = session
+        self._robot = robot
+        self._tell = tell
         self._open: list[Any] = []
 
     def open(self, method: str, take: Take, *key: str) -> None:

@@ -31,5 +31,6 @@ class RateLimitedLog:
                 self._left_out += 1
                 return
             self._room -= 1.0
-            more, self._left_out = self._left_out, 0
+            more = self._left_out
+            self._left_out = 0
         self.say(f"{line} (and {more} lines before it, left out)" if more else line)

@@ -24,7 +24,9 @@ class RemoteLease:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._lease = Lease()
-        self._number, self._token, self._renewed = 0, "", 0.0
+        self._number = 0
+        self._token = ""
+        self._renewed = 0.0
 
     def admits(self, now: float, *, take: bool) -> None:
         """Return if the lease is free or `take` is set. Raises CallError: LeaseHeld."""

@@ -36,7 +36,9 @@ FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
 ON_DEMAND = "latency"  # told where somebody listens; all other topics are followed all the time
 CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
 LARGE_WAITING = 8  # questions with a trajectory that may wait: up to 4 MB each
-PATIENCE, SLOW = 5.0, 35.0  # s for an answer of the daemon; for a stop, or a check while the model loads
+# s for an answer of the daemon; for a stop, or a check while the model loads
+PATIENCE = 5.0
+SLOW = 35.0
 AGAIN = 0.5  # s between two attempts to reach it
 END = 1.0  # s at the end for what is under way
 Tell = Callable[[str], None]
@@ -53,10 +55,15 @@ class RobotUplink:
         tell: Tell,
     ) -> None:
         """Raises Rejected: the name is taken."""
-        self._options, self._session, self.robot = options, session, robot
-        self._tell, self._trouble, self._limits = tell, TransitionReporter(), TransitionReporter()
+        self._options = options
+        self._session = session
+        self.robot = robot
+        self._tell = tell
+        self._trouble = TransitionReporter()
+        self._limits = TransitionReporter()
         self._renamed = False
-        self._plans, self._tenancy = PlannedDurations(), RemoteLease()
+        self._plans = PlannedDurations()
+        self._tenancy = RemoteLease()
         self._driving = MotionSession(partial(operator, options))
         self._reins = LeaseKeeper(self._driving, self._tenancy, self._plans, self._publish, tell)
         self._presence = NameClaim(session, robot)
@@ -159,10 +166,8 @@ class RobotUplink:
             CoalescedStop(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")
         ]
         cancelling = CoalescedStop("cancelling", partial(self._stopped, "Cancel", PATIENCE))
-        asking, checking = (
-            WorkerQueue("asking"),
-            WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD),
-        )
+        asking = WorkerQueue("asking")
+        checking = WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD)
         goals = WorkerQueue(
             "goals",
             length=LARGE_WAITING,

@@ -66,9 +66,15 @@ class MonitorRelay:
         """`began`: with a connection of each daemon, before the first message; may raise ClientError.
         `hear`: each message. `ended`: that daemon is gone, and why.
         """
-        self._connect, self._topics, self._rate, self._always = connect, list(topics), rate, always
-        self._began, self._hear, self._ended = began, hear, ended
-        self._wake, self._stop = threading.Event(), threading.Event()
+        self._connect = connect
+        self._topics = list(topics)
+        self._rate = rate
+        self._always = always
+        self._began = began
+        self._hear = hear
+        self._ended = ended
+        self._wake = threading.Event()
+        self._stop = threading.Event()
         self.outlets: dict[str, TopicOutlet] = {}
         self._thread = threading.Thread(target=self._run, name=f"tap {topics[0]} {rate}", daemon=True)
 

@@ -31,10 +31,15 @@ class WorkerQueue:
     ) -> None:
         """`length`: jobs that may wait. `pace`: s between two at least."""
         self._jobs: queue.Queue[Job | None] = queue.Queue(length)
-        self._pace, self._tend, self._period, self._last = pace, tend, period, last
+        self._pace = pace
+        self._tend = tend
+        self._period = period
+        self._last = last
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self.name, self.done, self.full = name, 0, 0
+        self.name = name
+        self.done = 0
+        self.full = 0
 
     def start(self) -> None:
         """Begin with what was put."""

@@ -106,7 +106,8 @@ def open_session(
     """Joined as soon as somebody answers there; None: told to stop before. Raises SessionError where the
     place itself is wrong. `tell` hears once that nobody answers.
     """
-    configuration, told = _configuration(place, TRY), False
+    configuration = _configuration(place, TRY)
+    told = False
     while not stop.is_set():
         try:
             return _open(configuration)

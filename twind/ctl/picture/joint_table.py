@@ -11,9 +11,15 @@ from twind.ctl.picture.picture_blocks import PictureBlock, PictureRow
 from twind.ctl.picture.picture_state import Answer, DisplayThresholds, PictureState, followed
 from twind.ctl.picture.styled_lines import Span, align_left, cut, line, right
 
-OFF, FAR = 0.1, 0.2  # rad from the goal: half of where FOLLOW_ERR begins, and where it does
-OLD, STALE = 30.0, 100.0  # ms not heard: where an armed robot is told of, and where it holds
-NAME, NOTES = 16, 10  # columns: of names at most, of notes at least
+# rad from the goal: half of where FOLLOW_ERR begins, and where it does
+OFF = 0.1
+FAR = 0.2
+# ms not heard: where an armed robot is told of, and where it holds
+OLD = 30.0
+STALE = 100.0
+# columns: of names at most, of notes at least
+NAME = 16
+NOTES = 10
 EVERYTHING = 100  # columns from which titles are whole words
 _UNKNOWN = DisplayThresholds(nan, nan, nan, nan, nan, nan)
 _Cell = Callable[[Answer, DisplayThresholds], Span]
@@ -99,7 +105,9 @@ def _notes(joint: Answer, known: DisplayThresholds, looks: _JointColumns) -> lis
     notes: list[Span] = [] if joint["heard"] else [("SILENT", "bad")]
     if looks.armed and joint["torque"] is False:
         notes.append(("LIMP", "bad"))
-    position, heat, volt = joint["position"], joint["temperature"], joint["voltage"]
+    position = joint["position"]
+    heat = joint["temperature"]
+    volt = joint["voltage"]
     if position is not None and (position < known.lower or position > known.upper):
         notes.append(("PAST LIMIT", "bad"))
     if heat is not None and heat >= known.warm:
@@ -123,7 +131,8 @@ def _number(key: str, digits: int) -> _Cell:
 
 
 def _error(joint: Answer, _known: DisplayThresholds) -> Span:
-    goal, place = joint["goal"], joint["followed"]
+    goal = joint["goal"]
+    place = joint["followed"]
     if goal is None or place is None:
         return "-", ""
     error = goal - place

@@ -30,7 +30,8 @@ class MonitorFeed:
         """Raises ClientError where there is no daemon to begin with."""
         self.watched = MonitorCollector(patience=max(1.5, 3.0 / rate))
         self.failure: ClientError | None = None  # the first daemon did not answer
-        self._connect, self._ended = connect, threading.Event()
+        self._connect = connect
+        self._ended = threading.Event()
         self._first: Client | None = self._greet()
         self._rate = rate
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -48,7 +49,8 @@ class MonitorFeed:
         return client
 
     def _next(self) -> Client:
-        first, self._first = self._first, None
+        first = self._first
+        self._first = None
         return first if first is not None else self._greet()
 
     def _read(self) -> None:
@@ -106,12 +108,15 @@ def _await_news(feed: MonitorFeed) -> None:
 def _print(feed: MonitorFeed, rate: float, count: int | None) -> None:
     """Plain text, everything there is, a picture for each news that there is time for."""
     width = int(os.environ.get("COLUMNS") or 0) or PLAIN_WIDTH
-    period, shown, seen = 1.0 / min(rate, FASTEST), 0, -1
+    period = 1.0 / min(rate, FASTEST)
+    shown = 0
+    seen = -1
     while count is None or shown < count:
         if feed.watched.count == seen:
             time.sleep(0.01)
             continue
-        seen, shown = feed.watched.count, shown + 1
+        seen = feed.watched.count
+        shown = shown + 1
         now = time.monotonic()
         print(plain(picture(feed.watched.view(now), width, None)) + "\n", flush=True)
         if shown != count:
@@ -121,7 +126,9 @@ def _print(feed: MonitorFeed, rate: float, count: int | None) -> None:
 def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
     """On a terminal, until a key ends it."""
     palette = Palette.for_console(Console(file=sys.stdout))
-    period, shown, pictures = 1.0 / min(rate, FASTEST), PageSelection(), 0
+    period = 1.0 / min(rate, FASTEST)
+    shown = PageSelection()
+    pictures = 0
     frozen: PictureState | None = None
     with TerminalScreen().entered() as screen:
         due = time.monotonic()

@@ -69,7 +69,8 @@ def header(view: PictureState, width: int) -> Line:
     status = view.status
     if status is None:
         return line((" twind ", "head"), " waiting for what the daemon says")
-    state, style = status["state"], STATES.get(status["state"], "")
+    state = status["state"]
+    style = STATES.get(status["state"], "")
     style = "" if status["mode"] == "sim" and style == "warn" else style
     said: list[Span] = [
         (f" {status['robot']} ", "head"),
@@ -81,7 +82,8 @@ def header(view: PictureState, width: int) -> Line:
         said.append(("  ! torque was found on", "warn"))
     if view.lost:
         said.append((f"  ! {view.lost} news lost", "warn"))
-    shown, version = cut(line(*said), width), f"twind {status['version']}"
+    shown = cut(line(*said), width)
+    version = f"twind {status['version']}"
     room = width - length(shown) - len(version)
     return (*shown, (" " * room + version, "dim")) if room > 1 else shown
 
@@ -199,7 +201,9 @@ def _lease(status: Answer, view: PictureState) -> list[Span]:
 
 def _loop(status: Answer) -> list[Span]:
     loop = status["loop"]
-    on_time, missed, ticks = loop["on_time"], loop["missed"], loop["ticks"]
+    on_time = loop["on_time"]
+    missed = loop["missed"]
+    ticks = loop["ticks"]
     style = "good" if on_time >= 0.99 else "warn" if on_time >= 0.9 else "bad"
     sign = "" if on_time >= 0.99 else "! "
     late = [micro(loop[key]) for key in ("late_p50_us", "late_p99_us", "late_max_us")]
@@ -216,7 +220,8 @@ def _loop(status: Answer) -> list[Span]:
 
 
 def _latency(status: Answer) -> list[Span]:
-    violations, skew = status["violations"], status.get("skew_ms")
+    violations = status["violations"]
+    skew = status.get("skew_ms")
     return [
         (f"now {milli(status['latency_ms'])} ms", ""),
         (f"mean {milli(status['latency_avg_ms'])}, max {milli(status['latency_max_ms'])} ms", ""),

@@ -23,7 +23,10 @@ from twind.ctl.picture.picture_state import PictureState
 from twind.ctl.picture.styled_lines import Line, beside, cut, fitting, line
 from twind.ctl.picture.timing_blocks import buses, hops, lateness
 
-WIDE, LEFT, GAP = 185, 110, 3  # columns from which there are two sides; of the left one; between them
+# columns from which there are two sides; of the left one; between them
+WIDE = 185
+LEFT = 110
+GAP = 3
 Make = Callable[[PictureState, int], PictureBlock]
 # Pages and sides are tiers of blocks: the second tier has what the first one leaves.
 PAGES: Mapping[str, Sequence[Sequence[Make]]] = {
@@ -63,7 +66,8 @@ def picture(
     if width >= WIDE and chosen.page == "all":
         one, left_out = _packed(SIDES[0], view, LEFT, room, chosen.offset)
         other, right_out = _packed(SIDES[1], view, width - LEFT - GAP, room, chosen.offset)
-        body, hidden = beside(one, other, LEFT, GAP), [*left_out, *right_out]
+        body = beside(one, other, LEFT, GAP)
+        hidden = [*left_out, *right_out]
     else:
         body, hidden = _packed(PAGES[chosen.page], view, width, room, chosen.offset)
     body += [()] * (room - len(body))
@@ -95,7 +99,8 @@ def _shared(blocks: Sequence[PictureBlock], room: int) -> list[int]:
     for place, block in enumerate(blocks):
         if given[place]:
             more = min(room, block.full_height - given[place])
-            given[place], room = given[place] + more, room - more
+            given[place] = given[place] + more
+            room = room - more
     return given
 
 

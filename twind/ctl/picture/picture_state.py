@@ -138,7 +138,8 @@ class MonitorCollector:
         if lateness := status["loop"].get("lateness"):  # once a second, null between
             self._now["lateness"] = lateness
         for bus in status["buses"]:
-            name, exchanges = bus["name"], bus["exchanges"]
+            name = bus["name"]
+            exchanges = bus["exchanges"]
             since, was = self._counted.setdefault(name, (now, exchanges))
             if now - since >= RATED:
                 self._rates[name] = max(0, exchanges - was) / (now - since)
@@ -182,7 +183,8 @@ def _reason(finding: Answer) -> str:
 def _bounds(joint: Answer) -> DisplayThresholds:
     """Read the display thresholds of one joint of a robot file; a missing threshold is never reached."""
     kind = joint.get("type") or {}
-    heat, supply = kind.get("heat") or {}, kind.get("supply") or {}
+    heat = kind.get("heat") or {}
+    supply = kind.get("supply") or {}
     return DisplayThresholds(
         lower=_nan_if_null(joint.get("lower")),
         upper=_nan_if_null(joint.get("upper")),

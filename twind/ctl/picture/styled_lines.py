@@ -68,7 +68,8 @@ def align_left(text: str, width: int) -> str:
 
 def fitting(parts: Iterable[Span], width: int, first: Line = ()) -> Line:
     """Parts with ` · ` between them, as many whole ones as have room behind `first`."""
-    shown, room = list(first), width - length(first)
+    shown = list(first)
+    room = width - length(first)
     for place, (text, style) in enumerate(part for part in parts if part[0]):
         between = " · " if place else ""
         if wide(between + text) > room and place:

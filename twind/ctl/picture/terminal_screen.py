@@ -14,7 +14,9 @@ from types import FrameType
 # A screen of its own, no cursor, no wrapping at the edge (which a smaller window would turn into garbage).
 _ENTER = "\x1b[?1049h\x1b[?25l\x1b[?7l\x1b[2J"
 _LEAVE = "\x1b[?2026l\x1b[0m\x1b[?7h\x1b[?25h\x1b[?1049l"
-_BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"  # shown at once, where the terminal knows how
+# shown at once, where the terminal knows how
+_BEGIN = "\x1b[?2026h"
+_END = "\x1b[?2026l"
 KEYS = {
     b"q": "quit",
     b"\x1b": "quit",
@@ -65,13 +67,15 @@ class TerminalScreen:
         try:
             columns, rows = os.get_terminal_size(sys.stdout.fileno())
         except OSError:
-            columns, rows = 0, 0
+            columns = 0
+            rows = 0
         return columns or 80, rows or 24
 
     def draw(self, lines: Sequence[str], size: tuple[int, int]) -> None:
         """These lines, made for this size; another one than before begins on an empty screen."""
         if size != self._size:
-            self._size, self._before = size, []
+            self._size = size
+            self._before = []
             parts = ["\x1b[2J"]
         else:
             parts = []

@@ -32,7 +32,8 @@ def buses(view: PictureState, width: int) -> PictureBlock:
 
 
 def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], width: int) -> PictureRow:
-    on, warned = bus["connected"], bool(bus.get("warning"))
+    on = bus["connected"]
+    warned = bool(bus.get("warning"))
     slow = on and rate is not None and rate < SLOW * wanted
     full = bus["utilisation"] >= FULL
     connected: Span = (
@@ -78,7 +79,8 @@ def lateness(view: PictureState, width: int) -> PictureBlock:
     buckets = merged(view.lateness, BARS)
     if not buckets:
         return PictureBlock("lateness", (), (), 0)
-    total, most = sum(count for _, count in buckets), max(count for _, count in buckets)
+    total = sum(count for _, count in buckets)
+    most = max(count for _, count in buckets)
     size = max(4, min(40, width - 36))
     rows = [
         _bar(upper, count, count / total, log(1 + count) / log(1 + most), size) for upper, count in buckets

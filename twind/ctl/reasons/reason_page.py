@@ -24,7 +24,8 @@ def rows(codes: Mapping[ReasonCode, ReasonText]) -> str:
 def page_with_tables(page: str) -> str:
     """The page with both tables as the code has them. Raises ValueError without a place for one."""
     for name, codes in TABLES.items():
-        begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+        begin = f"<!-- begin {name} -->"
+        end = f"<!-- end {name} -->"
         before, found, rest = page.partition(begin)
         _, closed, after = rest.partition(end)
         if not found or not closed:

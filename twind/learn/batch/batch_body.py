@@ -22,7 +22,8 @@ from twind.learn.randomise.randomisation_ranges import ZERO, RandomisationRanges
 from twind.robot.arrays import Bools, Floats, Ints
 from twind.twin.simulation import hush
 
-NONE, VELOCITY = int(mujoco.mjtStage.mjSTAGE_NONE), int(mujoco.mjtStage.mjSTAGE_VEL)
+NONE = int(mujoco.mjtStage.mjSTAGE_NONE)
+VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 # Persistent simulations go on from what the last step computed of its new state: 6 % less for 8 robots. The
 # data of more falls out of the processor's cache: 5 % more at 32, and 0.3 MB of memory each.
 KEPT = 16
@@ -37,11 +38,13 @@ class BatchBody:
     ) -> None:
         """`ranges`: what differs from episode to episode; `threads`: None, as many as there are cores."""
         hush()
-        self.plant, self.count = plant, count
+        self.plant = plant
+        self.count = count
         cores = len(os.sched_getaffinity(0)) if threads is None else threads
         threads = max(1, min(cores, count))
         self.batch: Any = Batch(plant.model, count, threads, persistent=count <= KEPT)
-        n, links = len(plant.default), len(plant.places.links)
+        n = len(plant.default)
+        links = len(plant.places.links)
         self._draws = DrawSampler(ranges, n, links)
         self._drawn = BatchModelWriter(PhysicsRandomiser(ranges, plant.model, plant.places), self.batch)
         self._delay: Any = self.batch.expand("sensor_delay") if ranges.imu_delay != ZERO else None
@@ -54,14 +57,16 @@ class BatchBody:
         )  # in the last period: what the reading says is of no use
         bind = self.batch.bind
         self._state = bind("qpos"), bind("qvel"), bind("sensordata")
-        self._ctrl, self._history = bind("ctrl"), bind("history")
+        self._ctrl = bind("ctrl")
+        self._history = bind("history")
         self._broken = self.batch.warning[:, BROKEN, 1]
         self._force = bind("xfrc_applied")[:, plant.places.base, :2]
         self._picture: CameraRenderer | None = None
 
     def reset(self, ids: Ints, rngs: Sequence[np.random.Generator]) -> None:
         """Robots `ids` (sorted) stand in the default pose, changed as drawn from theirs of all the `rngs`."""
-        plant, batch = self.plant, self.batch
+        plant = self.plant
+        batch = self.batch
         draws = [self._draws.draw(rngs[each]) for each in ids]
         self._drawn.apply(ids, draws)
         batch.reset(ids, stage=NONE)
@@ -100,7 +105,8 @@ class BatchBody:
 
     def picture(self, one: int) -> NDArray[np.uint8]:
         """Robot `one` from the side, (height, width, 3). Raises NoPicture."""
-        model, data = self.batch.get_model(one), self.batch.get_data(one)
+        model = self.batch.get_model(one)
+        data = self.batch.get_data(one)
         mujoco.mj_forward(model, data)
         if self._picture is None:
             self._picture = CameraRenderer(copy.copy(self.plant.model), self.plant.binding.robot.base)

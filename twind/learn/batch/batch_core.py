@@ -70,7 +70,8 @@ class BatchCore:
             action_delay=ranges.action_delay[1],
             imu_delay=ranges.imu_delay[1],
         )
-        self.count, n = count, len(plant.default)
+        self.count = count
+        n = len(plant.default)
         self.episode_steps = episode_steps or self.task.steps(period)
         self.body = BatchBody(plant, ranges, period, count, threads)
         self.divergences = 0  # simulations that broke down, ever
@@ -78,8 +79,10 @@ class BatchCore:
         self._observer = ObservationBuilder(plant.layout, plant.default, (count,))
         self._judge = RewardFunction(self.task, plant, (count,))
         self._noise, self._noise_of_one = (ReadingNoise(ranges.noise, n, each) for each in (count, 1))
-        self._phases, self._phase = self.task.phases(period), np.zeros((count, PHASE))
-        self._action, self.command = np.zeros((count, n)), np.zeros((count, COMMAND))
+        self._phases = self.task.phases(period)
+        self._phase = np.zeros((count, PHASE))
+        self._action = np.zeros((count, n))
+        self.command = np.zeros((count, COMMAND))
         self._steps = np.zeros(count, np.int64)
         self.rngs: list[np.random.Generator] = [np.random.default_rng() for _ in range(count)]
 
@@ -137,7 +140,8 @@ class BatchCore:
             drawn = self.task.draw_command(self.rngs[each])
             self.command[each] = drawn if command is None else command
         self._shaper.reset(at=ids)
-        self._action[ids], self._steps[ids] = 0.0, 0
+        self._action[ids] = 0.0
+        self._steps[ids] = 0
         self._turn()
         self.body.reset(ids, self.rngs)
         values = self.body.reading.values

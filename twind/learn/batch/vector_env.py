@@ -56,7 +56,8 @@ class BatchVectorEnv(VectorEnv):
             episode_steps=max_episode_steps,
             threads=threads,
         )
-        self.num_envs, self.render_mode = num_envs, render_mode
+        self.num_envs = num_envs
+        self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / core.shaping.period)}
         self.single_observation_space, self.single_action_space = spaces_of(core)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -79,7 +80,8 @@ class BatchVectorEnv(VectorEnv):
         `options`: {"command": (m/s forward, m/s left, rad/s)}, {"reset_mask": (num_envs,)} for some of them.
         Raises ValueError: a list or a mask of another length, other options, no command that can be.
         """
-        given, command = options or {}, command_in(options, "reset_mask")
+        given = options or {}
+        command = command_in(options, "reset_mask")
         mask = np.asarray(given.get("reset_mask", self._every), np.bool_)
         seeds = [seed + each for each in range(self.num_envs)] if isinstance(seed, int) else seed
         for what, size in (("seeds", None if seeds is None else len(seeds)), ("reset_mask", mask.size)):

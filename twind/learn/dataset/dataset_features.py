@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from twind.learn.dataset.episode_collection import DatasetContents
 from twind.learn.dataset.episode_frames import EpisodeFrames
 
-DONE, SUCCESS = "next.done", "next.success"
+DONE = "next.done"
+SUCCESS = "next.success"
 COUNTED = ("frame_index", "episode_index", "index", "task_index")
 _TYPES = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 Column = NDArray[Any]

@@ -26,7 +26,9 @@ from twind.learn.dataset.table_shards import NAME, ShardLocation, ShardWriter
 
 VERSION = "v3.0"
 CHUNK = 1000  # files of a folder
-DATA_MB, VIDEO_MB = 100, 200  # of a file, as LeRobot's defaults have it
+# of a file, as LeRobot's defaults have it
+DATA_MB = 100
+VIDEO_MB = 200
 _MB = 1 << 20
 
 
@@ -59,7 +61,10 @@ class _DatasetWriter:
     """One data set being written."""
 
     def __init__(self, of: DatasetContents, folder: Path, file_mb: float, chunk: int) -> None:
-        self._of, self._folder, self._file_mb, self._chunk = of, folder, file_mb, chunk
+        self._of = of
+        self._folder = folder
+        self._file_mb = file_mb
+        self._chunk = chunk
         self._features = features(of)
         self._columns: dict[str, list[Column]] = {name: [] for name in self._features}  # of each episode
 
@@ -81,7 +86,9 @@ class _DatasetWriter:
     def _data(self) -> list[dict[str, Any]]:
         """Write the frames; what `meta/episodes` says of each episode."""
         shape = schema(self._features)
-        shards, found, first = self._shards(self._folder / "data", shape), [], 0
+        shards = self._shards(self._folder / "data", shape)
+        found = []
+        first = 0
         for number, episode in enumerate(self._of.episodes):
             made = columns(self._of, episode, self._features, number, first)
             place = shards.place(episode.count)
@@ -111,7 +118,8 @@ class _DatasetWriter:
         shards.close()
 
     def _episode_schema(self, row: dict[str, Any]) -> pa.Schema:
-        whole, text = pa.int64(), pa.string()
+        whole = pa.int64()
+        text = pa.string()
         kinds = {
             "tasks": pa.list_(text),
             "success": pa.bool_(),

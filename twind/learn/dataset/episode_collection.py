@@ -190,7 +190,8 @@ def _omitted_spans(
     recording: RobotRecording, wholeness: ReadingCoverage, part: EpisodeSpan, runs: Sequence[ReadingRun]
 ) -> list[OmittedSpan]:
     """What of a part is in no stretch; a marked episode with a hole is lost whole."""
-    time, found = recording.time, []
+    time = recording.time
+    found = []
     if not runs:
         return [_make_omitted_span(recording, part, *wholeness.hole(part))]
     if len(runs) > 1 and recording.episodes:

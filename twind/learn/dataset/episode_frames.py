@@ -12,12 +12,10 @@ from twind.observe.recording import RobotRecording
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-STATE, VELOCITY, EFFORT, ACTION = (
-    "observation.state",
-    "observation.velocity",
-    "observation.effort",
-    "action",
-)
+STATE = "observation.state"
+VELOCITY = "observation.velocity"
+EFFORT = "observation.effort"
+ACTION = "action"
 IMU = "observation.imu"
 FELT = tuple(f"{what}_{axis}" for what in ("gyro", "acceleration") for axis in "xyz")
 FELT += tuple(f"quaternion_{axis}" for axis in "wxyz")

@@ -49,7 +49,8 @@ class ReadingCoverage:
     """What one recording has, reading by reading; `gap` s is the longest between two that belong together."""
 
     def __init__(self, recording: RobotRecording, gap: float) -> None:
-        self._recording, self._gap = recording, gap
+        self._recording = recording
+        self._gap = gap
         self.measured = ~np.isnan(recording.measured)  # (k, n)
         self.commanded = ~np.isnan(recording.goal)
         self.live = recording.live
@@ -64,12 +65,14 @@ class ReadingCoverage:
         whole = self.whole[rows]
         near = np.diff(self._recording.time[rows]) <= self._gap
         joined = np.concatenate([[False], whole[:-1] & whole[1:] & near, [False]])  # to the one before
-        first, last = rows[whole & ~joined[:-1]], rows[whole & ~joined[1:]]
+        first = rows[whole & ~joined[:-1]]
+        last = rows[whole & ~joined[1:]]
         return [ReadingRun(int(begin), int(end)) for begin, end in zip(first, last, strict=True)]
 
     def hole(self, part: EpisodeSpan, after: int | None = None) -> tuple[float, str]:
         """When (s) and why a part is not whole: behind reading `after`, or from its beginning on."""
-        time, rows = self._recording.time, self._rows(part)
+        time = self._recording.time
+        rows = self._rows(part)
         rows = rows if after is None else rows[rows > after]
         if not rows.size:
             return part.begin, "no joint was measured in it"
@@ -101,7 +104,8 @@ def parts(recording: RobotRecording, task: str | None) -> tuple[list[EpisodeSpan
     if not recording.episodes:
         end = float(recording.time[-1]) if recording.time.size else 0.0
         return [EpisodeSpan(task or "", 0.0, end, None)], []
-    found, left = [], []
+    found = []
+    left = []
     for each in recording.episodes:
         part = EpisodeSpan(each.task or task or "", each.begin, each.end, each.success)
         cut = _cut(each)
@@ -134,7 +138,8 @@ def _silent(recording: RobotRecording, gap: float) -> Flags:
     until it is known to have answered again.
     """
     found = np.zeros(recording.measured.shape, np.bool_)
-    slow, time = recording.slow, recording.time
+    slow = recording.slow
+    time = recording.time
     if slow is None:
         return found
     heard = slow.time[:, None] - slow.age  # (m, n) s, NaN: nobody said

@@ -24,7 +24,10 @@ class ShardWriter:
 
     def __init__(self, folder: Path, schema: pa.Schema, *, size: int, chunk: int) -> None:
         """`size` in bytes of a file, `chunk` in files of a folder."""
-        self._folder, self._schema, self._size, self._chunk = folder, schema, size, chunk
+        self._folder = folder
+        self._schema = schema
+        self._size = size
+        self._chunk = chunk
         self._place = ShardLocation(0, 0)
         self._writer: Any = None
         self._file: Any = None

@@ -20,7 +20,9 @@ class BaseEstimator:
 
     def __init__(self, plant: Plant) -> None:
         """`plant`: without delays."""
-        self._plant, self.data = plant, mujoco.MjData(plant.model)  # data: as it stood at the last reading
+        # data: as it stood at the last reading
+        self._plant = plant
+        self.data = mujoco.MjData(plant.model)
         places = plant.places
         self._height = places.base_qpos + 2
         self._turn = slice(places.base_qpos + 3, places.base_qpos + 7)
@@ -30,20 +32,25 @@ class BaseEstimator:
         """What a simulated body would read: a new one. The state must be fresh: it is taken as it is."""
         imu = heard.inertial
         assert imu is not None, "whoever asks has looked"
-        plant, data = self._plant, self.data
-        data.qpos[plant.position], data.qvel[plant.speed] = heard.position, heard.velocity
-        data.qpos[self._turn], data.qvel[self._spin] = imu.quaternion, imu.gyro
+        plant = self._plant
+        data = self.data
+        data.qpos[plant.position] = heard.position
+        data.qvel[plant.speed] = heard.velocity
+        data.qpos[self._turn] = imu.quaternion
+        data.qvel[self._spin] = imu.gyro
         self._follow()
         reading = BodyReading.empty(len(heard.position))
         plant.read(data.qpos, data.qvel, data.sensordata, reading)
-        reading.gyro[...], reading.acceleration[...] = imu.gyro, imu.acceleration
+        reading.gyro[...] = imu.gyro
+        reading.acceleration[...] = imu.acceleration
         reading.base_velocity[...] = odometry(reading)
         data.qpos[self._height] = reading.height  # for a picture; no sensor tells it
         return reading
 
     def _follow(self) -> None:
         """Places, velocities and sensors of the pose; no contacts, no forces."""
-        model, data = self._plant.model, self.data
+        model = self._plant.model
+        data = self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)

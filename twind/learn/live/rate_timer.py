@@ -14,7 +14,9 @@ class RateTimer:
     """Deadlines `period` s apart, from `first` on (s, monotonic)."""
 
     def __init__(self, first: float, period: float) -> None:
-        self.deadline, self.period, self.missed = first, period, 0
+        self.deadline = first
+        self.period = period
+        self.missed = 0
 
     def advance(self, now: float) -> int:
         """On to the next deadline that has not passed; how many were missed."""

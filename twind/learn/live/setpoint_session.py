@@ -13,7 +13,9 @@ from twind.robot.arrays import Floats
 
 PATIENCE = 1.0  # s for an answer to a setpoint: the loop gives it within a tick
 WAY = 130.0  # s for reports of a way
-SHORTEST, PACE = 1.0, 2.0  # s; s per rad, as `twindctl move`
+# s; s per rad, as `twindctl move`
+SHORTEST = 1.0
+PACE = 2.0
 PERIODS = 3.0  # that a setpoint may be followed without the next
 LONGEST = 0.1  # s, the gate's bound for that
 ROUNDING = 1e-6  # s
@@ -28,8 +30,11 @@ class SetpointSession:
 
     def __init__(self, client: Client, joints: Sequence[str], period: float, *, take: bool = False) -> None:
         """`period`: s between setpoints. Raises ClientError: another holds the lease."""
-        self._client, self._joints, self._dropped = client, list(joints), False
-        self._period, self._valid_for = period, min(LONGEST, PERIODS * period)
+        self._client = client
+        self._joints = list(joints)
+        self._dropped = False
+        self._period = period
+        self._valid_for = min(LONGEST, PERIODS * period)
         self.take(by_force=take)
 
     def take(self, *, by_force: bool = False) -> None:

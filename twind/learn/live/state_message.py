@@ -11,7 +11,8 @@ from twind.robot.arrays import Floats
 
 STALE = 0.05  # s: a joint or an IMU that was heard longer ago says nothing of now
 LONG = 2.0  # s of silence, told in seconds and with a remedy
-_NAN, _INF = float("nan"), inf
+_NAN = float("nan")
+_INF = inf
 
 
 @dataclass(frozen=True, slots=True)

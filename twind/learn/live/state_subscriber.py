@@ -29,7 +29,9 @@ class StateSubscriber:
         self.newest: StateMessage | None = None
         self.status: Mapping[str, Any] = client.call("GetStatus")["status"]
         self.ended = ""
-        self._client, self._joints, self._closing = client, tuple(joints), False
+        self._client = client
+        self._joints = tuple(joints)
+        self._closing = False
         self._news = threading.Condition()
         stream = client.stream("Monitor", topics=list(TOPICS), rate=rate_hz)
         self._thread = threading.Thread(target=self._listen, args=(stream,), name="senses", daemon=True)
@@ -47,7 +49,8 @@ class StateSubscriber:
         """
         with self._news:
             while True:
-                now, newest = time.monotonic(), self.newest
+                now = time.monotonic()
+                newest = self.newest
                 if newest is not None and newest.sequence > sequence:
                     return newest
                 if now >= until or self.ended:
@@ -56,7 +59,8 @@ class StateSubscriber:
 
     def next_states(self) -> list[StateMessage]:
         """The next `ROW` states, one after the other; none of them where they do not come."""
-        until, found = time.monotonic() + SOON, list[StateMessage]()
+        until = time.monotonic() + SOON
+        found = list[StateMessage]()
         while len(found) < ROW:
             state = self.after(found[-1].sequence if found else -1, until)
             if state is None:

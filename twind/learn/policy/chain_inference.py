@@ -29,7 +29,10 @@ def chain(model: OnnxModel) -> list[Part]:
 
     Raises PolicyError where the graph is no such chain.
     """
-    parts, at, width, products = list[Part](), INPUT, model.observations, 0
+    parts = list[Part]()
+    at = INPUT
+    width = model.observations
+    products = 0
     if width > MOST_WIDTH:
         raise PolicyError(f"its {INPUT} has {width} entries, at most {MOST_WIDTH} are possible")
     for node in model.nodes:
@@ -106,7 +109,8 @@ def _row(array: Any, width: int, name: str) -> Any:
 def compiled(steps: Sequence[Part], rows: int | None, width: int) -> Step:
     """One function of a chain, for an observation (width,) or `rows` of them; it writes into own arrays."""
     shape = (width,) if rows is None else (rows, width)
-    work, parts = np.zeros(shape, np.float32), []
+    work = np.zeros(shape, np.float32)
+    parts = []
     for name, held in steps:
         part, work = _STEPS[name][2](work, held)
         parts.append(part)

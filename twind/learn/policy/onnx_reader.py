@@ -28,7 +28,8 @@ from twind.learn.policy.protobuf_reader import (
 
 MOST_NODES = 64  # operations; a network of 10 layers has 23
 OPSETS = (13, 25)  # oldest, newest: what the operations on the list mean is the same in all of them
-FLOAT, TENSOR_VALUE = 1, "value"
+FLOAT = 1
+TENSOR_VALUE = "value"
 DIMENSIONS = 2  # of an array, at most
 SHOWN = 40  # letters of somebody else's name
 
@@ -138,7 +139,8 @@ def _entry(fields: dict[str, list[Value]]) -> tuple[str, str]:
 
 def _array(value: Value, budget: ProtobufFieldBudget) -> tuple[str, Rows]:
     fields = _all(value, _TENSOR, budget)
-    name, kind = _last(fields["name"]), [signed(each) for each in fields["type"]]
+    name = _last(fields["name"])
+    kind = [signed(each) for each in fields["type"]]
     shape = tuple(signed(each) for each in fields["dims"])
     said = f"its array {name[:SHOWN]!r}"
     if kind != [FLOAT]:
@@ -158,7 +160,8 @@ def _array(value: Value, budget: ProtobufFieldBudget) -> tuple[str, Rows]:
 
 def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | None]:
     fields = _all(value, _NODE, budget)
-    kind, domain = _last(fields["type"]), _last(fields["domain"])
+    kind = _last(fields["type"])
+    domain = _last(fields["domain"])
     if domain not in ("", "ai.onnx"):
         raise PolicyError(
             f"its graph has the operation {domain[:SHOWN]!r} {kind[:SHOWN]!r}, which is not run"
@@ -167,7 +170,8 @@ def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | N
         raise PolicyError(
             f"its operation {kind[:SHOWN]!r} has {len(fields['output'])} outputs, one is needed"
         )
-    numbers, tensors = dict[str, float](), dict[str, Rows]()
+    numbers = dict[str, float]()
+    tensors = dict[str, Rows]()
     for each in fields["attribute"]:
         attribute = _all(each, _ATTRIBUTE, budget)
         name = _last(attribute["name"])
@@ -202,7 +206,8 @@ def _end(what: str, name: str, ends: list[Value], given: set[str], budget: Proto
     if [each[0] for each in found] != [name]:
         said = ", ".join(each[0][:SHOWN] for each in found) or "none"
         raise PolicyError(f"its {what} is {said}, expected {name} alone")
-    dims, element = list[int](), list[Value]()
+    dims = list[int]()
+    element = list[Value]()
     for kind in found[0][1]:
         for tensor in _all(kind, _TYPE, budget)["tensor"]:
             fields = _all(tensor, _TENSOR_TYPE, budget)

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from twind.learn.policy.policy_card import PolicyError
 
 Rows = NDArray[np.float32]
-INPUT, OUTPUT = "observation", "action"
-OPSET, IR = 17, 8  # old enough for every runtime that is still about
+INPUT = "observation"
+OUTPUT = "action"
+# old enough for every runtime that is still about
+OPSET = 17
+IR = 8
 ACTIVATIONS = {"none": "", "tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
 
 

@@ -150,7 +150,9 @@ def _check(card: PolicyCard) -> None:
             raise PolicyError(f"its card has {len(row)} numbers as {name}, one per joint ({count}) is needed")
         if name in ("velocity", "acceleration") and not (row > 0.0).all():
             raise PolicyError(f"its card: {name} of {card.joints[int(np.argmin(row))]} is not above 0")
-    lower, default, upper = np.array(card.lower), np.array(card.default), np.array(card.upper)
+    lower = np.array(card.lower)
+    default = np.array(card.default)
+    upper = np.array(card.upper)
     for at in np.flatnonzero(~((lower <= default) & (default <= upper))):
         reason = f"default {default[at]:g} rad of {card.joints[at]} is outside {lower[at]:g}..{upper[at]:g}"
         raise PolicyError(f"its card: {reason}")
@@ -207,7 +209,8 @@ def differences(card: PolicyCard, body: PolicyRobot) -> list[str]:
     if card.joints != body.joints:
         return _joints(card.joints, body.joints)  # without the same joints nothing else can be compared
     wrong = []
-    mine, yours = list(card.layout.items()), list(body.layout.items())
+    mine = list(card.layout.items())
+    yours = list(body.layout.items())
     if mine != yours:
         has, expected = _first_other(mine, yours)
         wrong.append(f"its observation has {has}, here that is {expected}")

@@ -92,10 +92,15 @@ class PolicyController:
         clock: Callable[[], float],
     ) -> None:
         """`phases`: (k, 4) of the steps, again and again; `command`: (3,) m/s, m/s, rad/s."""
-        self._policy, self._seeing, self._fallen = policy, seeing, fallen
-        self._phases, self._command, self._clock = phases, command, clock
+        self._policy = policy
+        self._seeing = seeing
+        self._fallen = fallen
+        self._phases = phases
+        self._command = command
+        self._clock = clock
         card = policy.card
-        self._joints, self._period = card.joints, card.shaping.period
+        self._joints = card.joints
+        self._period = card.shaping.period
         default = np.array(card.default)
         self._observer = ObservationBuilder(ObservationLayout(card.joints), default)
         self.shaper = ActionShaper(card.limits, default, card.shaping)
@@ -117,7 +122,8 @@ class PolicyController:
         reading = self._seeing.reading(heard)
         self._look(reading)
         if self._fallen(reading):
-            tilt, height = self.figures.tilt, float(reading.height)
+            tilt = self.figures.tilt
+            height = float(reading.height)
             return PolicyEnd(
                 f"fallen: the base is {tilt:.0f} degrees from upright, {height:.2f} m above the soles"
             )
@@ -131,7 +137,8 @@ class PolicyController:
         """The gate took the last setpoint: the drive goes on."""
         if self.holding is not None:
             self.figures.held += self._clock() - self._looked
-        self.figures.steps, self.holding = self.figures.steps + 1, None
+        self.figures.steps = self.figures.steps + 1
+        self.holding = None
 
     def record_missed_periods(self, periods: int, *, lapsed: bool) -> None:
         """So many periods had no setpoint: the loop went on by the last one, or holds if that has lapsed."""
@@ -144,7 +151,8 @@ class PolicyController:
         """Send nothing for now; the end, where that goes on for too long."""
         now = self._clock()
         if self.holding is None:
-            self._since, self.figures.holds = now, self.figures.holds + 1
+            self._since = now
+            self.figures.holds = self.figures.holds + 1
             self._seen = None
         else:
             self.figures.held += now - self._looked
@@ -175,7 +183,8 @@ class PolicyController:
             late = (ended - deadline) * 1e3
             self.figures.too_late += 1
             return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self._period * 1e3:g} ms")
-        self._action, self.figures.source = action, heard.time
+        self._action = action
+        self.figures.source = heard.time
         target, velocity = self.shaper.step(action)
         return PolicySetpoint(target - velocity * self._period, velocity.copy())
 

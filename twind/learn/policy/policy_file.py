@@ -30,8 +30,11 @@ class Policy:
 
     def __init__(self, card: PolicyCard, make: Callable[[int | None], Step]) -> None:
         """`make`: the function for an observation (N,) (None) or for that many of them."""
-        self.card, self._make, self._rows = card, make, -1
-        self._one, self._many = make(None), make(None)
+        self.card = card
+        self._make = make
+        self._rows = -1
+        self._one = make(None)
+        self._many = make(None)
 
     def act(self, observation: Rows) -> Rows:
         """The action (n,) for an observation (N,), or (batch, n) for (batch, N). A new array, float32.

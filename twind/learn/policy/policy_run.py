@@ -48,7 +48,8 @@ class PolicyRunLog:
 
     def plain(self, pilot: PolicyController, beat: RateTimer | None, recent: int = KEPT) -> dict[str, Any]:
         """Figures as JSON; of the last `recent` steps where they are times, in ms."""
-        seen, past = pilot.figures, self.ended - self.began
+        seen = pilot.figures
+        past = self.ended - self.began
         told: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
         told["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
         told["missed"] = 0 if beat is None else beat.missed
@@ -87,11 +88,16 @@ class PolicyRun:
         say: Callable[[str], None],
     ) -> None:
         """`period`: s of control; `loop`: s of the daemon's loop; `say`: is told of holds."""
-        self._clock, self._say = clock, say
-        self._pilot, self._senses, self._reins = pilot, senses, reins
-        self._period, self._loop = period, loop
+        self._clock = clock
+        self._say = say
+        self._pilot = pilot
+        self._senses = senses
+        self._reins = reins
+        self._period = period
+        self._loop = loop
         self._mode = senses.status["mode"]
-        self.log, self._told = PolicyRunLog(), -inf
+        self.log = PolicyRunLog()
+        self._told = -inf
         self.beat: RateTimer | None = None
 
     def run(
@@ -124,7 +130,8 @@ class PolicyRun:
     def _beats(
         self, beat: RateTimer, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
     ) -> tuple[bool, str]:
-        log, shown = self.log, 0.0
+        log = self.log
+        shown = 0.0
         log.began = beat.deadline
         while True:
             self._clock.sleep_until(beat.deadline)
@@ -178,7 +185,8 @@ class PolicyRun:
         return hold
 
     def _send(self, setpoint: PolicySetpoint) -> PolicyHold | PolicyEnd | None:
-        log, seen = self.log, self._pilot.figures
+        log = self.log
+        seen = self._pilot.figures
         log.inference.append(seen.inference)
         before = self._clock.now()
         try:

@@ -60,7 +60,8 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         raise Rejected(f"{options.file}: {error.args[0]}") from None
     threadpool_limits(limits=1)  # a second thread would only be waited for
     with observer(options) as client:
-        status, told = client.call("GetStatus")["status"], client.call("GetRobot")
+        status = client.call("GetStatus")["status"]
+        told = client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
     plant = _fitting(card, told, status, rate_hz)
     pilot = PolicyController(

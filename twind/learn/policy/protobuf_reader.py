@@ -9,10 +9,15 @@ from dataclasses import dataclass, field
 
 from twind.learn.policy.policy_card import PolicyError
 
-VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5  # wire types
+# wire types
+VARINT = 0
+FIXED64 = 1
+BYTES = 2
+FIXED32 = 5
 MOST_FIELDS = 8192  # of a whole file
 _WIDTHS = {FIXED64: 8, FIXED32: 4}
-_SIGN, _WHOLE = 1 << 63, 1 << 64
+_SIGN = 1 << 63
+_WHOLE = 1 << 64
 
 Value = int | memoryview  # of a field: a number, or its bytes
 
@@ -46,7 +51,8 @@ def message(data: memoryview, kind: ProtobufSchema, budget: ProtobufFieldBudget)
     while at < len(data):
         budget.spend()
         key, at = _varint(data, at)
-        number, wire = key >> 3, key & 7
+        number = key >> 3
+        wire = key & 7
         value, at = _value(data, at, wire)
         if number in kind.passed:
             continue
@@ -104,7 +110,8 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
 
 
 def _packed(data: memoryview, budget: ProtobufFieldBudget) -> list[Value]:
-    values, at = list[Value](), 0
+    values = list[Value]()
+    at = 0
     while at < len(data):
         budget.spend()
         value, at = _varint(data, at)

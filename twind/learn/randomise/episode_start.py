@@ -16,11 +16,14 @@ class EpisodeStart:
 
     def __init__(self, model: Any, at: ModelAddresses, stance: Floats) -> None:
         """`stance` (nq,): the robot on its feet."""
-        self._model, self._at, self._stance = model, at, stance
+        self._model = model
+        self._at = at
+        self._stance = stance
         self._geoms = touching(model)
         self._data = data = mujoco.MjData(model)
         turn = at.base_qpos + 3
-        self._qpos, self._orientation = data.qpos, data.qpos[turn : turn + 4]
+        self._qpos = data.qpos
+        self._orientation = data.qpos[turn : turn + 4]
         limited = model.jnt_limited[at.joints] != 0
         self._lower = np.where(limited, model.jnt_range[at.joints, 0], -np.inf)
         self._upper = np.where(limited, model.jnt_range[at.joints, 1], np.inf)

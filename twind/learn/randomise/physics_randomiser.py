@@ -144,7 +144,8 @@ class SingleModelWriter:
     """Draws applied to one model, which is this one's to change."""
 
     def __init__(self, physics: PhysicsRandomiser, model: Any) -> None:
-        self._physics, self._model = physics, model
+        self._physics = physics
+        self._model = model
         self._fields = {name: getattr(model, name) for name in physics.fields}
         self._scratch = mujoco.MjData(model) if physics.derived else None
 
@@ -159,7 +160,8 @@ class BatchModelWriter:
     """Draws applied to the simulations of a `mujoco.batch.Batch`, each to its own."""
 
     def __init__(self, physics: PhysicsRandomiser, batch: Any) -> None:
-        self._physics, self._batch = physics, batch
+        self._physics = physics
+        self._batch = batch
         self._fields = {name: batch.expand(name) for name in physics.fields}
 
     def apply(self, ids: Ints, draws: list[EpisodeDraw]) -> None:

@@ -15,7 +15,9 @@ class PushSchedule:
 
     def __init__(self, ranges: PushRanges | None, mass: float, period: float, count: int = 1) -> None:
         """`mass` of the robot, kg; `period` of a control step, s."""
-        self._ranges, self._mass, self._period = ranges, mass, period
+        self._ranges = ranges
+        self._mass = mass
+        self._period = period
         self.force: Floats = np.zeros((count, 2))  # N, world frame, through the next control step
         self._on: Bools = np.zeros(count, np.bool_)  # a push may have no force
         self._due = np.full(count, NEVER)  # the step, of all since the start, at which the force changes
@@ -45,7 +47,8 @@ class PushSchedule:
 
     def _pause(self, each: int, rng: np.random.Generator) -> None:
         assert self._ranges is not None
-        self.force[each], self._on[each] = 0.0, False
+        self.force[each] = 0.0
+        self._on[each] = False
         self._due[each] = self._now + self._steps(self._ranges.every, rng)
 
     def _push(self, each: int, rng: np.random.Generator) -> None:
@@ -54,7 +57,8 @@ class PushSchedule:
         size = self._mass * rng.uniform(*self._ranges.speed) / (steps * self._period)
         way = rng.uniform(-np.pi, np.pi)
         self.force[each] = size * np.cos(way), size * np.sin(way)
-        self._due[each], self._on[each] = self._now + steps, True
+        self._due[each] = self._now + steps
+        self._on[each] = True
 
     def _steps(self, span: Span, rng: np.random.Generator) -> int:
         return max(1, round(rng.uniform(*span) / self._period))

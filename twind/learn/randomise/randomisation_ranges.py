@@ -15,8 +15,10 @@ from twind.config.yaml_tree import parse, read_text
 Span = tuple[float, float]  # low, high
 FORMAT = "twind-ranges/1"
 FILE = Path(__file__).with_name("ranges.yaml")
-NONE, DEFAULT = "none", "default"
-SAME, ZERO = (1.0, 1.0), (0.0, 0.0)
+NONE = "none"
+DEFAULT = "default"
+SAME = (1.0, 1.0)
+ZERO = (0.0, 0.0)
 MOST_DELAY = 0.2  # s: ten control steps
 
 

@@ -19,7 +19,8 @@ class ReadingNoise:
         most: Floats = np.repeat(astuple(ranges), (joints, joints, *_SIZES))
         self.silent = not most.any()
         self._tilted = ranges.gravity > 0.0
-        self._width, self._most = 2.0 * most, most
+        self._width = 2.0 * most
+        self._most = most
         self._even = np.zeros((count, most.size))
 
     def add(self, reading: BodyReading, rngs: Sequence[np.random.Generator]) -> None:

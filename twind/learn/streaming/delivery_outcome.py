@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
 from enum import Enum
 
-FIRST, LONGEST = 0.25, 10.0  # s, of the waits that double
+# s, of the waits that double
+FIRST = 0.25
+LONGEST = 10.0
 PATIENT = 900.0  # s: for longer nobody is waited for, whatever Retry-After says
 # What is wrong is the way there or who we are, and not the message: it waits until somebody mends that.
 NOT_THE_MESSAGE = frozenset({401, 402, 403, 404, 405, 407, 408, 409, 421, 423, 425, 426, 429, 451})
@@ -65,4 +67,5 @@ class Backoff:
 
     def went_well(self) -> None:
         """The next failure is the first one again."""
-        self.failures, self.until = 0, 0.0
+        self.failures = 0
+        self.until = 0.0

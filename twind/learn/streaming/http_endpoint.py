@@ -59,7 +59,8 @@ class HttpEndpoint:
         assert where.hostname is not None
         self._connection = kind(where.hostname, where.port, timeout=timeout)
         self._path = (where.path or "/") + (f"?{where.query}" if where.query else "")
-        self._headers, self._token = dict(headers), token
+        self._headers = dict(headers)
+        self._token = token
         self._sent_headers: dict[str, str] = {}
         self._aborted = False
 

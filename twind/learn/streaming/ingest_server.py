@@ -40,7 +40,8 @@ def address(text: str) -> ListenAddress:
     host, _, port = text.rpartition(":")
     host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
     try:
-        found, number = ip_address(host), int(port)
+        found = ip_address(host)
+        number = int(port)
     except ValueError:
         raise ValueError("write it as 127.0.0.1:8000 or [::1]:8000") from None
     if not 0 <= number <= 65535:
@@ -74,7 +75,8 @@ class IngestStore:
     def __init__(self, folder: Path) -> None:
         """Goes on with what is there; a last line that a crash cut off is taken away. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._lock = folder, threading.Lock()
+        self._folder = folder
+        self._lock = threading.Lock()
         self._file = os.open(folder / LINES, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # two would keep a message twice
         self._keys: set[str] = set()
@@ -147,7 +149,9 @@ class IngestServer:
         attempts: dict[str, int] = {}
 
         class Bounded(ThreadingHTTPServer):
-            daemon_threads, block_on_close, request_queue_size = True, False, MOST
+            daemon_threads = True
+            block_on_close = False
+            request_queue_size = MOST
             address_family = socket.AF_INET6 if ":" in where.host else socket.AF_INET
 
             def process_request(self, request: Any, client_address: Any) -> None:
@@ -168,7 +172,9 @@ class IngestServer:
         class Handler(_IngestHandler):
             pass
 
-        Handler.store, Handler.faults, Handler.attempts = store, faults, attempts
+        Handler.store = store
+        Handler.faults = faults
+        Handler.attempts = attempts
         self._server = Bounded((where.host, where.port), Handler)
         host, port = self._server.server_address[:2]
         self.url = f"http://{f'[{host!s}]' if ':' in str(host) else host!s}:{port}/ingest"
@@ -190,7 +196,10 @@ class _IngestHandler(BaseHTTPRequestHandler):
     store: IngestStore
     faults: IngestFaults
     attempts: dict[str, int]
-    protocol_version, timeout, server_version, sys_version = "HTTP/1.1", PATIENCE, "twind-ingest", ""
+    protocol_version = "HTTP/1.1"
+    timeout = PATIENCE
+    server_version = "twind-ingest"
+    sys_version = ""
 
     def do_POST(self) -> None:
         """Keep it, and say so."""

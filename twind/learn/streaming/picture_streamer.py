@@ -68,7 +68,10 @@ class PictureStreamer:
     def __init__(
         self, options: argparse.Namespace, basket: SampleBatcher, rate: float, tell: Callable[[str], None]
     ) -> None:
-        self._options, self._basket, self._period, self._tell = options, basket, 1.0 / rate, tell
+        self._options = options
+        self._basket = basket
+        self._period = 1.0 / rate
+        self._tell = tell
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._said = ""
@@ -84,9 +87,11 @@ class PictureStreamer:
 
     def _run(self) -> None:
         scene: CameraScene | None = None
-        drawn, wait = -1, 0.0
+        drawn = -1
+        wait = 0.0
         while not self._stop.wait(wait):
-            begun, sample = time.monotonic(), self._basket.latest
+            begun = time.monotonic()
+            sample = self._basket.latest
             wait = self._period
             if sample is None or sample.tick == drawn:
                 continue
@@ -94,7 +99,8 @@ class PictureStreamer:
                 if scene is None or not scene.fits(sample):
                     scene = self._scene(scene)
                 self._put(scene.jpeg(sample), sample)
-                drawn, wait = sample.tick, max(0.0, self._period - (time.monotonic() - begun))
+                drawn = sample.tick
+                wait = max(0.0, self._period - (time.monotonic() - begun))
             except (NoRobotModel, RendererUnavailable, ClientError, ValueError) as error:
                 self._complain(str(error))
                 wait = AGAIN

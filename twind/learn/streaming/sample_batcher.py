@@ -26,7 +26,11 @@ class SampleBatcher:
         room: int = ROOM,
     ) -> None:
         """A batch is closed at `size` samples, or `age` s after its first."""
-        self._size, self._age, self._now, self._clocks, self._room = size, age, now, clocks, room
+        self._size = size
+        self._age = age
+        self._now = now
+        self._clocks = clocks
+        self._room = room
         self._changed = threading.Condition()
         self._open: list[StreamSample] = []
         self._robot: StreamedRobot | None = None

@@ -21,7 +21,9 @@ from typing import Any
 
 from twind.learn.streaming.stream_samples import PostMessage
 
-FILE, LOCK, BROKEN = "spool.sqlite", "lock", "spool.sqlite.broken"
+FILE = "spool.sqlite"
+LOCK = "lock"
+BROKEN = "spool.sqlite.broken"
 # `reason`: of a dead letter. `run`, `made`: which run of ours wrote it, at which monotonic time of that run.
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS message (
@@ -72,11 +74,13 @@ class Spool:
 
     def __init__(self, folder: Path, bounds: SpoolLimits, now: float, wall: float) -> None:
         """Raises SpoolInUse, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
-        self.folder, self._bounds = folder, bounds
+        self.folder = folder
+        self._bounds = bounds
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._held = _hold(folder / LOCK)
         self._lock = threading.Lock()
-        self.set_aside, self.tally = "", SpoolCounts()
+        self.set_aside = ""
+        self.tally = SpoolCounts()
         try:
             try:
                 self._open()
@@ -207,7 +211,8 @@ class Spool:
     def _all_or_nothing(self, *, synced: bool = False) -> Iterator[SpoolCounts]:
         """A transaction, and the tally after it; where it fails all is as it was."""
         self._base.execute(f"PRAGMA synchronous={'FULL' if synced else 'NORMAL'}")
-        was, changed = self.tally, replace(self.tally)
+        was = self.tally
+        changed = replace(self.tally)
         self._base.execute("BEGIN IMMEDIATE")
         try:
             yield changed

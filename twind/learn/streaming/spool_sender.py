@@ -25,16 +25,19 @@ class SpoolSender:
     """`tell` gets a line when something goes wrong, and when it is over."""
 
     def __init__(self, spool: Spool, endpoint: HttpEndpoint, tell: Callable[[str], None]) -> None:
-        self._spool, self._endpoint, self._tell = spool, endpoint, tell
-        self._backoff, self._once, self._dead = (
-            Backoff(random.Random()),
-            TransitionReporter(),
-            TransitionReporter(),
-        )
-        self._next, self._deadline = 0.0, float("inf")  # s, monotonic
+        self._spool = spool
+        self._endpoint = endpoint
+        self._tell = tell
+        self._backoff = Backoff(random.Random())
+        self._once = TransitionReporter()
+        self._dead = TransitionReporter()
+        # s, monotonic
+        self._next = 0.0
+        self._deadline = float("inf")
         self._after = 0  # sequence number of the last that is done with
         self._owed: deque[tuple[int, str | None]] = deque()  # done with, but the disk does not take that
-        self._woken, self._stopping = threading.Event(), threading.Event()
+        self._woken = threading.Event()
+        self._stopping = threading.Event()
         self.failures = 0
         self.error = ""  # what is in the way now
         self._thread = threading.Thread(target=self._run, name="sending", daemon=True)
@@ -90,7 +93,8 @@ class SpoolSender:
 
     def _send(self, kept: SpooledMessage) -> None:
         now = time.monotonic()
-        self._next, self._deadline = now + PERIOD, now + LONGEST
+        self._next = now + PERIOD
+        self._deadline = now + LONGEST
         headers = {**kept.message.headers, "Idempotency-Key": f"{self._spool.tally.stream}-{kept.sequence}"}
         try:
             answer = self._endpoint.post(kept.message.body, headers)

@@ -29,9 +29,15 @@ class SpoolWriter:
         patience: float = 0.25,
     ) -> None:
         """`patience`: s between two looks at the age of a batch that is not full."""
-        self._basket, self._spool, self._kept, self._tell = basket, spool, kept, tell
-        self._ndjson, self._zipped, self._patience = ndjson, zipped, patience
-        self._once, self._stopping = TransitionReporter(), threading.Event()
+        self._basket = basket
+        self._spool = spool
+        self._kept = kept
+        self._tell = tell
+        self._ndjson = ndjson
+        self._zipped = zipped
+        self._patience = patience
+        self._once = TransitionReporter()
+        self._stopping = threading.Event()
         self._counted = 0  # of what the basket dropped, in the spool's tally already
         self._upkeep = 0.0
         self.error = ""

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from twind.learn.streaming.stream_runner import MessageSource, StreamRunner
 
 URL = "http://localhost:8000/ingest"
-MB, HOUR = 1 << 20, 3600.0
+MB = 1 << 20
+HOUR = 3600.0
 FIELD = re.compile(r"([A-Za-z0-9!#$%&'*+.^_`|~-]+):[ \t]*([\x20-\x7e]*)")
 OURS = frozenset(
     {"idempotency-key", "content-type", "content-encoding", "content-length", "transfer-encoding", "host"}
@@ -210,7 +211,8 @@ def _list(options: argparse.Namespace, folder: Path) -> int:
     except sqlite3.Error as error:
         raise Rejected(f"{folder}: no spool that can be read ({error}); name another with --spool") from None
     for each in letters:
-        size, count = len(each.message.body), each.message.samples
+        size = len(each.message.body)
+        count = each.message.samples
         fields = ("sequence", "wall", "bytes", "samples", "reason")
         said = dict(zip(fields, (each.sequence, round(each.wall, 3), size, count, each.reason), strict=True))
         when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(each.wall))

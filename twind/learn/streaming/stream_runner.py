@@ -46,7 +46,9 @@ class StreamRunner:
     def __init__(
         self, options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint, stop: threading.Event
     ) -> None:
-        self._options, self._spool, self._stop = options, spool, stop
+        self._options = options
+        self._spool = spool
+        self._stop = stop
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.tell = self._lines.put
         self.basket = SampleBatcher(options.batch, options.age, time.monotonic, clocks)
@@ -100,7 +102,8 @@ class StreamRunner:
                 self._print()
             if now - last >= REPORT:
                 self._rate = (self.basket.samples - count) / (now - last)
-                last, count = now, self.basket.samples
+                last = now
+                count = self.basket.samples
                 self._report()
                 progress.update(stream_text(self.streaming()))
             if self._options.seconds is not None and now - begun >= self._options.seconds:

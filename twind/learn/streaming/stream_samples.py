@@ -15,7 +15,8 @@ from twind.client.errors import ClientError, as_error
 FORMAT = "twind-stream/1"
 ROWS = ("position", "velocity", "effort", "commanded", "age_ms")  # of each sample, in the order of its joints
 DIGITS = 6  # behind the point, of rad, rad/s, N·m: a thousandth of what an encoder tells, in half the bytes
-JSON, NDJSON = "application/json", "application/x-ndjson"
+JSON = "application/json"
+NDJSON = "application/x-ndjson"
 _encode = msgspec.json.Encoder().encode  # writes NaN as null
 
 
@@ -134,7 +135,8 @@ def message(batch: SampleBatch, *, ndjson: bool = False, zipped: bool = False) -
         body = _encode({**head, "samples": rows})
     headers = {"Content-Type": NDJSON if ndjson else JSON}
     if zipped:
-        body, headers["Content-Encoding"] = gzip.compress(body, 1, mtime=0), "gzip"
+        body = gzip.compress(body, 1, mtime=0)
+        headers["Content-Encoding"] = "gzip"
     return PostMessage(body, headers, len(batch.samples))
 
 

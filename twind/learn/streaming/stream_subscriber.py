@@ -14,7 +14,8 @@ from twind.learn.streaming.stream_samples import StreamedRobot, sample
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 # s between two looks, and messages that come meanwhile: to be woken for each would cost three times the CPU.
 # Twenty of 8 kB find room in the socket, and the front keeps 256 KiB more.
-NAP, TOGETHER = 0.2, 20.0
+NAP = 0.2
+TOGETHER = 20.0
 AGAIN = 0.5  # s between two attempts to reach one
 
 
@@ -28,8 +29,12 @@ class StreamSubscriber:
         now: Callable[[], float],
         tell: Callable[[str], None],
     ) -> None:
-        self._options, self._basket, self._now, self._tell = options, basket, now, tell
-        self._once, self._stop = TransitionReporter(), threading.Event()
+        self._options = options
+        self._basket = basket
+        self._now = now
+        self._tell = tell
+        self._once = TransitionReporter()
+        self._stop = threading.Event()
         self._robot: StreamedRobot | None = None
         self.error = ""  # why there is no daemon
         self._thread = threading.Thread(target=self._run, name="listening", daemon=True)

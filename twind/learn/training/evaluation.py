@@ -57,13 +57,17 @@ class EvaluationEnvs:
 
     def judge(self, act: Act) -> EvaluationScore:
         """`act`: observations (k, N) -> actions (k, n). The same `act` gives the same score, to the bit."""
-        core, count = self.core, self.core.count
+        core = self.core
+        count = self.core.count
         core.seed(self._seeds)
         observation = core.reset()
-        returns, lengths, fallen = np.zeros(count), np.zeros(count), np.zeros(count, np.bool_)
+        returns = np.zeros(count)
+        lengths = np.zeros(count)
+        fallen = np.zeros(count, np.bool_)
         runs = np.ones(count, np.bool_)
         last: Rows = np.zeros((count, core.joints), np.float32)
-        moved, ahead = 0.0, 0.0
+        moved = 0.0
+        ahead = 0.0
         while runs.any():
             action = act(observation)
             moved += float(np.abs(action - last)[runs].mean(axis=1).sum())

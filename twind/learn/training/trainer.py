@@ -67,7 +67,9 @@ class Trainer:
         before: Mapping[str, Any] | None,
     ) -> None:
         """`before`: the run's file of a training that goes on. Raises Rejected: its checkpoint is none."""
-        self._settings, self._folder, self._told = settings, folder, told
+        self._settings = settings
+        self._folder = folder
+        self._told = told
         state = None if before is None else _checkpoint(folder.path / CHECKPOINT)
         try:
             self._learner = PpoLearner(settings, state)
@@ -78,11 +80,15 @@ class Trainer:
         self._figures = TrainingFigures(self._trials.zero())
         if before is not None:
             self._take_up(before)
-        self._rate, self._since, self._at = 0.0, self._figures.seconds, self._learner.steps
+        self._rate = 0.0
+        self._since = self._figures.seconds
+        self._at = self._learner.steps
 
     def run(self, stop: threading.Event, progress: ProgressLine) -> bool:
         """Train until all steps are done (True) or told to `stop` (False). Raises OSError: a full disk."""
-        learner, figures, settings = self._learner, self._figures, self._settings
+        learner = self._learner
+        figures = self._figures
+        settings = self._settings
         began = learner.steps
         progress.clear()
         self._told.began(settings, self._folder.path, began, figures.zero)
@@ -121,7 +127,8 @@ class Trainer:
         self._figures.points = [point for point in points if point[0] <= steps]
 
     def _report_progress(self, progress: ProgressLine, began: int) -> None:
-        steps, recent = self._learner.steps, self._learner.recent()
+        steps = self._learner.steps
+        recent = self._learner.recent()
         past = self._figures.seconds - self._since
         self._rate = (steps - self._at) / past if past > 0.0 else 0.0
         progress.update(
@@ -131,7 +138,9 @@ class Trainer:
 
     def _evaluate(self, progress: ProgressLine) -> None:
         """Judge the policy as a robot would run it: from the file."""
-        learner, figures, path = self._learner, self._figures, self._folder.path
+        learner = self._learner
+        figures = self._figures
+        path = self._folder.path
         progress.update(f"evaluating on {self._settings.episodes} episodes")
         core = self._trials.core
         export(path / CANDIDATE, learner.model, self._settings, core, {})
@@ -141,7 +150,8 @@ class Trainer:
         progress.clear()
         is_best = figures.best == figures.points[-1]
         self._told.evaluated(learner.steps, self._rate, score, figures.zero, is_best)
-        self._since, self._at = figures.seconds, learner.steps
+        self._since = figures.seconds
+        self._at = learner.steps
 
     @property
     def _judged(self) -> bool:
@@ -154,13 +164,15 @@ class Trainer:
 
         Killed in between, what goes on from the checkpoint writes the policies that its figures speak of.
         """
-        folder, figures = self._folder, self._figures
+        folder = self._folder
+        figures = self._figures
         folder.write(CHECKPOINT, self._learner.state())
         folder.write_run(self._settings, figures.to_json(self._learner.steps, ended))
         if self._judged:
             self._export(figures.points[-1], figures.zero)
         if figures.points:
-            best, settings = figures.best, self._settings
+            best = figures.best
+            settings = self._settings
             title = f"{settings.task} with {settings.robot}, seed {settings.seed}"
             made = learning_curve.figure(title, figures.zero, figures.points, best[0] if best else None)
             folder.make(CURVE, lambda beside: learning_curve.save(made, beside))

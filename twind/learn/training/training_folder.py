@@ -18,8 +18,12 @@ from twind.ctl.verb import Rejected
 from twind.learn.training.training_settings import TrainingSettings, told_settings
 
 FORMAT = "twind-run/1"
-RUN, CHECKPOINT, CURVE = "run.json", "checkpoint.pt", "curve.png"
-BEST, LAST, CANDIDATE = "policy.onnx", "last.onnx", "candidate.onnx"
+RUN = "run.json"
+CHECKPOINT = "checkpoint.pt"
+CURVE = "curve.png"
+BEST = "policy.onnx"
+LAST = "last.onnx"
+CANDIDATE = "candidate.onnx"
 _LOCK = ".lock"
 
 
@@ -35,7 +39,8 @@ class TrainingFolder:
 
     def make(self, name: str, write: Callable[[Path], object]) -> Path:
         """`name` is what `write` makes at the path that it is given, or stays what it was. Raises OSError."""
-        beside, place = self.path / f".{name}.new", self.path / name
+        beside = self.path / f".{name}.new"
+        place = self.path / name
         try:
             write(beside)
             with beside.open("rb") as file:

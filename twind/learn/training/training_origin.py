@@ -17,14 +17,16 @@ def originated(settings: TrainingSettings) -> TrainingSettings:
 
     These are the robot file with its MJCF (without meshes), and the file of ranges. Raises ConfigError.
     """
-    robot, profile = load_robot(settings.robot), settings.profile
+    robot = load_robot(settings.robot)
+    profile = settings.profile
     ranges = "" if profile is None else _hash(read_text(file_of(profile)))
     return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
 
 
 def describe_changes(settings: TrainingSettings) -> list[str]:
     """Return a sentence for each file that has changed since the training began. Raises ConfigError."""
-    now, found = originated(settings), []
+    now = originated(settings)
+    found = []
     if now.robot_sha256 != settings.robot_sha256:
         found.append(f"the robot file {settings.robot} or its MJCF has changed since")
     if now.profile_sha256 != settings.profile_sha256:

@@ -205,7 +205,8 @@ def _histogram(
     created: float,
 ) -> None:
     """Buckets of the interface, each without those below it, as buckets that hold all that is below."""
-    seen, below = 0, []
+    seen = 0
+    below = []
     for bucket in buckets:
         seen += bucket["count"]
         upper = inf if bucket["upper_ms"] is None else bucket["upper_ms"] * MS

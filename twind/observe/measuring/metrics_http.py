@@ -32,7 +32,8 @@ class MetricsHttpHandler:
     """What to do with a connection, for `asyncio.start_server` and `start_unix_server` with limit=LONGEST."""
 
     def __init__(self, application: Application) -> None:
-        self._application, self._open = application, 0
+        self._application = application
+        self._open = 0
 
     async def __call__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer it, or cut it off."""

@@ -56,7 +56,9 @@ class MetricsLedger:
         self._verdicts = Counter({"accepted": 0, "refused": 0})
         self._events = Counter({str(code): 0 for code in ReasonCode})
         self._lost = 0
-        self._began, self._began_wall = -inf, nan  # of the run that is told of
+        # of the run that is told of
+        self._began = -inf
+        self._began_wall = nan
         self.forget()
 
     def forget(self) -> None:
@@ -80,7 +82,8 @@ class MetricsLedger:
             if topic == "status":
                 self._take_status(message["status"], message["time"], wall - now)
             elif topic == "state":
-                self._joints, self._skew = message["joints"], message.get("skew_ms")
+                self._joints = message["joints"]
+                self._skew = message.get("skew_ms")
             else:
                 self._take_latencies(message["latency"])
             self._heard = now  # last: a message that nobody understands is no news
@@ -122,8 +125,10 @@ class MetricsLedger:
         # A tick or a missed one for every period of the run, so this is when it began, whoever watched.
         began = time - (loop["ticks"] + loop["missed"]) / loop["rate_hz"]
         if abs(began - self._began) > SAME_RUN:
-            self._began, self._began_wall = began, began + to_wall
-            self._latencies, self._lateness = {}, None
+            self._began = began
+            self._began_wall = began + to_wall
+            self._latencies = {}
+            self._lateness = None
         self._status = status
         self._lateness = loop.get("lateness") or self._lateness
 

@@ -33,7 +33,9 @@ def serve(options: argparse.Namespace, listener: socket.socket) -> None:
 
 
 async def _serve(options: argparse.Namespace, listener: socket.socket) -> None:
-    loop, ledger, stop = asyncio.get_running_loop(), MetricsLedger(time.time()), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    ledger = MetricsLedger(time.time())
+    stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     door = MetricsHttpHandler(make_wsgi_app(registry(ledger)))
@@ -81,7 +83,9 @@ def _changed(said: str, now: str) -> str:
 
 def once(options: argparse.Namespace) -> int:
     """All that can be had within a moment, printed. The exit code."""
-    ledger, until, ended = MetricsLedger(time.time()), time.monotonic() + ONCE, DONE
+    ledger = MetricsLedger(time.time())
+    until = time.monotonic() + ONCE
+    ended = DONE
     try:
         with observer(options) as client:
             client.timeout = STALE

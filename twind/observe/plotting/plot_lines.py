@@ -43,11 +43,13 @@ class PlotMark:
 def line(time: Floats, value: Floats, window: Window) -> PlotLine:
     """The known values in the window, and a gap where some are missing; of very many the extremes."""
     known = np.isfinite(value) & (time >= window[0]) & (time <= window[1])
-    time, value = time[known], value[known]
+    time = time[known]
+    value = value[known]
     if time.size > 2:
         steps = np.diff(time)
         after = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-        time, value = np.insert(time, after, time[after - 1]), np.insert(value, after, np.nan)
+        time = np.insert(time, after, time[after - 1])
+        value = np.insert(value, after, np.nan)
     return thinned(PlotLine(time, value))
 
 

@@ -19,7 +19,9 @@ from matplotlib.ticker import ScalarFormatter
 from twind.observe.plotting.plot_lines import COLOURS, PlotLine, PlotMark, line, marks, worst
 from twind.observe.recording.recording_columns import Floats, RobotRecording
 
-PAGE, DOTS = (8.27, 11.69), 130  # A4 upright in inches; dots an inch: 1075 × 1519
+# A4 upright in inches; dots an inch: 1075 × 1519
+PAGE = (8.27, 11.69)
+DOTS = 130
 GREY, BAD, NOTABLE, EPISODE = "0.80", "#d55e00", "#0072b2", "#f0e442"
 NAMED = 14  # marks that get their words; more would lie on each other
 HOPS = (
@@ -57,7 +59,8 @@ def figure(recording: RobotRecording, joints: Sequence[str] | None, window: Wind
     Raises ValueError: no such joint, too many of them, or nothing is known in that stretch.
     """
     chosen = worst(recording, window) if joints is None else _joints_with_data(recording, joints)
-    begin, end = max(window[0], 0.0), min(window[1], _last(recording))
+    begin = max(window[0], 0.0)
+    end = min(window[1], _last(recording))
     sheet = PlotContext(recording, dict(zip(chosen, COLOURS, strict=False)), (begin, end))
     panels = [(draw, height) for draw, height, known in PANELS if known(sheet)]
     if not panels:
@@ -144,7 +147,8 @@ def _followed(recording: RobotRecording) -> str:
 
 def _error(panel: Axes, sheet: PlotContext) -> None:
     recording = sheet.recording
-    error, word = recording.goal - recording.target, _followed(recording)
+    error = recording.goal - recording.target
+    word = _followed(recording)
     _joints(panel, sheet, recording.time, error, f"commanded less\n{word}  (rad)")
 
 

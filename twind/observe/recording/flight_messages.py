@@ -21,7 +21,9 @@ from twind.link import (
     unpack_path,
 )
 
-STATUS_PERIOD, HISTOGRAMS = 0.5, 1.0  # s, as the topics have it
+# s, as the topics have it
+STATUS_PERIOD = 0.5
+HISTOGRAMS = 1.0
 
 
 def news(flight: FlightFile, *, strict: bool = False) -> Iterator[Outward]:
@@ -63,7 +65,8 @@ class _MonitorMessages:
     """What a front would have told, datagram by datagram."""
 
     def __init__(self, world: StateCache) -> None:
-        self._world, self._judged = world, PendingVerdict()
+        self._world = world
+        self._judged = PendingVerdict()
         self._status_due = self._histograms_due = float("-inf")
 
     def news(self, entry: FlightEntry) -> Iterator[dict[str, Any]]:

@@ -42,7 +42,8 @@ def read(path: Path) -> RobotRecording:
 
 def wall_offset(flight: FlightFile) -> int:
     """ns to add to monotonic times for the wall clock, as whoever wrote the file had it; 0 where unknown."""
-    wall, monotonic = flight.meta.get("wall_ns"), flight.meta.get("monotonic")
+    wall = flight.meta.get("wall_ns")
+    monotonic = flight.meta.get("monotonic")
     if not isinstance(wall, int) or not isinstance(monotonic, int | float):
         return 0
     return wall - round(monotonic * SECOND)
@@ -99,10 +100,12 @@ def _inertial(ticks: list[Tick]) -> ImuColumns | None:
     """None: no tick has one."""
     if not any(tick.imu for tick in ticks):
         return None
-    numbers, heard = np.full((len(ticks), 10), np.nan), -np.inf
+    numbers = np.full((len(ticks), 10), np.nan)
+    heard = -np.inf
     for row, tick in enumerate(ticks):
         if tick.imu and (at := tick.time - tick.imu_age) >= heard + NEWER / 1e3:
-            numbers[row], heard = np.frombuffer(tick.imu), at
+            numbers[row] = np.frombuffer(tick.imu)
+            heard = at
     return ImuColumns(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
 
 

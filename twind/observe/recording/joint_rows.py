@@ -62,11 +62,13 @@ class JointRows:
         """What came since becomes a block."""
         if self._layout is None or not self._data:
             return
-        layout, count = self._layout, len(self._data)
+        layout = self._layout
+        count = len(self._data)
         raw = np.frombuffer(b"".join(self._data), np.uint8).reshape(count, layout.size)
         columns = tuple(_column(raw, first, many, len(layout.names)) for first, many in layout.columns)
         self._blocks.append(JointStateBlock(layout.names, np.array(self._times, np.int64), columns))
-        self._times, self._data = [], []
+        self._times = []
+        self._data = []
 
 
 def _column(raw: NDArray[np.uint8], first: int, many: int, joints: int) -> Floats | None:

@@ -158,7 +158,8 @@ def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
             for kept in taken.said.get(topic, ())
         )
 
-    events, notes = messages_of_topic(EVENTS), messages_of_topic(NOTES)
+    events = messages_of_topic(EVENTS)
+    notes = messages_of_topic(NOTES)
     mjcf = taken.files.get(MJCF)
     return RobotRecording(
         path=path,

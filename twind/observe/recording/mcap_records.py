@@ -16,7 +16,14 @@ MAGIC = b"\x89MCAP0\r\n"
 LARGEST = 64 << 20  # bytes of a record, and of what a chunk holds: whoever made the file wrote its sizes
 _HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _ATTACHMENT, _METADATA = 1, 2, 3, 4, 5, 6, 9, 12
+_HEADER = 1
+_FOOTER = 2
+_SCHEMA = 3
+_CHANNEL = 4
+_MESSAGE_CODE = 5
+_CHUNK = 6
+_ATTACHMENT = 9
+_METADATA = 12
 
 
 class McapMessage(NamedTuple):
@@ -83,7 +90,8 @@ class McapScanner:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.size = path, os.stat(path).st_size
+        self.path = path
+        self.size = os.stat(path).st_size
         self.profile = self.library = self.cut = ""
         self.schemas: dict[int, McapSchema] = {}
         self.channels: dict[int, McapChannel] = {}
@@ -141,7 +149,8 @@ class McapScanner:
             yield McapAttachment(name, media_type, log_time, create_time, source.bytes(size))
         elif code == _HEADER:
             source = _RecordFields(data)
-            self.profile, self.library = source.text(), source.text()
+            self.profile = source.text()
+            self.library = source.text()
         elif code == _FOOTER:
             start, *_ = _RecordFields(data).numbers("QQI")
             self.indexed = start > 0
@@ -156,7 +165,8 @@ class McapScanner:
             self.schemas[number] = McapSchema(name, encoding, source.bytes(size))
         elif code == _CHANNEL:
             number, schema = source.numbers("HH")
-            topic, encoding = source.text(), source.text()
+            topic = source.text()
+            encoding = source.text()
             self.channels[number] = McapChannel(topic, encoding, schema, source.table())
 
     def _chunk(self, data: bytes) -> Iterator[McapMessage]:

@@ -154,7 +154,9 @@ def open_recording(path: Path | str) -> RobotRecording:
 def marked(events: Sequence[RecordedMessage]) -> tuple[RecordedEpisode, ...]:
     """The episodes that events mark, in order; a begin ends whatever is still open."""
     found: list[RecordedEpisode] = []
-    task, begin, is_open = "", float("nan"), False
+    task = ""
+    begin = float("nan")
+    is_open = False
     for said in events:
         mark = said.what.get("annotation") or {}
         if mark.get("kind") not in ("begin", "end"):

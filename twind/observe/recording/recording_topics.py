@@ -17,4 +17,8 @@ ROBOT = "robot.json"
 CALIBRATION = "calibration.json"
 MJCF = "model.mjcf"
 
-ABOUT, EPISODE, END, RECOVERED = "twind", "episode", "end", "recovered"  # metadata records
+# metadata records
+ABOUT = "twind"
+EPISODE = "episode"
+END = "end"
+RECOVERED = "recovered"

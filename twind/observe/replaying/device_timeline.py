@@ -128,7 +128,9 @@ class DeviceTimeline:
 
     def __init__(self, id: int, made: ControlTable, since: float) -> None:
         """`since`: s, start of the watched time; a register has the value first read from it since then."""
-        self.id, self._table, self._since = id, made, since
+        self.id = id
+        self._table = made
+        self._since = since
         self._fields: dict[tuple[int, int], list[TableRegister]] = {}
         self._fault = made.fields.get("hardware_error_status")
         self._known: dict[

@@ -9,8 +9,13 @@ import resource
 import sys
 from contextlib import suppress
 
-DAEMON, PORTS = 30, 31  # SCHED_FIFO where it is asked for: below a robot's loop, which has 40
-_PR_CAPBSET_DROP, _PR_CAP_AMBIENT, _CLEAR_ALL = 24, 47, 4  # <sys/prctl.h>
+# SCHED_FIFO where it is asked for: below a robot's loop, which has 40
+DAEMON = 30
+PORTS = 31
+# <sys/prctl.h>
+_PR_CAPBSET_DROP = 24
+_PR_CAP_AMBIENT = 47
+_CLEAR_ALL = 4
 _CAP_SYS_NICE = 23  # <linux/capability.h>
 
 

@@ -64,7 +64,8 @@ class RecordedRequest:
 
     def __init__(self, packet: Packet) -> None:
         """Raises ValueError: the packet requests nothing that one bus could answer."""
-        self.fast, self.ping = packet.instruction in FAST, packet.instruction == Instruction.PING
+        self.fast = packet.instruction in FAST
+        self.ping = packet.instruction == Instruction.PING
         self.spans = tuple(_register_accesses(packet))
         sizes = {len(span.data) for span in self.spans}
         ids = tuple(span.id for span in self.spans)
@@ -78,7 +79,8 @@ class RecordedRequest:
 
         That number is the count of chunks until the answer was complete; all of them also if it never was.
         """
-        reply, done = self.reply, len(chunks)
+        reply = self.reply
+        done = len(chunks)
         reply.start()
         for place, chunk in enumerate(chunks):
             if self._take(chunk):
@@ -96,7 +98,9 @@ class RecordedRequest:
         return told, missed[:1] if self.fast else missed, done
 
     def _replies_of_row(self, row: int) -> Iterator[DeviceReply]:
-        span, error, data = self.spans[row], int(self.reply.error[row]), self.reply.data[row].tobytes()
+        span = self.spans[row]
+        error = int(self.reply.error[row])
+        data = self.reply.data[row].tobytes()
         if not self.reply.heard[row]:
             yield DeviceReply(span.id, error, -1, b"")
         elif self.ping:
@@ -108,7 +112,8 @@ class RecordedRequest:
     def _take(self, chunk: bytes) -> bool:
         while chunk:
             room = self.reply.receive_buffer()
-            part, chunk = chunk[: len(room)], chunk[len(room) :]
+            part = chunk[: len(room)]
+            chunk = chunk[len(room) :]
             room[: len(part)] = part
             if self.reply.take(len(part)):
                 return True
@@ -130,7 +135,8 @@ def exchanges(entries: Iterable[FlightEntry]) -> list[RecordedExchange]:
         elif entry.kind == EntryKind.OUT:
             if out is not None:
                 found.append(_exchange(out, chunks, questions, entry.time - out.time))
-            out, chunks = entry, []
+            out = entry
+            chunks = []
     if out is not None:
         found.append(_exchange(out, chunks, questions, None))
     return found
@@ -157,7 +163,8 @@ def _exchange(
     until: float | None,
 ) -> RecordedExchange:
     """`until`: s after it the next one left."""
-    asking, writes = b"", list[RegisterAccess]()
+    asking = b""
+    writes = list[RegisterAccess]()
     for packet in packets(out.data):
         if asks(packet):
             asking = packet

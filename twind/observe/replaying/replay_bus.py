@@ -49,9 +49,15 @@ class ReplayBus:
         """`period`: of the loop, s. `armed`: at the beginning, with torque. `leads`: its first question after
         the preparations is the beginning. `now`: s, for who asks without saying when. `head_start`: s that
         answers set out earlier, where they take time on their way. Raises Unknown."""
-        self.name, self.faults = story.name, SimpleNamespace(stalled=False)
-        self._story, self._passage, self._leads, self._now = story, passage, leads, now
-        self._near, self._head_start, self._baud = NEAR * period, head_start, baud
+        self.name = story.name
+        self.faults = SimpleNamespace(stalled=False)
+        self._story = story
+        self._passage = passage
+        self._leads = leads
+        self._now = now
+        self._near = NEAR * period
+        self._head_start = head_start
+        self._baud = baud
         given = specs(story, baud)
 
         def made(*arguments: Any, **more: Any) -> ReplayServos:
@@ -147,8 +153,10 @@ class ReplayBus:
 
     def _take_complete_packets(self, data: bytes) -> list[bytes]:
         """Packets that are whole by now; what can be none goes to the servos as it is."""
-        data, self._rest = self._rest + data, b""
-        found, end = [], 0
+        data = self._rest + data
+        self._rest = b""
+        found = []
+        end = 0
         for packet in packets(data):
             size = int.from_bytes(packet[5:7], "little") + 7
             if len(packet) < size:
@@ -188,7 +196,8 @@ class ReplayBus:
 
         Bytes that the host read had come in time, however late its thread woke up.
         """
-        fast, told = exchange.asks[7] in FAST, exchange.told
+        fast = exchange.asks[7] in FAST
+        told = exchange.told
         size = len(exchange.asks) + sum(len(each.data) + (4 if fast else STATUS_OVERHEAD) for each in told)
         size += sum(len(span.data) + 1 for span in exchange.writes)
         delay = max(self.servos.registers.delays(range(len(self.ids()))), default=0.0)
@@ -214,7 +223,8 @@ class ReplayBus:
 
     def _find(self, question: bytes, moment: float) -> RecordedExchange | None:
         """The nearest of those that were not used yet."""
-        times, used = self._times.get(question, []), self._used.get(question, 0)
+        times = self._times.get(question, [])
+        used = self._used.get(question, 0)
         at = bisect_left(times, moment, lo=used)
         if at == len(times) or (at > used and moment - times[at - 1] < times[at] - moment):
             at -= 1
@@ -229,7 +239,8 @@ class ReplayBus:
         there = self._story.plugged(self._passage.moment(now))
         if there == self._plugged:
             return
-        self._plugged, self._rest = there, b""
+        self._plugged = there
+        self._rest = b""
         self._under_way.clear()
         if there:
             self._bus.faults.replug()

@@ -48,7 +48,8 @@ def call(asked: RecordedCommand, names: Sequence[str]) -> tuple[str, dict[str, A
 
 
 def _trajectory(command: link.Submit, data: bytes, names: Sequence[str]) -> dict[str, Any]:
-    path, joints = unpack_path(data, command, len(names)), list(command.commanded)
+    path = unpack_path(data, command, len(names))
+    joints = list(command.commanded)
     columns = {"positions": path.position, "velocities": path.velocity, "accelerations": path.acceleration}
     points = [
         {key: rows[point, joints].tolist() for key, rows in columns.items() if rows is not None}
@@ -112,7 +113,8 @@ class ReplayConnection:
         *whole, self._buffer = (self._buffer + data).split(b"\0")
         for text in whole:
             message = json.loads(text)
-            error, goes_on = message.get("error"), bool(message.get("continues"))
+            error = message.get("error")
+            goes_on = bool(message.get("continues"))
             taker = self._takers[0] if goes_on else self._takers.popleft()
             name = None if error is None else str(error).rpartition(".")[2]
             taker((message.get("parameters") or {}, name, goes_on))

@@ -34,14 +34,17 @@ class ReplayClient:
 
     def __init__(self, score: ReplayScript, sockets: Path, passage: ReplayPosition, clock: Clock) -> None:
         """Raises NoDaemon."""
-        self._score, self._passage, self._clock = score, passage, clock
+        self._score = score
+        self._passage = passage
+        self._clock = clock
         self._sockets = sockets
         self._lines: dict[int, ReplayConnection] = {}  # by the number of the recorded client; 0: our own
         self._watch = ReplayConnection(sockets / "observe.sock")
         self._status: dict[str, Any] = {}
         self._time = 0.0  # s, of that status
         self._missed = 0
-        self._standing, self._last = StandingFaults(), dict[str, Any]()
+        self._standing = StandingFaults()
+        self._last = dict[str, Any]()
         self._replies: dict[int, list[Reply]] = {}  # by the place of the command
         self._watch.send("Monitor", {"topics": ["status"], "rate": RATE}, self._see, more=True)
 
@@ -208,7 +211,8 @@ class ReplayClient:
     def _see(self, reply: Reply) -> None:
         """A status."""
         said, _, _ = reply
-        self._status, self._time = said["status"], said["time"]
+        self._status = said["status"]
+        self._time = said["time"]
         moment = self._time - self._passage.shift
         if self._passage.running and moment >= self._score.begin and moment <= self._score.end + LAST:
             self._last = self._status

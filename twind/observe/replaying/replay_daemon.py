@@ -17,7 +17,9 @@ from twind.observe.replaying.replay_files import ReplayFiles
 from twind.observe.replaying.replay_script import NotReplayable
 
 START = 60.0  # s until its sockets are there
-SOON, END = 0.5, 10.0  # s that it may take to end when told, and when killed
+# s that it may take to end when told, and when killed
+SOON = 0.5
+END = 10.0
 WORDS = 2000  # characters of its own words that are told
 OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the environment: not for it
 
@@ -38,7 +40,8 @@ class ReplayDaemon:
 
         `realtime`: before the ordinary programs of this machine, after the daemon of a robot.
         """
-        self.sockets, self._log = sockets, sockets / "log"
+        self.sockets = sockets
+        self._log = sockets / "log"
         # -P: no module of the folder that this happened to be started in.
         python = [sys.executable, "-P", "-m"]
         rank = str(priority.DAEMON if realtime else 0)

@@ -55,7 +55,8 @@ def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> ReplayFil
     calibrations = [path for path, text in placed.values() if f"format: {json.dumps(CALIBRATION)}" in text]
     described = _described(robot or own)
     _require_buses(described, briefing)
-    state, config = folder / "state", folder / "twind.yaml"
+    state = folder / "state"
+    config = folder / "twind.yaml"
     state.mkdir()
     config.write_text(_settings(briefing, state))
     names = tuple(bus.name for bus in described.buses)

@@ -92,7 +92,8 @@ def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None 
     """
     if not replies:
         return CommandOutcome(method, answered=False)
-    last, phases = replies[-1], [each["phase"] for each in replies if each.get("phase")]
+    last = replies[-1]
+    phases = [each["phase"] for each in replies if each.get("phase")]
     found = [*(last.get("findings") or ()), *((last.get("verdict") or {}).get("refusals") or ())]
     named = tuple((str(each["code"]), each["joint"]) for each in found)
     return CommandOutcome(method, error, named, phases[-1] if phases else None)
@@ -145,7 +146,8 @@ def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: flo
         if named not in recorded.faults:
             yield f"fault {' '.join(filter(None, named))} after {time:.2f} s was not recorded"
     for what in ("state", "mode", "armed"):
-        then, now = getattr(recorded, what), getattr(replayed, what)
+        then = getattr(recorded, what)
+        now = getattr(replayed, what)
         if then != now:
             yield f"{what} at the end: recorded {then}, replayed {now}"
 

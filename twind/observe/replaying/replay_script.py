@@ -137,7 +137,9 @@ def outcome(
     """Build the outcome of the commands from the messages of a loop. `begin`: s, from which faults are
     counted."""
     replies: dict[int, list[Reply]] = {}
-    standing, tick, overview = StandingFaults(), None, None
+    standing = StandingFaults()
+    tick = None
+    overview = None
     for each in news:
         if isinstance(each, Reply):
             replies.setdefault(each.ticket, []).append(each)

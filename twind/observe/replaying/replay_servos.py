@@ -29,7 +29,9 @@ class ReplayPosition:
 
     def __init__(self, begin: float, lead: float = LEAD) -> None:
         """`begin`: s, of the recording; `lead`: s from the first question to it."""
-        self.begin, self._lead, self.ready = begin, lead, False
+        self.begin = begin
+        self._lead = lead
+        self.ready = False
         self._first = inf  # s, now: the first question
         self.shift = inf  # s, now less the time of the recording; inf: not let go yet
 
@@ -74,7 +76,10 @@ class ReplayServos(VirtualServos):
     ) -> None:
         """`armed`: in the recording the robot has torque at the beginning, and is given it anew."""
         super().__init__(specs, muscles, now=now, keep_goal=keep_goal)
-        self._passage, self._turns, self._at = passage, story.turns(), 0  # next of them
+        # next of them
+        self._passage = passage
+        self._turns = story.turns()
+        self._at = 0
         self._rows = {spec.id: row for row, spec in enumerate(specs)}
         size = self.memory.raw.shape[1]
         self._own = own = np.ones((len(specs), size), np.bool_)
@@ -137,7 +142,8 @@ class ReplayServos(VirtualServos):
         kept = max(each.end for made in self.memory.tables for each in made.fields.values() if each.eeprom)
         for turn in self._turns:
             if turn.what == told.READ and (turn.time <= begin + SOON or turn.address < kept):
-                row, span = self._rows[turn.id], slice(turn.address, turn.address + len(turn.data))
+                row = self._rows[turn.id]
+                span = slice(turn.address, turn.address + len(turn.data))
                 fresh = (self._owned(row, span) | (np.arange(span.start, span.stop) < kept)) & ~known[
                     row, span
                 ]
@@ -175,7 +181,8 @@ class ReplayServos(VirtualServos):
 
     def _read(self, row: int, turn: DeviceEvent) -> None:
         """What no host writes is as it was read."""
-        span, fault = slice(turn.address, turn.address + len(turn.data)), self["hardware_error_status"][row]
+        span = slice(turn.address, turn.address + len(turn.data))
+        fault = self["hardware_error_status"][row]
         own = self._owned(row, span)
         self.memory.raw[row, span][own] = np.frombuffer(turn.data, np.uint8)[own]
         self._keep_clock(row, turn)
@@ -191,7 +198,8 @@ class ReplayServos(VirtualServos):
         """Do the registers that a host writes hold what `data` has? Those of the servo alone may differ."""
         if address < 0 or id not in self._rows:  # said nothing, or is no servo
             return True
-        row, span = self._rows[id], slice(address, address + len(data))
+        row = self._rows[id]
+        span = slice(address, address + len(data))
         same = self.memory.raw[row, span] == np.frombuffer(data, np.uint8)
         return bool((same | self._owned(row, span)).all())
 

@@ -92,7 +92,8 @@ class LivePlots:
     """The three of them in the panel that is being filled."""
 
     def __init__(self, gui: Any, known: ViewerState) -> None:
-        self._gui, self._known = gui, known
+        self._gui = gui
+        self._known = known
         self._names: tuple[str, ...] = ()
         self._shown = 0  # the joint that is plotted
         self._tracking = _plot(gui, "tracking error, mrad", ("worst", "rms"))
@@ -104,7 +105,8 @@ class LivePlots:
     def set_joints(self, names: tuple[str, ...]) -> None:
         """The joints of another robot."""
         if names != self._names:
-            self._names, self._shown = names, 0
+            self._names = names
+            self._shown = 0
             self._which.options = (WORST, *names)
             self._which.value = WORST
 
@@ -133,7 +135,8 @@ def extent(lines: Line) -> tuple[float, float]:
     values = values[np.isfinite(values)]
     if not values.size:
         return 0.0, 1.0
-    least, most = float(values.min()), float(values.max())
+    least = float(values.min())
+    most = float(values.max())
     span = max(most - least, abs(most) * 1e-3, 1e-3)
     step = 10.0 ** floor(log10(span)) / 2.0
     return min(least, floor(least / step) * step), (floor(most / step) + 1) * step

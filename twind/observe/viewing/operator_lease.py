@@ -20,7 +20,9 @@ from twind.ctl.verb import Rejected, UsageError
 from twind.observe.viewing.stop_threads import StopOutcome, Tell
 
 RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
-ASKED, ANSWER = 0.5, 4.0  # s between two questions whether a page is there, and until it must have said so
+# s between two questions whether a page is there, and until it must have said so
+ASKED = 0.5
+ANSWER = 4.0
 PACE = 2.0  # s per rad on the way to the rest pose
 SHORTEST = 2.0  # s, of that way
 

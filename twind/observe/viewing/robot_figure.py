@@ -10,7 +10,9 @@ import numpy as np
 
 from twind.observe.viewing.robot_model import BodyPoses
 
-STILL_M, STILL_RAD = 1e-5, 1e-4  # a body that moved less is not sent again
+# a body that moved less is not sent again
+STILL_M = 1e-5
+STILL_RAD = 1e-4
 INFLATED = 0.002  # m: how far a shell stands off the body that it marks
 USUAL = 3  # groups of geoms below it are meant to be seen
 
@@ -22,7 +24,8 @@ def shown_geoms(model: Any, body: int) -> list[int]:
 
     A body whose geoms are all in group 3 (as many models have what collides) would not be seen else.
     """
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    first = int(model.body_geomadr[body])
+    count = int(model.body_geomnum[body])
     seen = [g for g in range(first, first + count) if _alpha(model, g) > 0.0]
     usual = [g for g in seen if model.geom_group[g] < USUAL]
     least = min((int(model.geom_group[g]) for g in seen), default=0)
@@ -80,7 +83,8 @@ class RobotFigure:
             self._last = BodyPoses(places.position.copy(), places.rotation.copy())
 
     def _put(self, body: int, frame: Any, places: BodyPoses) -> None:
-        frame.position, frame.wxyz = places.position[body], places.rotation[body]
+        frame.position = places.position[body]
+        frame.wxyz = places.rotation[body]
         if self._last is not None:
             self._last.position[body] = places.position[body]
             self._last.rotation[body] = places.rotation[body]

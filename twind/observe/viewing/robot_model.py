@@ -86,8 +86,10 @@ class RobotModel:
         import mujoco
 
         robot = told["robot"]
-        self.told, self.name = told, str(robot["name"])
-        self.support, self.base = str(robot["support"]), str(robot["base"])
+        self.told = told
+        self.name = str(robot["name"])
+        self.support = str(robot["support"])
+        self.base = str(robot["base"])
         self.joints = tuple(str(joint["name"]) for joint in robot["joints"])
         self.model, self.meshes_missing = _compiled(told["mjcf"], os.path.dirname(robot["mjcf_path"]))
         try:
@@ -156,7 +158,9 @@ def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
         spec = mujoco.MjSpec.from_string(mjcf)
         for geom in spec.geoms:
             if geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD):
-                geom.type, geom.meshname, geom.hfieldname = mujoco.mjtGeom.mjGEOM_SPHERE, "", ""
+                geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
+                geom.meshname = ""
+                geom.hfieldname = ""
                 geom.size = [STAND_IN, 0.0, 0.0]
         for files in (spec.meshes, spec.hfields, spec.textures):
             for each in list(files):

@@ -47,7 +47,9 @@ class OperatorControls:
     """What moves the robot; dead until this tab took the lease, by a button and a question."""
 
     def __init__(self, server: Any, place: str | None) -> None:
-        self._server, self._robot = server, {}  # type: tuple[Any, Message]
+        # type: tuple[Any, Message]
+        self._server = server
+        self._robot = {}
         gui = server.gui
         with gui.add_folder("operate"):
             self._take = gui.add_button("Take the lease ...", color="blue")
@@ -87,7 +89,8 @@ class OperatorControls:
                 '<p style="padding:0 1em">This tab then moves the robot. Others cannot until it gives the '
                 "lease back or is closed. Is nobody within its reach?</p>"
             )
-            yes, no = gui.add_button("Take it", color="blue"), gui.add_button("Leave it")
+            yes = gui.add_button("Take it", color="blue")
+            no = gui.add_button("Leave it")
 
         async def take(_: Any) -> None:
             modal.close()

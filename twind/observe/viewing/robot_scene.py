@@ -18,7 +18,9 @@ from twind.observe.viewing.robot_model import BodyPoses, NearestBodies, RobotMod
 from twind.observe.viewing.viewer_state import ViewerSnapshot
 from twind.robot.arrays import Floats
 
-AWAY_M, AWAY_RAD = 0.003, 0.02  # a ghost's body nearer than this is not drawn
+# a ghost's body nearer than this is not drawn
+AWAY_M = 0.003
+AWAY_RAD = 0.02
 GOAL: Colour = (40, 110, 255)
 SIMULATED: Colour = (20, 170, 90)
 OLD: Colour = (245, 170, 0)
@@ -27,7 +29,9 @@ FAULTY: Colour = (190, 0, 190)
 LEVELS: dict[str, Colour] = {"clear": (60, 160, 60), "warned": OLD, "refused": UNHEARD}
 TOUCH: Colour = (255, 220, 0)
 
-AUTO, BOTH, NONE = "as the mode needs", "goal and simulation", "nothing"
+AUTO = "as the mode needs"
+BOTH = "goal and simulation"
+NONE = "nothing"
 GHOSTS = (AUTO, "goal", "simulation", BOTH, NONE)
 
 
@@ -50,7 +54,9 @@ class RobotScene:
     """One robot below a root of its own: `/robots/NAME`."""
 
     def __init__(self, scene: Any, likeness: RobotModel, root: str) -> None:
-        self._scene, self.likeness, self._root = scene, likeness, root
+        self._scene = scene
+        self.likeness = likeness
+        self._root = root
         model = likeness.model
         self._all = scene.add_frame(root, show_axes=False)
         self._solid = RobotFigure(scene, f"{root}/solid", model)
@@ -105,7 +111,8 @@ class RobotScene:
             if self._line is not None:
                 self._line.visible = False
             return
-        points, colours = np.array([near.ends], np.float32), np.tile(LEVELS[near.level], (1, 2, 1))
+        points = np.array([near.ends], np.float32)
+        colours = np.tile(LEVELS[near.level], (1, 2, 1))
         if self._line is None:
             self._line = self._scene.add_line_segments(
                 f"{self._root}/near",
@@ -115,7 +122,8 @@ class RobotScene:
                 thickness_units="screen",
             )
         else:
-            self._line.points, self._line.colors = points, colours.astype(np.uint8)
+            self._line.points = points
+            self._line.colors = colours.astype(np.uint8)
             self._line.visible = True
 
     def _show_touching(self, points: Any) -> None:

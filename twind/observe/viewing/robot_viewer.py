@@ -15,7 +15,9 @@ from twind.observe.viewing.viewer_access import ViewerSite
 from twind.observe.viewing.viewer_state import DaemonLost, Message, News, ViewerSnapshot, ViewerState
 
 PERIOD = 1.0 / 30.0  # s between pictures
-PLOTS, WORDS = 3, 6  # pictures between two drawings of plots (10 Hz) and of words (5 Hz)
+# pictures between two drawings of plots (10 Hz) and of words (5 Hz)
+PLOTS = 3
+WORDS = 6
 
 
 class RobotViewer:
@@ -24,7 +26,10 @@ class RobotViewer:
     def __init__(
         self, site: ViewerSite, known: ViewerState, page: RobotPage, controls: OperatorControls | None = None
     ) -> None:
-        self._server, self._known, self._page, self._controls = site.server, known, page, controls
+        self._server = site.server
+        self._known = known
+        self._page = page
+        self._controls = controls
         self._scene: RobotScene | None = None
         self._told: Message | None = None
         self._problem = ""
@@ -53,7 +58,8 @@ class RobotViewer:
         if not self._broken:
             traceback.print_exception(error)
         self._broken = f"the picture cannot be drawn: {type(error).__name__}: {error}"
-        scene, self._scene = self._scene, None
+        scene = self._scene
+        self._scene = None
         with contextlib.suppress(Exception):
             if scene is not None:
                 scene.remove()
@@ -68,7 +74,9 @@ class RobotViewer:
             return
         if self._scene is not None:
             self._scene.remove()
-        self._scene, self._problem, self._broken = None, "", ""
+        self._scene = None
+        self._problem = ""
+        self._broken = ""
         try:
             likeness = RobotModel(told)
         except NoRobotModel as error:
@@ -84,9 +92,11 @@ class RobotViewer:
         """Set the cameras so that all of the robot is seen."""
         where, what = camera(likeness)
         camera_of_all = self._server.initial_camera
-        camera_of_all.position, camera_of_all.look_at = tuple(where), tuple(what)
+        camera_of_all.position = tuple(where)
+        camera_of_all.look_at = tuple(what)
         for client in self._server.get_clients().values():
-            client.camera.position, client.camera.look_at = tuple(where), tuple(what)
+            client.camera.position = tuple(where)
+            client.camera.look_at = tuple(what)
 
     def _words(self, now: ViewerSnapshot) -> str:
         scene = self._scene
@@ -112,7 +122,8 @@ def run(viewer: RobotViewer, known: ViewerState, news: Iterable[News], ended: th
 def take(known: ViewerState, news: Iterable[News]) -> None:
     """Pass all messages to `known`. One that cannot be parsed is reported: a picture that stands still must
     not look live."""
-    why, traced = "the messages have ended", False
+    why = "the messages have ended"
+    traced = False
     try:
         for each in news:
             try:

@@ -63,7 +63,8 @@ def _state(now: ViewerSnapshot) -> list[str]:
         return []
     flags = "".join(f", {name}" for name in ("armed", "inherited") if status[name])
     colour = RED if status["state"] in ("fault", "estop", "inhibited") else ""
-    lease, loop = status["lease"], status["loop"]
+    lease = status["lease"]
+    loop = status["loop"]
     holder = "nobody" if lease is None else f"{lease['holder']}, {lease['expires_in']:.1f} s"
     rows = [
         row("robot", f"{status['robot']}, mode {status['mode']}"),

@@ -5,7 +5,9 @@ from typing import Any
 
 from twind.observe.viewing.stop_threads import StopAction, StopOutcome
 
-STAYS, LASTS = 60.0, 6.0  # s that a notification of a failure is seen, and of what was done
+# s that a notification of a failure is seen, and of what was done
+STAYS = 60.0
+LASTS = 6.0
 Press = Callable[[Any], Coroutine[Any, Any, None]]
 
 

@@ -86,7 +86,9 @@ class StopThreads:
     """The two errands of one robot. `by`: what the daemon is told of who asked."""
 
     def __init__(self, ways: RobotConnections, bound: float = BOUND, by: str = "twindctl view") -> None:
-        self._ways, self._bound, self._by = ways, bound, by
+        self._ways = ways
+        self._bound = bound
+        self._by = by
         self.estop = StopThread("e-stop", self._estop)
         self.stop = StopThread("stop", self._stop)
 

@@ -20,7 +20,9 @@ from urllib.parse import urlsplit
 HOST = "127.0.0.1"
 PORT = 8099  # where it begins to look for one that is free
 NAMES = frozenset({"127.0.0.1", "localhost"})  # of this machine; the port may be another one, by `ssh -L`
-PING, GONE = 2.0, 5.0  # s between two pings of a browser, and until one that does not answer is gone
+# s between two pings of a browser, and until one that does not answer is gone
+PING = 2.0
+GONE = 5.0
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; worker-src blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src 'self' data: blob: "
@@ -41,7 +43,8 @@ class ViewerAccess:
     def refusal(self, path: str, headers: Any) -> str | None:
         """Why this request gets nothing; None: it may pass. `headers`: of websockets, by name without
         case."""
-        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        hosts = headers.get_all("Host")
+        origins = headers.get_all("Origin")
         if len(hosts) != 1 or _name(hosts[0]) not in NAMES:
             return "Host is not this machine"
         if origins and origins != [f"http://{hosts[0]}"]:
@@ -123,7 +126,8 @@ def _guarded(door: ViewerAccess) -> Iterator[list[bool]]:
     """While viser starts, what it serves goes through the door; one entry for each time it did."""
     from websockets.asyncio import server as websockets
 
-    before, served = websockets.serve, []
+    before = websockets.serve
+    served = []
 
     def serve(handler: Any, host: str, port: int, *, process_request: Any, **options: Any) -> Any:
         served.append(True)

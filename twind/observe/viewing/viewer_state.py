@@ -137,7 +137,8 @@ class ViewerState:
         with self._lock:
             if isinstance(news, RobotAnnounced):
                 self._forget()
-                self._told, self._lost = news.told, None
+                self._told = news.told
+                self._lost = None
             elif isinstance(news, DaemonLost):
                 self._lost = news.why
             else:

@@ -69,7 +69,9 @@ class RecordEncoder:
     """
 
     def __init__(self, joints: Sequence[str], clocks: ClockPair, mode: str = "live") -> None:
-        self.joints, self.clocks, self.mode = tuple(joints), clocks, mode
+        self.joints = tuple(joints)
+        self.clocks = clocks
+        self.mode = mode
         self._measured = JointStateBuffer(joints, velocity=True, effort=True)
         self._only = JointStateBuffer(joints, velocity=False, effort=False)
         self._slow_due = float("-inf")
@@ -78,7 +80,8 @@ class RecordEncoder:
 
     def take(self, answer: Answer) -> Iterator[RecordLine]:
         """What one answer says; nothing where it is of no topic that is recorded."""
-        topic, time = answer["topic"], self.clocks.wall(answer["time"])
+        topic = answer["topic"]
+        time = self.clocks.wall(answer["time"])
         if topic == "state":
             yield from self._state(answer, time)
         elif topic == "status":

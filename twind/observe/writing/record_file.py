@@ -50,7 +50,8 @@ class BufferedFile:
 
     def flush(self) -> None:
         """Write all that waits. Raises OSError."""
-        waiting, self._waiting = self._waiting, bytearray()
+        waiting = self._waiting
+        self._waiting = bytearray()
         self.pour(memoryview(waiting))
 
     def pour(self, data: memoryview) -> None:
@@ -91,7 +92,9 @@ class RecordFile:
 
         `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
         """
-        self.path, self.began, self.messages = path, time_ns, 0
+        self.path = path
+        self.began = time_ns
+        self.messages = 0
         self._disk = BufferedFile(path) if disk is None else disk
         self._writer = Writer(self._disk, chunk_size=CHUNK, compression=CompressionType.ZSTD)
         self._ros = ros
@@ -128,7 +131,8 @@ class RecordFile:
     def flush(self) -> None:
         """Close the chunk: all messages so far are in the file, and on the disk."""
         self._writer.flush()
-        self._whole, self._kept = self._disk.size, self.messages
+        self._whole = self._disk.size
+        self._kept = self.messages
         self._disk.sync()
 
     def metadata(self, name: str, data: Mapping[str, str]) -> None:
@@ -138,7 +142,8 @@ class RecordFile:
     def finish(self) -> None:
         """Write the index and close."""
         self._writer.flush()
-        self._whole, self._kept = self._disk.size, self.messages
+        self._whole = self._disk.size
+        self._kept = self.messages
         self._writer.finish()
         self._disk.flush()
         self._disk.sync()

@@ -63,7 +63,8 @@ def json_schemas() -> dict[str, str]:
     """The schema of every topic of JSON messages, as text."""
     interface = load(CONTROL)
     types = interface.types
-    hops, joints = ListType(types["Latency"]), ListType(types["Joint"])
+    hops = ListType(types["Latency"])
+    joints = ListType(types["Joint"])
     verdict = _members(interface, "Verdict")
     found = {
         STATUS: _schema(types["Status"]),

@@ -26,7 +26,9 @@ class RecordSubscriber:
 
     def __init__(self, options: argparse.Namespace, writer: RecordWriter) -> None:
         """Begins a session of `writer`. Raises ClientError."""
-        self._options, self._writer, self.ended = options, writer, ""
+        self._options = options
+        self._writer = writer
+        self.ended = ""
         self.failure: Exception | None = None
         self._stop = threading.Event()
         self.answers = 0

@@ -90,8 +90,12 @@ class RecordWriter:
         those of the session hold.
         """
         single = place.suffix == ".mcap"
-        self.folder, self._single = place.parent if single else place, place if single else None
-        self._bounds, self._now, self._per_episode, self._open_file = bounds, now, per_episode, open_file
+        self.folder = place.parent if single else place
+        self._single = place if single else None
+        self._bounds = bounds
+        self._now = now
+        self._per_episode = per_episode
+        self._open_file = open_file
         self.stopped = ""
         self.tally = RecordCounts()
         self._lock = threading.Lock()
@@ -235,7 +239,8 @@ class RecordWriter:
         clocks = session.clocks if self._read_clocks is None else self._read_clocks()
         self._shift = session.clocks.step(clocks)
         self.clocks = clocks if self._shift else session.clocks
-        began, name = line.time_ns + self._shift, session.robot
+        began = line.time_ns + self._shift
+        name = session.robot
         if self._per_episode:
             name = f"{name}-{self._task(line) or 'episode'}"
         path = fresh(self.folder, began, name) if self._single is None else _next(self._single)
@@ -265,7 +270,8 @@ class RecordWriter:
             self._finish("the episode ended")
 
     def _write_episode(self, file: RecordFile, end: str, mark: Mapping[str, str | bool | None]) -> None:
-        episode, success = self.tally.episode, mark.get("success")
+        episode = self.tally.episode
+        success = mark.get("success")
         assert episode is not None
         said = "" if success is None else str(bool(success)).lower()
         begin = str(episode.begin or "")
@@ -316,7 +322,8 @@ class RecordWriter:
         self._note_losses(file)
         if self.tally.episode is not None:
             self._write_episode(file, "", {})
-        dropped, missed = self.tally.dropped - self._before[0], self.tally.missed - self._before[1]
+        dropped = self.tally.dropped - self._before[0]
+        missed = self.tally.missed - self._before[1]
         self._before = self.tally.dropped, self.tally.missed
         lost = {"dropped": str(dropped), "dropped_by_daemon": str(missed)}
         file.metadata(END, {"reason": reason, "messages": str(file.messages), **lost})

@@ -63,7 +63,8 @@ class Recorder:
 
     def _follow(self, listening: RecordSubscriber, progress: ProgressLine) -> None:
         """Until it is over, or the daemon is gone."""
-        last, count = time.monotonic(), listening.answers
+        last = time.monotonic()
+        count = listening.answers
         if self.options.per_episode:  # no file before somebody begins one
             self._print_line(
                 progress, f"recording episodes of {listening.session.robot} into {self.writer.folder}"
@@ -73,7 +74,9 @@ class Recorder:
             self._name_files(progress, listening.session.robot)
             now = time.monotonic()
             if now - last >= TOLD:
-                rate, last, count = (listening.answers - count) / (now - last), now, listening.answers
+                rate = (listening.answers - count) / (now - last)
+                last = now
+                count = listening.answers
                 progress.update(line(self.writer.tally, rate))
                 self._look_at_clock(listening)
 
@@ -86,10 +89,12 @@ class Recorder:
 
     def _look_at_clock(self, listening: RecordSubscriber) -> None:
         """Note that the wall clock was set. Times in the file go on as they were."""
-        now, begun = clocks(), listening.session.clocks
+        now = clocks()
+        begun = listening.session.clocks
         ours = self.writer.clocks or begun
         if ours is not self.ours:
-            self.ours, self.parted = ours, 0
+            self.ours = ours
+            self.parted = 0
         parted = now.wall_ns - ours.wall(now.monotonic)
         if abs(parted - self.parted) > STEP:
             self.parted = parted

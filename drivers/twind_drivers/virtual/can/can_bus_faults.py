@@ -15,7 +15,8 @@ class CanFaults(FrameFaults, NodeFaults):
     ) -> None:
         FrameFaults.__init__(self, controller)
         NodeFaults.__init__(self, bus, nodes, controller)
-        self._controller, self._text = controller, text
+        self._controller = controller
+        self._text = text
         self.plugged = True
         self.stalled = False
 

@@ -12,7 +12,12 @@ from twind_drivers.can.frame import ERROR
 from twind_drivers.virtual.can.can_message import CanMessage
 from twind_drivers.virtual.can.can_wire import HOST, CanWire
 
-CONTROLLER, PROTOCOL, OFF, BUS_ERROR, RESTARTED = 0x04, 0x08, 0x40, 0x80, 0x100  # classes of error
+# classes of error
+CONTROLLER = 0x04
+PROTOCOL = 0x08
+OFF = 0x40
+BUS_ERROR = 0x80
+RESTARTED = 0x100
 PASSIVE = 0x10 | 0x20  # second byte of a controller's: receiving and sending
 AGAIN_ACTIVE = 0x40
 BROKEN = 23  # bits that an error frame takes: flag, its echoes, delimiter
@@ -35,8 +40,12 @@ class VirtualCanController:
         self, wire: CanWire, adapter: CanAdapter, bitrate: int, may_send: Callable[[], bool]
     ) -> None:
         """`may_send`: True if a node is there to acknowledge."""
-        self.wire, self.adapter, self.may_send = wire, adapter, may_send
-        self.news, self.broken = True, 0  # what the bus must look at: anything; error frames to spend time on
+        self.wire = wire
+        self.adapter = adapter
+        self.may_send = may_send
+        # what the bus must look at: anything; error frames to spend time on
+        self.news = True
+        self.broken = 0
         self.inbox: deque[CanMessage] = deque()  # has arrived, error frames among it
         self.since = -inf  # s, when the first of those came; -inf: at some time before
         self.refused = 0  # frames that it did not take
@@ -63,7 +72,8 @@ class VirtualCanController:
         """
         if not on and not self.adapter.keeps:
             self.purge()
-        self.up, self.listens_only = on, listens_only
+        self.up = on
+        self.listens_only = listens_only
         self.off = False
         if not on:
             self.inbox.clear()
@@ -71,7 +81,8 @@ class VirtualCanController:
 
     def plug(self, on: bool) -> None:
         """Give the adapter power, or remove it with all frames that it holds."""
-        self.plugged, self.up = on, False
+        self.plugged = on
+        self.up = False
         self.purge()
         self.inbox.clear()
 

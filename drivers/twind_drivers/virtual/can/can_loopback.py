@@ -19,9 +19,12 @@ class CanLoopback:
     """A `Channel` without descriptor: `arrival` tells the clock when a frame may come."""
 
     def __init__(self, line: VirtualCanSegment, clock: Clock) -> None:
-        self.name, self.warning = f"virtual:{line.name}", ""
+        self.name = f"virtual:{line.name}"
+        self.warning = ""
         self.condition = CanChannelStatus()
-        self._line, self._clock, self._open = line, clock, True
+        self._line = line
+        self._clock = clock
+        self._open = True
         self._stuck_since: float | None = None  # s
         self._deaf = False  # off for frames that nobody took, until somebody is heard
         line.controller.connect(True)
@@ -62,7 +65,8 @@ class CanLoopback:
             self._error(int(frame["id"]), int(frame["data"][1]))
         good: Frames = heard[~wrong]
         if good.size and self._deaf:
-            self._deaf, self.condition.line = False, CanErrorState.ACTIVE
+            self._deaf = False
+            self.condition.line = CanErrorState.ACTIVE
         return good
 
     def drive(self, owner: object) -> None:
@@ -88,7 +92,8 @@ class CanLoopback:
         since = self._stuck_since = now if self._stuck_since is None else self._stuck_since
         self.condition.refused += count
         if now - since >= LEFT:
-            self._deaf, self.condition.line = True, CanErrorState.OFF
+            self._deaf = True
+            self.condition.line = CanErrorState.OFF
         self._empty()
         if now - since >= DEAD:
             raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)

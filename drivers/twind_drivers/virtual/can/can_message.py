@@ -71,8 +71,11 @@ def bits(message: CanMessage) -> int:
         head = ((whole >> 18) << 20 | 0b11 << 18 | whole & 0x3FFFF) << 3 | remote << 2
         width = 34
     else:
-        head, width = (id & STANDARD_MASK) << 3 | remote << 2, 14
-    head, width = head << 4 | len(data), width + 4 + 1  # DLC, and the start bit, which is 0
+        head = (id & STANDARD_MASK) << 3 | remote << 2
+        width = 14
+    # DLC, and the start bit, which is 0
+    head = head << 4 | len(data)
+    width = width + 4 + 1
     body = head << 8 * size | int.from_bytes(data[:size], "big")
     width += 8 * size
     line = format(body << 15 | _crc(body, width), f"0{width + 15}b")

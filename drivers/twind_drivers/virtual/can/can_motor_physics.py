@@ -67,7 +67,8 @@ class FirstOrderCanPhysics:
         """`start` (m,) rad; `speed`: rad/s that no shaft passes."""
         self.position = np.array(start, np.float64)
         self.velocity, self.torque = np.zeros_like(self.position), np.zeros_like(self.position)
-        self._speed, self._time = speed, now
+        self._speed = speed
+        self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
         self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
         self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
@@ -85,7 +86,8 @@ class FirstOrderCanPhysics:
         limit: Floats,
     ) -> None:
         """See `CanMotorPhysics.drive`."""
-        self._kp, self._kd = np.where(on, kp, 0.0), np.where(on, kd, 0.0)
+        self._kp = np.where(on, kp, 0.0)
+        self._kd = np.where(on, kd, 0.0)
         self._ahead = np.where(on, kp * position + kd * velocity + torque, 0.0)
         self._limit = np.where(on, limit, 0.0)
         self._limp = ~on
@@ -96,7 +98,8 @@ class FirstOrderCanPhysics:
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
         """See `CanMotorPhysics.grip`."""
-        self._hand, self._reach = place.copy(), speed.copy()
+        self._hand = place.copy()
+        self._reach = speed.copy()
 
     def set_base_pose(self, base: str) -> None:
         """See `CanMotorPhysics.lay`."""
@@ -104,7 +107,8 @@ class FirstOrderCanPhysics:
 
     def set_endstops(self, lower: Floats, upper: Floats) -> None:
         """Mechanical stops (rad), hard."""
-        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
+        self._lower = np.array(lower, np.float64)
+        self._upper = np.array(upper, np.float64)
 
     def advance(self, now: float) -> None:
         """See `CanMotorPhysics.advance`."""
@@ -115,7 +119,8 @@ class FirstOrderCanPhysics:
 
     def _step(self, dt: float) -> None:
         """A shaft whose torque saturates is stepped again with that torque as given."""
-        spring, drag = self._kp * dt, self._kd + self._kp * dt
+        spring = self._kp * dt
+        drag = self._kd + self._kp * dt
         push = self._ahead - self._kp * self.position
         speed = (INERTIA * self.velocity + dt * push) / (INERTIA + dt * (FRICTION + drag))
         torque = push - self._kd * speed - spring * speed

@@ -17,12 +17,15 @@ class CanMotors:
     def __init__(self, muscles: CanMotorPhysics, limits: list[float], now: float) -> None:
         """`limits`: N·m, the most that each can pull."""
         count = len(limits)
-        self.muscles, self.limits = muscles, np.array(limits)
+        self.muscles = muscles
+        self.limits = np.array(limits)
         self.on: Bools = np.zeros(count, np.bool_)
         self._told: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
         self._last: list[tuple[float, ...]] = [()] * count  # what was told; empty: torque off
         self._held = np.zeros(count, np.bool_)
-        self._hand, self._reach = np.full(count, np.nan), np.zeros(count)  # rad, rad/s; NaN: nobody's
+        # rad, rad/s; NaN: nobody's
+        self._hand = np.full(count, np.nan)
+        self._reach = np.zeros(count)
         self._frozen: dict[int, float] = {}
         self._changed = True
         self.at = now  # s, when the muscles moved last
@@ -57,7 +60,8 @@ class CanMotors:
 
     def set_hand_position(self, row: int, place: float, speed: float) -> None:
         """A hand takes a shaft to `place` (rad; NaN: lets go of it), rad/s. It slips where torque is on."""
-        self._hand[row], self._reach[row] = place, speed
+        self._hand[row] = place
+        self._reach[row] = speed
         self.muscles.set_hand_positions(self._hand, self._reach)
         self._changed = True
 
@@ -91,4 +95,5 @@ class CanMotors:
         self.velocity: list[float] = self.muscles.velocity.tolist()  # rad/s
         self.torque: list[float] = self.muscles.torque.tolist()  # N·m
         for row, place in self._frozen.items():
-            self.position[row], self.velocity[row] = place, 0.0
+            self.position[row] = place
+            self.velocity[row] = 0.0

@@ -43,7 +43,8 @@ class VirtualCanSegment:
         """Raises ValueError for a node that cannot be simulated, and a bitrate that is none."""
         if bitrate <= 0:
             raise ValueError(f"bus {name}: {bitrate} bit/s is not a rate")
-        self.name, self._now = name, now
+        self.name = name
+        self._now = now
         self.wire = CanWire(bitrate, self._may_send, timing=wire_timing)
         self.controller = VirtualCanController(
             self.wire, adapter or CanAdapter(), bitrate, lambda: self._may_send(HOST)
@@ -158,7 +159,8 @@ class VirtualCanSegment:
         if controller.news or controller.broken:
             self._update_membership()
             self.wire.noise(self._now, controller.broken * BROKEN / self.wire.bitrate)
-            controller.news, controller.broken = False, 0
+            controller.news = False
+            controller.broken = 0
 
     def _update_membership(self) -> None:
         """Update after a change of the nodes on the bus or of the permitted senders."""
@@ -208,7 +210,8 @@ class VirtualCanSegment:
         return self.nodes.present[sender] and (self._hears or self.nodes.there > 1)
 
     def _note(self) -> None:
-        history, at = self.history, self.nodes.motors.at
+        history = self.history
+        at = self.nodes.motors.at
         if history is not None and at > self._noted:
             self._noted = at
             places = [node.shaft.read_state()[0] / COUNT for node in self.nodes.each]

@@ -40,7 +40,8 @@ class CanWire:
     """
 
     def __init__(self, bitrate: int, heard: Callable[[int], bool], *, timing: bool) -> None:
-        self.bitrate, self.timing = bitrate, timing
+        self.bitrate = bitrate
+        self.timing = timing
         self._heard = heard
         self._free = -inf  # s, when the wire is idle
         self._queues: dict[int, deque[QueuedFrame]] = {}
@@ -90,7 +91,8 @@ class CanWire:
             queue.popleft()
             if not queue:
                 del self._queues[sent.sender]
-            self._free, self._known = sent.end, False
+            self._free = sent.end
+            self._known = False
         return sent
 
     def soonest_answer(self) -> float:

@@ -15,8 +15,12 @@ from twind_drivers.virtual.can.node_shaft import NodeShaft, NodeWatchdog
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 BOOT = 0.3  # s from power to the first frame (assumed)
-NOMINAL, AMBIENT = 48.0, 25.0  # V, °C
-HEAT, LOW, HIGH = "heat", "low", "high"
+# V, °C
+NOMINAL = 48.0
+AMBIENT = 25.0
+HEAT = "heat"
+LOW = "low"
+HIGH = "high"
 COMMON = ("hottest", "lowest", "highest", "boot")  # settings that are no register
 
 
@@ -24,13 +28,19 @@ class VirtualCanNode:
     """One actuator. Times are s of the bus; the class of a family defines the meaning of its frames."""
 
     def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
-        self.spec, self.row, self.id = spec, row, spec.id
-        self.motors, self.shaft, self.watch = motors, NodeShaft(row, motors), NodeWatchdog(now)
+        self.spec = spec
+        self.row = row
+        self.id = spec.id
+        self.motors = motors
+        self.shaft = NodeShaft(row, motors)
+        self.watch = NodeWatchdog(now)
         self.spans = (spec.position, spec.velocity, spec.torque)
-        self.powered, self.boots_at = True, inf
+        self.powered = True
+        self.boots_at = inf
         self.silenced = False  # its connector is pulled
         self.fault = 0  # in the vendor's own code
-        self.celsius, self.volts = AMBIENT, NOMINAL
+        self.celsius = AMBIENT
+        self.volts = NOMINAL
 
     # ------------------------------------------------------------------------------- what a family says
 
@@ -88,7 +98,8 @@ class VirtualCanNode:
 
     def clear(self) -> None:
         """Clear the fault; one whose cause persists comes back at once."""
-        self.fault, self.watch.tripped = 0, False
+        self.fault = 0
+        self.watch.tripped = False
         self.suffer()
 
     def suffer(self) -> None:
@@ -102,12 +113,16 @@ class VirtualCanNode:
     def down(self, until: float) -> None:
         """Remove power, or restart: back at `until` (s; inf: only by a later order)."""
         self.shaft.disable()
-        self.powered, self.boots_at = False, until
+        self.powered = False
+        self.boots_at = until
 
     def boot(self, now: float) -> None:
         """Boot: torque off, no fault, position within one turn around its zero."""
-        self.powered, self.boots_at = True, inf
-        self.fault, self.watch.tripped, self.watch.heard_at = 0, False, now
+        self.powered = True
+        self.boots_at = inf
+        self.fault = 0
+        self.watch.tripped = False
+        self.watch.heard_at = now
         if self.spec.forgets_zero:
             self.shaft.kept_zero = 0.0
         self.shaft.wrap_position()
@@ -119,7 +134,10 @@ class VirtualCanNode:
 
         The keys are those of a serial servo.
         """
-        motors, row, shaft, watch = self.motors, self.row, self.shaft, self.watch
+        motors = self.motors
+        row = self.row
+        shaft = self.shaft
+        watch = self.watch
         return {
             "id": self.id,
             "family": self.spec.spoken(),

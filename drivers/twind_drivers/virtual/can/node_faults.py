@@ -21,7 +21,9 @@ class NodeFaults:
     """Faults of nodes; unless named otherwise they outlast `clear`, as a node's state does."""
 
     def __init__(self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController) -> None:
-        self._bus, self._nodes, self._wire = bus, nodes, controller
+        self._bus = bus
+        self._nodes = nodes
+        self._wire = controller
         self.now = 0.0  # s, kept by the bus
         self.history: ReadingHistory | None = None
         hinges = [node.spec.hinge for node in nodes.each]

@@ -12,7 +12,8 @@ class NodeShaft:
     """The place that a node tells is that of the bare encoder less its `zero`, rad."""
 
     def __init__(self, row: int, motors: CanMotors) -> None:
-        self.row, self.motors = row, motors
+        self.row = row
+        self.motors = motors
         self.zero = 0.0  # rad of the encoder where it says 0
         self.kept_zero = 0.0  # what of that it still knows without power
         self.goal = 0.0  # rad, as it was told
@@ -46,7 +47,8 @@ class NodeShaft:
 
     def read_state(self) -> tuple[float, float, float]:
         """Place rad, speed rad/s, torque N·m, before a field cuts them."""
-        row, motors = self.row, self.motors
+        row = self.row
+        motors = self.motors
         return motors.position[row] - self.zero, motors.velocity[row], motors.torque[row]
 
     def follow(self, place: float, speed: float, kp: float, kd: float, torque: float) -> None:
@@ -63,7 +65,8 @@ class NodeWatchdog:
         self.timeout = inf  # s without a frame to it; inf: none
         self.heard_at = now
         self.tripped = False
-        self.tripped_at, self.trip_delay = math.nan, math.nan
+        self.tripped_at = math.nan
+        self.trip_delay = math.nan
 
     def expiry(self, on: bool) -> float:
         """When it expires, s; with torque only, and once."""
@@ -71,4 +74,6 @@ class NodeWatchdog:
 
     def trip(self, now: float) -> None:
         """It has expired."""
-        self.tripped, self.tripped_at, self.trip_delay = True, now, now - self.heard_at
+        self.tripped = True
+        self.tripped_at = now
+        self.trip_delay = now - self.heard_at

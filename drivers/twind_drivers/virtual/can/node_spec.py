@@ -7,7 +7,9 @@ from twind_drivers.virtual.hinge import Hinge
 
 # How the name of a model begins -> the frames that it speaks.
 PREFIXES = {"DM": "damiao", "AK": "cubemars", "RS": "robstride", "EL": "robstride", "CyberGear": "robstride"}
-USUAL, STRONG = (500.0, 5.0), (5000.0, 100.0)  # STRONG: public drivers, unverified
+# STRONG: public drivers, unverified
+USUAL = (500.0, 5.0)
+STRONG = (5000.0, 100.0)
 FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
 
 

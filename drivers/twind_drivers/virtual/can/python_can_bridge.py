@@ -16,7 +16,8 @@ class PythonCanBridge:
 
     def __init__(self, line: VirtualCanSegment, bus: can.BusABC) -> None:
         """`bus`: an end of its own on the host's channel."""
-        self._line, self._bus = line, bus
+        self._line = line
+        self._bus = bus
         line.controller.connect(True)
 
     def step(self, now: float) -> float:

@@ -12,11 +12,14 @@ from twind_drivers.can.frame import BYTES, ERROR, EXTENDED, EXTENDED_MASK, REMOT
 from twind_drivers.virtual.can.can_controller import VirtualCanController
 from twind_drivers.virtual.can.can_message import CanMessage
 
-YES, NO = b"\r", b"\a"
+YES = b"\r"
+NO = b"\a"
 LONGEST = 64  # characters of a line that the adapter keeps; a longer one is answered NO
 RATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)  # S0..S8
 HEX = frozenset(b"0123456789ABCDEFabcdef")
-WARNING, PASSIVE, BUS_ERROR = 0x04, 0x20, 0x80
+WARNING = 0x04
+PASSIVE = 0x20
+BUS_ERROR = 0x80
 KINDS = ("truncated", "shifted", "joined", "letter", "high", "long", "short")
 
 
@@ -27,7 +30,8 @@ class SlcanText:
         self._controller = controller
         self._line = bytearray()
         self._deaf = False  # the rest of a line that was too long
-        self._spoilt, self._kind = 0, ""
+        self._spoilt = 0
+        self._kind = ""
         self.restart(seed)
 
     def restart(self, seed: int) -> None:
@@ -38,7 +42,8 @@ class SlcanText:
         """The next lines of frames are broken, each in this way or (empty) in any. Raises ValueError."""
         if count < 0 or (kind and kind not in KINDS):
             raise ValueError(f"corrupt: {count} lines, {kind!r}: 0 on, and one of {', '.join(KINDS)}")
-        self._spoilt, self._kind = count, kind
+        self._spoilt = count
+        self._kind = kind
 
     def forget(self) -> None:
         """What had come of a line is lost."""
@@ -70,7 +75,8 @@ class SlcanText:
     # ------------------------------------------------------------------------------------- the host's lines
 
     def _obey(self, line: bytes, now: float) -> bytes:
-        controller, order = self._controller, line[:1]
+        controller = self._controller
+        order = line[:1]
         if not line:
             return YES
         if order in (b"t", b"T", b"r", b"R"):
@@ -116,7 +122,8 @@ class SlcanText:
             return line
         self._spoilt -= 1
         kind = self._kind or KINDS[int(self._random.integers(len(KINDS)))]
-        body, at = line[:-1], int(self._random.integers(1, len(line) - 1))
+        body = line[:-1]
+        at = int(self._random.integers(1, len(line) - 1))
         if kind == "truncated":
             return body[:at] + b"\r"
         if kind == "shifted":
@@ -135,9 +142,11 @@ class SlcanText:
 
 def parsed(line: bytes) -> CanMessage | None:
     """The frame of one line without its CR; None: it is none."""
-    extended, remote = line[:1] in b"TR", line[:1] in b"rR"
+    extended = line[:1] in b"TR"
+    remote = line[:1] in b"rR"
     digits = 8 if extended else 3
-    head, rest = line[1 : 1 + digits], line[2 + digits :]
+    head = line[1 : 1 + digits]
+    rest = line[2 + digits :]
     if len(line) < 2 + digits or not HEX.issuperset(line[1:]):
         return None
     size = int(line[1 + digits : 2 + digits], 16)

@@ -31,7 +31,8 @@ class VirtualCanBus(VirtualCanSegment):
             self.flush()
             return
         self._run(now)
-        data, self._held = self._held + data, b""
+        data = self._held + data
+        self._held = b""
         if self.faults.stalled:
             self._held = data
         else:
@@ -63,7 +64,8 @@ class VirtualCanBus(VirtualCanSegment):
             if self.next_output_time() > now:
                 return b""
         heard = self._arrived(now)
-        said, self._said_back = self._said_back, b""
+        said = self._said_back
+        self._said_back = b""
         return said + self.text.print(heard)
 
     def line(self, baud: int) -> None:

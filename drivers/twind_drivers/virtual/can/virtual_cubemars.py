@@ -13,8 +13,12 @@ from twind_drivers.virtual.can.can_motors import CanMotors
 from twind_drivers.virtual.can.node import HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
-OVER_TEMPERATURE, OVER_VOLTAGE, UNDER_VOLTAGE = 1, 3, 4
-ENTER, EXIT, ORIGIN = 0xFC, 0xFD, 0xFE
+OVER_TEMPERATURE = 1
+OVER_VOLTAGE = 3
+UNDER_VOLTAGE = 4
+ENTER = 0xFC
+EXIT = 0xFD
+ORIGIN = 0xFE
 
 
 class VirtualCubeMars(VirtualCanNode):

@@ -17,11 +17,24 @@ from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 REGISTERS_ID = 0x7FF
-READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
+READ = 0x33
+WRITE = 0x55
+STORE = 0xAA
+REFRESH = 0xCC
 ENABLE, DISABLE, ZERO, CLEAR = (bytes([255] * 7 + [last]) for last in (0xFC, 0xFD, 0xFE, 0xFB))
-OVER_VOLTAGE, UNDER_VOLTAGE, ROTOR_HOT, LOST = 0x8, 0x9, 0xC, 0xD
+OVER_VOLTAGE = 0x8
+UNDER_VOLTAGE = 0x9
+ROTOR_HOT = 0xC
+LOST = 0xD
 TICK = 50e-6  # s of register 9
-MASTER, ESC, TIMEOUT, MODE, PMAX, VMAX, TMAX, TOO_HIGH = 7, 8, 9, 10, 21, 22, 23, 29
+MASTER = 7
+ESC = 8
+TIMEOUT = 9
+MODE = 10
+PMAX = 21
+VMAX = 22
+TMAX = 23
+TOO_HIGH = 29
 WHOLE = frozenset((7, 8, 9, 10, 13, 14, 15, 16, 35, 36))  # u32; the rest is float32
 FIXED = frozenset((13, 14, 15, 16))  # read only (assumed for 16)
 FACTORY: Mapping[str, tuple[int, float]] = {
@@ -148,7 +161,8 @@ class VirtualDamiao(VirtualCanNode):
         return CanMessage(int(self.registers[MASTER]), data)
 
     def _register(self, data: bytes) -> Sequence[CanMessage]:
-        order, register = data[2], data[3]
+        order = data[2]
+        register = data[3]
         if order == REFRESH:
             return [self.feedback()]
         if order == STORE and not self.shaft.on:

@@ -19,14 +19,35 @@ from twind_drivers.virtual.can.node_shaft import TURN
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 # fmt: off
-(HEARTBEAT, ESTOP, MOTOR_ERROR, ENCODER_ERROR, SENSORLESS_ERROR, STATE, ESTIMATES, ENCODER_COUNT, MODES,
- POSITION, VELOCITY, TORQUE, LIMITS, IQ, REBOOT, BUS, CLEAR, SET_COUNT, POSITION_GAIN, VELOCITY_GAINS,
- CONTROLLER_ERROR) = (
-    0x01, 0x02, 0x03, 0x04, 0x05, 0x07, 0x09, 0x0A, 0x0B, 0x0C,
-    0x0D, 0x0E, 0x0F, 0x14, 0x16, 0x17, 0x18, 0x19, 0x1A, 0x1B, 0x1D)
+HEARTBEAT = 0x01
+ESTOP = 0x02
+MOTOR_ERROR = 0x03
+ENCODER_ERROR = 0x04
+SENSORLESS_ERROR = 0x05
+STATE = 0x07
+ESTIMATES = 0x09
+ENCODER_COUNT = 0x0A
+MODES = 0x0B
+POSITION = 0x0C
+VELOCITY = 0x0D
+TORQUE = 0x0E
+LIMITS = 0x0F
+IQ = 0x14
+REBOOT = 0x16
+BUS = 0x17
+CLEAR = 0x18
+SET_COUNT = 0x19
+POSITION_GAIN = 0x1A
+VELOCITY_GAINS = 0x1B
+CONTROLLER_ERROR = 0x1D
 # fmt: on
-IDLE, CLOSED_LOOP = 1, 8  # axis states
-BY_TORQUE, BY_VELOCITY, BY_POSITION = 1, 2, 3  # control modes
+# axis states
+IDLE = 1
+CLOSED_LOOP = 8
+# control modes
+BY_TORQUE = 1
+BY_VELOCITY = 2
+BY_POSITION = 3
 MOTOR_FAILED = 0x40  # axis error of a 3.x
 
 
@@ -77,10 +98,12 @@ class VirtualODrive(VirtualCanNode):
     def start(self) -> None:
         """The configuration counts again; idle."""
         self.held = dict(self.configured)
-        self.mode, self.input = BY_POSITION, (0.0, 0.0, 0.0)
+        self.mode = BY_POSITION
+        self.input = (0.0, 0.0, 0.0)
         self.watch.timeout = self.held["watchdog_timeout"] or inf
         self._limit()
-        self._heart_at, self._tell_at = self.watch.heard_at + 0.01, self.watch.heard_at + 0.01
+        self._heart_at = self.watch.heard_at + 0.01
+        self._tell_at = self.watch.heard_at + 0.01
         self._look_at = inf
 
     def accepts_id(self, key: int) -> bool:
@@ -234,7 +257,8 @@ class VirtualODrive(VirtualCanNode):
         at again soon.
         """
         place, speed, torque = self.input
-        outer, inner = self.held["position_gain"], self.held["velocity_gain"] / TURN
+        outer = self.held["position_gain"]
+        inner = self.held["velocity_gain"] / TURN
         self._look_at = inf
         if self.mode == BY_TORQUE:
             self.shaft.follow(0.0, 0.0, 0.0, 0.0, torque)

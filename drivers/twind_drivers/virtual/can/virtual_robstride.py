@@ -17,10 +17,21 @@ from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 HOST = 0xFD
-GET_ID, MOTION, FEEDBACK, ENABLE, STOP, ZERO = 0, 1, 2, 3, 4, 6
-READ, WRITE, FAULTS, REPORT = 17, 18, 21, 24
+GET_ID = 0
+MOTION = 1
+FEEDBACK = 2
+ENABLE = 3
+STOP = 4
+ZERO = 6
+READ = 17
+WRITE = 18
+FAULTS = 21
+REPORT = 24
 KNOCK = bytes([1, 2, 3, 4, 5, 6])  # begins the payload of the rare orders
-UNDER_VOLTAGE, DRIVER, OVER_TEMPERATURE = 1, 2, 4  # bits 16 on of a feedback's id
+# bits 16 on of a feedback's id
+UNDER_VOLTAGE = 1
+DRIVER = 2
+OVER_TEMPERATURE = 4
 RUN_MODE, TORQUE_LIMIT, PLACE, CURRENT, SPEED, SUPPLY, TURNS, TIMEOUT = (
     0x7005, 0x700B, 0x7019, 0x701A, 0x701B, 0x701C, 0x701D, 0x7028,
 )  # fmt: skip
@@ -108,7 +119,8 @@ class VirtualRobStride(VirtualCanNode):
         id, data = message
         if not id & EXTENDED or id & REMOTE or id & 0xFF != self.id:
             return ()
-        kind, upper = (id & EXTENDED_MASK) >> 24, id >> 8 & 0xFFFF
+        kind = (id & EXTENDED_MASK) >> 24
+        upper = id >> 8 & 0xFFFF
         if kind in (FEEDBACK, FAULTS) or len(data) != 8:
             return ()
         self.watch.heard_at = now

@@ -5,11 +5,18 @@ from tests.proof.busmon.can.motors import Motor
 from tests.proof.busmon.can.text import Frame, Malformed
 
 REGISTERS = 0x7FF  # id of all register traffic of a Damiao
-READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
-WATCHDOG, MODE = 9, 10
+READ = 0x33
+WRITE = 0x55
+STORE = 0xAA
+REFRESH = 0xCC
+WATCHDOG = 9
+MODE = 10
 TICK = 50e-6  # s
 SPECIAL = b"\xff" * 7
-ON, OFF, ZERO, CLEAR = 0xFC, 0xFD, 0xFE, 0xFB
+ON = 0xFC
+OFF = 0xFD
+ZERO = 0xFE
+CLEAR = 0xFB
 TORQUE_ON = 1  # status nibble; 0: off, from 8: an error
 OTHER_MODES = (0x100, 0x200, 0x300)
 
@@ -41,7 +48,8 @@ class Mit:
         data = sized(frame.data, 8, f"a command to {motor.id}")
         if data[:7] == SPECIAL and data[7] >= 0xF0:
             return self._special(motor, data[7])
-        kp, kd = (data[3] & 15) << 8 | data[4], data[5] << 4 | data[6] >> 4
+        kp = (data[3] & 15) << 8 | data[4]
+        kd = data[5] << 4 | data[6] >> 4
         push = field((data[6] & 15) << 8 | data[7], 12, motor.torque)
         rate = field(data[2] << 4 | data[3] >> 4, 12, motor.velocity)
         # A CubeMars answers commands alone, so it is asked by one that damps towards no speed; no field says
@@ -62,7 +70,9 @@ class Mit:
 
     def _register(self, frame: Frame) -> Act:
         data = sized(frame.data, 8, "register traffic")
-        id, what, register = data[0] | data[1] << 8, data[2], data[3]
+        id = data[0] | data[1] << 8
+        what = data[2]
+        register = data[3]
         if id not in self._damiao:
             raise Malformed(f"register traffic to {id}, which is not of this bus")
         if what == STORE:
@@ -84,7 +94,8 @@ class Mit:
         """None: nothing that is known."""
         if frame.extended or frame.remote or len(frame.data) != 8:
             return None
-        data, motor = frame.data, self._replies.get(frame.id)
+        data = frame.data
+        motor = self._replies.get(frame.id)
         if motor is not None:
             if data[0] == motor.id & 255 and data[1] <= 15 and data[2] in (READ, WRITE, STORE, REFRESH):
                 return self._answer(motor, data)

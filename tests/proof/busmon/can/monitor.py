@@ -31,7 +31,9 @@ class CanMonitor:
 
     def __init__(self, limits: CanLimits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
-        self.limits, self.servos = limits, Servos(limits)  # type: ignore[arg-type]
+        # type: ignore[arg-type]
+        self.limits = limits
+        self.servos = Servos(limits)
         self.motors = [limits.servos[id] for id in self.servos.ids]
         self.servos.step += np.array([motor.slack for motor in self.motors])
         of = {
@@ -48,7 +50,8 @@ class CanMonitor:
         self.sent_packets = self.answers = self.goal_packets = 0
         self.words = Words(self._broken, writes=writes, hearsay=hearsay)
         self.stopping = Stopping(self._broken, limits, self.servos)  # type: ignore[arg-type]
-        self._out, self._in = Lines(), Lines()
+        self._out = Lines()
+        self._in = Lines()
         self._rest_since = self._since = self._packet_at = -np.inf
         self._fed = np.full(len(self.motors), -np.inf)  # s, when each was last spoken to
         self._goals: dict[int, int] = {}  # of the text that is being read
@@ -139,7 +142,8 @@ class CanMonitor:
         elif what in ("hold", "damp", "aborted", "state", "killed"):
             self.stopping.told(what, now, facts)
         elif what in ("born", "port"):
-            self._out, self._in = Lines(), Lines()
+            self._out = Lines()
+            self._in = Lines()
             self._packet_at = -np.inf
             self._fed[:] = -np.inf
             self.servos.begun(now)
@@ -184,7 +188,8 @@ class CanMonitor:
 
     def _fed_forward(self, row: int, act: Act, now: float) -> None:
         """W2, W3, W5 of a command, whatever its place."""
-        motor, id = self.motors[row], act.id
+        motor = self.motors[row]
+        id = act.id
         self.words.left(self._since)
         self.words.goal(now, id)
         if not abs(act.rate) <= motor.rate * (1.0 + ROUNDED) + 2.0 * motor.velocity / 4095.0:
@@ -194,7 +199,9 @@ class CanMonitor:
 
     def _goal(self, row: int, act: Act, now: float) -> None:
         """W1, W3, W4 of the place of one goal."""
-        servos, motor, id = self.servos, self.motors[row], act.id
+        servos = self.servos
+        motor = self.motors[row]
+        id = act.id
         self._goals[row] = act.word
         if not motor.lower <= act.word <= motor.upper:
             self._broken("W1", now, id, f"goal {act.word} outside {motor.lower}..{motor.upper}")
@@ -220,13 +227,15 @@ class CanMonitor:
         """All goals of one text are one step."""
         if not self._goals:
             return
-        servos, rows = self.servos, list(self._goals)
+        servos = self.servos
+        rows = list(self._goals)
         goals = servos.goal.copy()
         goals[rows] = list(self._goals.values())
         new = np.array(
             [row in self._goals and (servos.anew[row] or not servos.known[row]) for row in servos.all]
         )
-        servos.known[rows], servos.anew[rows] = True, False
+        servos.known[rows] = True
+        servos.anew[rows] = False
         self._goals = {}
         self.goal_packets += 1
         servos.goal = np.where(new, goals, servos.goal)  # where it is, and no step
@@ -234,9 +243,13 @@ class CanMonitor:
         self.stopping.goals(now)
 
     def _torque(self, row: int, on: bool, now: float) -> None:
-        servos, motor, id = self.servos, self.motors[row], self.servos.ids[row]
+        servos = self.servos
+        motor = self.motors[row]
+        id = self.servos.ids[row]
         if not on:
-            servos.on[row], servos.off[row], servos.bare[row] = False, True, np.inf
+            servos.on[row] = False
+            servos.off[row] = True
+            servos.bare[row] = np.inf
             self.stopping.let_go(now)
             return
         self.words.torque(now, id)
@@ -249,11 +262,14 @@ class CanMonitor:
         if motor.watched and not (0 < servos.watchdog[row] <= LONGEST * 1e6 and servos.proved[row]):
             state = f"{servos.watchdog[row]} us, read back {bool(servos.proved[row])}"
             self._broken("W7", now, id, f"torque on, and its watchdog is {state}")
-        servos.on[row], servos.off[row], servos.first[row] = True, False, True
+        servos.on[row] = True
+        servos.off[row] = False
+        servos.first[row] = True
 
     def _watchdog(self, row: int, seconds: float, now: float) -> None:
         servos = self.servos
-        servos.watchdog[row], servos.proved[row] = round(seconds * 1e6), False
+        servos.watchdog[row] = round(seconds * 1e6)
+        servos.proved[row] = False
         if seconds > LONGEST + ROUNDED and servos.on[row]:
             self._broken("W7", now, servos.ids[row], f"its watchdog is {seconds} s under torque")
         servos.bare[row] = now if not seconds and servos.on[row] else np.inf
@@ -261,7 +277,8 @@ class CanMonitor:
     # --------------------------------------------------------------------------- frames from motors
 
     def _heard(self, heard: Heard, now: float) -> None:
-        servos, row = self.servos, self.servos.row[heard.id]
+        servos = self.servos
+        row = self.servos.row[heard.id]
         if heard.alert is not None:
             servos.alert[row] = heard.alert
         if heard.word is not None:

@@ -64,7 +64,8 @@ def motor(
         raise ValueError(f"{name}: family {family!r}; known: {', '.join(FAMILIES)}")
     position, velocity, torque = spans
     each = word(family, position, 1.0) - word(family, position, 0.0)  # words a rad
-    lower, upper = word(family, position, ends[0]), word(family, position, ends[1])
+    lower = word(family, position, ends[0])
+    upper = word(family, position, ends[1])
     if not lower < upper or not rate > 0.0 or not acceleration > 0.0 or not each > 0.0:
         raise ValueError(f"{name}: ends {ends}, rate {rate}, acceleration {acceleration}, span {position}")
     return Motor(

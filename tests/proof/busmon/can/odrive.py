@@ -6,9 +6,21 @@ from tests.proof.busmon.can.acts import Act, Heard, forbidden, sized
 from tests.proof.busmon.can.motors import TURN, Motor
 from tests.proof.busmon.can.text import Frame, Malformed
 
-HEARTBEAT, ESTOP, SET_NODE, STATE, ESTIMATES, MODES, GOAL = 0x01, 0x02, 0x06, 0x07, 0x09, 0x0B, 0x0C
-LIMITS, REBOOT, CLEAR, PLACE, GAIN, GAINS = 0x0F, 0x16, 0x18, 0x19, 0x1A, 0x1B
-IDLE, CLOSED_LOOP = 1, 8
+HEARTBEAT = 0x01
+ESTOP = 0x02
+SET_NODE = 0x06
+STATE = 0x07
+ESTIMATES = 0x09
+MODES = 0x0B
+GOAL = 0x0C
+LIMITS = 0x0F
+REBOOT = 0x16
+CLEAR = 0x18
+PLACE = 0x19
+GAIN = 0x1A
+GAINS = 0x1B
+IDLE = 1
+CLOSED_LOOP = 8
 POSITION_CONTROL = (3, 1)  # control mode, input mode: straight
 READS = frozenset((0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x17, 0x1D))
 THOUSANDTH = 1e-3
@@ -26,7 +38,9 @@ class ODrive:
         motor = None if frame.extended else self._by_id.get(frame.id >> 5)
         if motor is None:
             return None
-        node, what, data = motor.id, frame.id & 31, frame.data
+        node = motor.id
+        what = frame.id & 31
+        data = frame.data
         if what in READS and not data:
             return Act("read", node)
         if frame.remote:
@@ -63,6 +77,7 @@ class ODrive:
             turns, _ = struct.unpack("<ff", frame.data)
             return Heard(motor.id, round(turns * TURN)) if abs(turns) < 1e4 else None
         if frame.id & 31 == HEARTBEAT:
-            error, state = int.from_bytes(frame.data[:4], "little"), frame.data[4]
+            error = int.from_bytes(frame.data[:4], "little")
+            state = frame.data[4]
             return Heard(motor.id, None, state == CLOSED_LOOP, error != 0)
         return None

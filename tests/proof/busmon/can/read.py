@@ -43,12 +43,14 @@ def read(robot_file: Path, calibration_file: Path, bus: str, *, rate_hz: float |
 
 def _motor(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dict[str, Any]) -> Motor:
     family = next((each for start, each in KINDS.items() if str(kind["device"]).startswith(start)), "")
-    sign, ratio = int(joint.get("sign", 1)), float(joint.get("ratio", 1.0))
+    sign = int(joint.get("sign", 1))
+    ratio = float(joint.get("ratio", 1.0))
     if sign not in (1, -1) or not ratio > 0.0:
         raise ValueError(f"{name}: sign {sign}, ratio {ratio}")
     if int(measured["id"]) != int(joint["id"]) or int(measured["sign"]) != sign:
         raise ValueError(f"{name}: the calibration is of another motor")
-    id, own = int(joint["id"]), kind["ranges"]
+    id = int(joint["id"])
+    own = kind["ranges"]
     spans = tuple(float(own[each]) for each in ("position_rad", "velocity_rad_s", "torque_nm"))
     return motor(
         id,

@@ -6,9 +6,21 @@ from tests.proof.busmon.can.acts import Act, Heard, field, forbidden, sized
 from tests.proof.busmon.can.motors import Motor, word
 from tests.proof.busmon.can.text import Frame, Malformed
 
-GET_ID, COMMAND, FEEDBACK, ON, OFF, ZERO, SET_ID, READ, WRITE = 0, 1, 2, 3, 4, 6, 7, 0x11, 0x12
+GET_ID = 0
+COMMAND = 1
+FEEDBACK = 2
+ON = 3
+OFF = 4
+ZERO = 6
+SET_ID = 7
+READ = 0x11
+WRITE = 0x12
 KEEPING = {0x16: "an order to store", 0x17: "another bit rate", 0x19: "another protocol"}
-RUN_MODE, PUSH_LIMIT, CURRENT_LIMIT, PLACE, WATCHDOG = 0x7005, 0x700B, 0x7018, 0x7019, 0x7028
+RUN_MODE = 0x7005
+PUSH_LIMIT = 0x700B
+CURRENT_LIMIT = 0x7018
+PLACE = 0x7019
+WATCHDOG = 0x7028
 TICK = 50e-6  # s
 RUNNING = 2
 
@@ -23,7 +35,9 @@ class RobStride:
         """None: not to one of these. Raises Malformed."""
         if not frame.extended or not self._by_id:
             return None
-        kind, extra, target = frame.id >> 24, frame.id >> 8 & 0xFFFF, frame.id & 0xFF
+        kind = frame.id >> 24
+        extra = frame.id >> 8 & 0xFFFF
+        target = frame.id & 0xFF
         motor = self._by_id.get(target)
         if motor is None:
             return None
@@ -53,7 +67,8 @@ class RobStride:
         return Act("goal" if kp else "soft", motor.id, place, field(rate, 16, motor.velocity), push)
 
     def _write(self, motor: Motor, data: bytes) -> Act:
-        index, value = data[0] | data[1] << 8, int.from_bytes(data[4:], "little")
+        index = data[0] | data[1] << 8
+        value = int.from_bytes(data[4:], "little")
         if index == WATCHDOG:
             return Act("write", motor.id, seconds=value * TICK)
         if index in (PUSH_LIMIT, CURRENT_LIMIT) or (index == RUN_MODE and value & 0xFF == 0):
@@ -64,12 +79,14 @@ class RobStride:
         """None: nothing that is known."""
         if not frame.extended or frame.remote or len(frame.data) != 8:
             return None
-        kind, data = frame.id >> 24 & 0x1F, frame.data
+        kind = frame.id >> 24 & 0x1F
+        data = frame.data
         motor = self._by_id.get(frame.id >> 8 & 0xFF)
         if motor is None:
             return None
         if kind == FEEDBACK:
-            state, faults = frame.id >> 22 & 3, frame.id >> 16 & 63
+            state = frame.id >> 22 & 3
+            faults = frame.id >> 16 & 63
             return Heard(motor.id, data[0] << 8 | data[1], state == RUNNING, faults != 0)
         if kind == READ and not frame.id >> 16 & 0xFF:  # else: it has no such parameter
             return self._answer(motor, data)

@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-BELL, END = 0x07, 0x0D
+BELL = 0x07
+END = 0x0D
 MOST = 8  # bytes of a frame
 LETTERS = {0x74: (3, False, False), 0x54: (8, True, False), 0x72: (3, False, True), 0x52: (8, True, True)}
 RATES = {10: 0, 20: 1, 50: 2, 100: 3, 125: 4, 250: 5, 500: 6, 800: 7, 1000: 8}  # kbit/s -> S code
@@ -43,7 +44,8 @@ def frame(line: bytes) -> Frame:
     digits, extended, remote = LETTERS[line[0]]
     if len(line) < digits + 2:
         raise Malformed(f"too short: {line!r}")
-    id, size = _number(line[1 : 1 + digits]), _number(line[1 + digits : 2 + digits])
+    id = _number(line[1 : 1 + digits])
+    size = _number(line[1 + digits : 2 + digits])
     if id >= 1 << (29 if extended else 11) or size > MOST:
         raise Malformed(f"id or length out of range: {line!r}")
     body = line[2 + digits :]
@@ -69,10 +71,12 @@ def text(frames: bytes) -> bytes:
     bytes of nothing, eight of data. Frames of errors have no line."""
     lines = b""
     for at in range(0, len(frames), 16):
-        id, size = int.from_bytes(frames[at : at + 4], "little"), frames[at + 4]
+        id = int.from_bytes(frames[at : at + 4], "little")
+        size = frames[at + 4]
         if id & 1 << 29:
             continue
-        remote, extended = id >> 30 & 1, id >> 31
+        remote = id >> 30 & 1
+        extended = id >> 31
         letter = b"tTrR"[2 * remote + extended : 2 * remote + extended + 1]
         number = b"%08X" % (id & 0x1FFFFFFF) if extended else b"%03X" % (id & 0x7FF)
         data = b"" if remote else frames[at + 8 : at + 8 + size].hex().upper().encode()

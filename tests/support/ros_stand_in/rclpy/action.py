@@ -26,7 +26,9 @@ class CancelResponse(IntEnum):
 
 class ServerGoalHandle:
     def __init__(self, server, goal, identity):
-        self._server, self.request, self.status = server, goal, ACCEPTED
+        self._server = server
+        self.request = goal
+        self.status = ACCEPTED
         self.goal_id = SimpleNamespace(uuid=identity)
 
     @property
@@ -73,10 +75,17 @@ class ActionServer:
         handle_accepted_callback=ServerGoalHandle.execute,
         cancel_callback=lambda goal: CancelResponse.REJECT,
     ):
-        self._node, self._kind, self._name, self._execute = node, action_type, action_name, execute_callback
-        self._goal, self._accepted, self._cancel = goal_callback, handle_accepted_callback, cancel_callback
+        self._node = node
+        self._kind = action_type
+        self._name = action_name
+        self._execute = execute_callback
+        self._goal = goal_callback
+        self._accepted = handle_accepted_callback
+        self._cancel = cancel_callback
         self._group = callback_group or node.default_callback_group
-        self._handles, self._results, self._asked = {}, {}, {}
+        self._handles = {}
+        self._results = {}
+        self._asked = {}
         for name in ("send_goal", "cancel_goal", "get_result"):
             take = getattr(self, f"_{name}")
             node.listen(_part(action_name, name), self._soon(take), action_type.kind)
@@ -85,7 +94,8 @@ class ActionServer:
         return lambda head, data: self._node.soon(self._group, lambda: take(head, data))
 
     def _send_goal(self, head, data):
-        identity, goal = data[:16], self._kind.Goal.of(data[16:])
+        identity = data[:16]
+        goal = self._kind.Goal.of(data[16:])
         accepted = self._goal(goal) == GoalResponse.ACCEPT
         if accepted:
             self._handles[identity] = ServerGoalHandle(self, goal, identity)
@@ -140,7 +150,9 @@ class ActionServer:
 
 class ClientGoalHandle:
     def __init__(self, client, identity, accepted):
-        self._client, self._identity, self.accepted = client, identity, accepted
+        self._client = client
+        self._identity = identity
+        self.accepted = accepted
 
     def get_result_async(self):
         future = Future()
@@ -164,7 +176,10 @@ class ClientGoalHandle:
 
 class ActionClient:
     def __init__(self, node, action_type, action_name):
-        self._node, self.kind, self._name, self._followed = node, action_type, action_name, {}
+        self._node = node
+        self.kind = action_type
+        self._name = action_name
+        self._followed = {}
         name = _part(action_name, "feedback")
         node.wire.add(what="reader", name=name, kind=action_type.kind)
         node.follow(name, self._feedback)
@@ -176,7 +191,8 @@ class ActionClient:
         return bool(self._node.wire.endpoints("service", _part(self._name, "send_goal")))
 
     def send_goal_async(self, goal, feedback_callback=None):
-        future, identity = Future(), uuid.uuid4().bytes
+        future = Future()
+        identity = uuid.uuid4().bytes
         self._followed[identity] = feedback_callback
 
         def told(data):

@@ -5,7 +5,8 @@ import os
 
 class Context:
     def __init__(self):
-        self.domain, self._ok = None, False
+        self.domain = None
+        self._ok = False
 
     def init(self, args=None, *, initialize_logging=True, domain_id=None):
         if self.domain is not None:

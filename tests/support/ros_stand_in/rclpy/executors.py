@@ -9,7 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 class Executor:
     def __init__(self, *, context=None):
-        self._context, self._nodes, self._ready, self._ended = context, [], deque(), False
+        self._context = context
+        self._nodes = []
+        self._ready = deque()
+        self._ended = False
         self._hear, self._wake = os.pipe()
         os.set_blocking(self._wake, False)
 
@@ -70,7 +73,8 @@ class SingleThreadedExecutor(Executor):
 class MultiThreadedExecutor(Executor):
     def __init__(self, num_threads=None, *, context=None):
         super().__init__(context=context)
-        self._pool, self._begun = ThreadPoolExecutor(num_threads), []
+        self._pool = ThreadPoolExecutor(num_threads)
+        self._begun = []
 
     def _begin(self, group, call):
         if group is not None:

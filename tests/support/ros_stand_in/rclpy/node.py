@@ -17,7 +17,10 @@ TEXT = 4  # ParameterType.PARAMETER_STRING
 
 class Publisher:
     def __init__(self, wire, kind, topic, qos):
-        self._wire, self._kind, self.topic, self._qos = wire, kind, topic, qos
+        self._wire = wire
+        self._kind = kind
+        self.topic = topic
+        self._qos = qos
         self._last = None
 
     def publish(self, msg):
@@ -44,7 +47,9 @@ class Publisher:
 
 class Client:
     def __init__(self, node, kind, name):
-        self._node, self._kind, self._name = node, kind, name
+        self._node = node
+        self._kind = kind
+        self._name = name
 
     def wait_for_service(self, timeout_sec=None):
         return bool(self._node.wire.endpoints("service", self._name))
@@ -59,7 +64,9 @@ class Client:
 
 class GuardCondition:
     def __init__(self, node, callback, group):
-        self._node, self._callback, self._group = node, callback, group
+        self._node = node
+        self._callback = callback
+        self._group = group
 
     def trigger(self):
         self._node.soon(self._group, self._callback)
@@ -69,11 +76,17 @@ class Node:
     def __init__(self, node_name, *, context=None):
         if not context.ok():
             raise RuntimeError("rcl_init() has not been called")
-        self.context, self.executor, self._name = context, None, node_name
+        self.context = context
+        self.executor = None
+        self._name = node_name
         self.wire = Wire(context.domain, node_name)
         self.default_callback_group = MutuallyExclusiveCallbackGroup()
-        self._parameters, self._on_set, self._early = {}, [], []
-        self._writers, self._takers, self._waiting = {}, {}, {}
+        self._parameters = {}
+        self._on_set = []
+        self._early = []
+        self._writers = {}
+        self._takers = {}
+        self._waiting = {}
         self._serve("/set_parameters", SetParameters, self._set)
         self._serve("/get_parameters", GetParameters, self._get)
 

@@ -3,4 +3,5 @@
 
 class Parameter:
     def __init__(self, name, type_=None, value=None):
-        self.name, self.value = name, value
+        self.name = name
+        self.value = value

@@ -28,8 +28,10 @@ class QoSProfile:
     ):
         if history == HistoryPolicy.KEEP_LAST and depth is None:
             raise ValueError("History set to KEEP_LAST without a depth setting.")
-        self.history, self.depth = history, depth or 0
-        self.reliability, self.durability = reliability, durability
+        self.history = history
+        self.depth = depth or 0
+        self.reliability = reliability
+        self.durability = durability
 
 
 def profile(given):

@@ -3,7 +3,8 @@
 
 class Future:
     def __init__(self):
-        self._done, self._result = False, None
+        self._done = False
+        self._result = None
 
     def done(self):
         return self._done
@@ -12,4 +13,5 @@ class Future:
         return self._result
 
     def set_result(self, result):
-        self._done, self._result = True, result
+        self._done = True
+        self._result = result

@@ -21,7 +21,8 @@ class Wire:
         self._domain = domain
         self._file = self._folder / f"{domain}-{os.getpid()}-{next(_NUMBERS)}.json"
         self._said = {"node": name, "address": self.address, "endpoints": []}
-        self._seen, self._nodes = 0, []
+        self._seen = 0
+        self._nodes = []
         self._tell()
 
     def fileno(self):

@@ -22,7 +22,11 @@ _OFTEN = "<SPDPInterval>1 s</SPDPInterval>"
 _FOR_EVER = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
 # Ports of a domain by RTPS 9.6.1: 250 for each, of which each participant has two, from the eleventh on.
-_FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
+_FIRST_PORT = 7400
+_PORTS = 250
+_FIRST = 10
+_EACH = 2
+_LAST_PORT = 65535
 
 
 def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
@@ -34,7 +38,8 @@ def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
     """
     if discovery.range is DiscoveryRange.SYSTEM_DEFAULT:
         return own or None
-    general, looking = "", ""
+    general = ""
+    looking = ""
     if discovery.range is not DiscoveryRange.SUBNET:
         general += "<AllowMulticast>false</AllowMulticast>"
     if discovery.local:

@@ -20,7 +20,10 @@ from twind.ros import dds_type
 BLOCKING = 5_000_000  # ns that a write may wait for a reader that does not keep up
 _OPAQUE = (0x01_01_00_00, 0, 0)  # DDS_OP_ADR | DDS_OP_TYPE_1BY, at offset 0; DDS_OP_RTS
 _DATA = 2  # SDK_DATA
-_RELIABLE, _TRANSIENT_LOCAL, _KEEP_LAST, _XCDR1 = 1, 1, 0, 0
+_RELIABLE = 1
+_TRANSIENT_LOCAL = 1
+_KEEP_LAST = 0
+_XCDR1 = 0
 _UNLIMITED = -1
 
 

@@ -50,7 +50,9 @@ class IoVector(ct.Structure):
     _fields_ = (("base", ct.c_char_p), ("length", ct.c_size_t))
 
 
-_ENTITY, _POINTER, _TEXT = ct.c_int32, ct.c_void_p, ct.c_char_p
+_ENTITY = ct.c_int32
+_POINTER = ct.c_void_p
+_TEXT = ct.c_char_p
 # name -> (result, arguments); an entity below zero, and a result below zero, is an error
 _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_create_domain": (_ENTITY, (ct.c_uint32, _TEXT)),
@@ -95,7 +97,8 @@ def load() -> ct.CDLL:
     library = ct.CDLL(str(where))  # each call lets go of the interpreter's lock
     for name, (result, arguments) in _FUNCTIONS.items():
         function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
+        function.restype = result
+        function.argtypes = arguments
     return library
 
 

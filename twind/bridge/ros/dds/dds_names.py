@@ -12,7 +12,9 @@ from twind.ros import PARTICIPANT_ENTITIES, encode, participant_entities, type_h
 
 ENCLAVE = b"enclave=/;"  # USER_DATA of a participant: without it no node of it is listed
 GRAPH = RosTopic("ros_discovery_info", PARTICIPANT_ENTITIES, out=True, depth=1, latched=True)
-GID, GID_HUMBLE = 16, 24  # bytes
+# bytes
+GID = 16
+GID_HUMBLE = 24
 
 
 def dds_name(topic: RosTopic) -> str:

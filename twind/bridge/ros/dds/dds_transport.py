@@ -68,7 +68,8 @@ class DdsTransport:
         for writer in self._writers.values():
             writer.close()
         self._writers = {}
-        domain, self._domain = self._domain, 0
+        domain = self._domain
+        self._domain = 0
         if domain and self._library is not None:
             self._library.dds_delete(domain)
 

@@ -17,7 +17,9 @@ from twind.bridge.ros.ros_trajectory import LONGEST
 from twind.bridge.ros.ros_transport import TransportError
 
 ROUTER = "tcp/localhost:7447"  # rmw_zenohd of this machine
-CONFIG, OVERRIDE = "ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"  # what users of rmw_zenoh set
+# what users of rmw_zenoh set
+CONFIG = "ZENOH_SESSION_CONFIG_URI"
+OVERRIDE = "ZENOH_CONFIG_OVERRIDE"
 _AGAIN_MS = (200, 2000)  # a router that is not there is looked for ever more rarely
 
 

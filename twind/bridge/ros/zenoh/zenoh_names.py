@@ -39,10 +39,13 @@ class ZenohNames:
     def token(self, number: int, endpoint: RosTopic | RosService) -> str:
         """The token of an endpoint; `number` is its own among those of the session, not the node's."""
         if isinstance(endpoint, RosTopic):
-            kind, depth = "MP" if endpoint.out else "MS", endpoint.depth
+            kind = "MP" if endpoint.out else "MS"
+            depth = endpoint.depth
             durability = 1 if endpoint.latched else 2
         else:
-            kind, depth, durability = "SS", _SERVICE_DEPTH, 2
+            kind = "SS"
+            depth = _SERVICE_DEPTH
+            durability = 2
         quality = f"1:{durability}:1,{depth}:,:,:,,"  # reliable, keep last; no deadline, lifespan, lease
         name = endpoint.name.replace("/", "%")
         return (

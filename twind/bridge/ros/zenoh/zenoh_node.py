@@ -29,7 +29,10 @@ class ZenohNode:
         self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
     ) -> None:
         """`tell`: receives a line where handling of a message or request fails."""
-        self._session, self._names, self._labelled, self._tell = session, names, labelled, tell
+        self._session = session
+        self._names = names
+        self._labelled = labelled
+        self._tell = tell
         self._numbers = itertools.count(1)
         self._tokens = [session.liveliness().declare_token(names.node_token())]
         self._writers: dict[RosTopic, ZenohWriter] = {}
@@ -95,8 +98,10 @@ class ZenohWriter:
         self, channel: zenoh.Publisher | zenoh.ext.AdvancedPublisher, gid: bytes, *, labelled: bool
     ) -> None:
         self._put: Callable[..., None] = channel.put
-        self._gid, self._labelled = gid, labelled
-        self._numbers, self._lock = itertools.count(1), threading.Lock()
+        self._gid = gid
+        self._labelled = labelled
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
 
     def put(self, data: bytes) -> None:
         """Send a message; a reader's path without room for it within a millisecond drops it."""
@@ -117,7 +122,8 @@ def _channel(
     session: zenoh.Session, key: str, topic: RosTopic
 ) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
     """Reliable delivery, dropped where there is no room: a reader that hangs delays no other."""
-    drop, reliable = zenoh.CongestionControl.DROP, zenoh.Reliability.RELIABLE
+    drop = zenoh.CongestionControl.DROP
+    reliable = zenoh.Reliability.RELIABLE
     if not topic.latched:
         return session.declare_publisher(key, congestion_control=drop, reliability=reliable)
     return zenoh.ext.declare_advanced_publisher(

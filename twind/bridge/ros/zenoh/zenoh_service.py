@@ -29,7 +29,10 @@ class ZenohServiceServer:
     def __init__(
         self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
     ) -> None:
-        self._service, self._key, self._asked, self._tell = service, key, asked, tell
+        self._service = service
+        self._key = key
+        self._asked = asked
+        self._tell = tell
         self._stops = service in _STOPS
         self._requests = session.declare_queryable(key, zenoh.handlers.RingChannel(_WAITING), complete=True)
         self._threads = [
@@ -74,9 +77,11 @@ class ZenohServiceServer:
         try:
             success, message = self._asked(self._service, None if self._stops else self._data(query))
         except CdrError as error:
-            success, message = False, str(error)
+            success = False
+            message = str(error)
         except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
-            success, message = False, self._fault(error)
+            success = False
+            message = self._fault(error)
         return encode(f"{self._service.kind}_Response", {"success": success, "message": message})
 
     def _data(self, query: zenoh.Query) -> bool | None:

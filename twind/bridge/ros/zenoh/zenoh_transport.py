@@ -38,8 +38,11 @@ class ZenohTransport:
         *,
         labelled: bool = False,
     ) -> None:
-        self._discovery, self._tell, self._labelled = discovery, tell, labelled
-        self._connect, self._config = connect, config
+        self._discovery = discovery
+        self._tell = tell
+        self._labelled = labelled
+        self._connect = connect
+        self._config = config
         self._node: ZenohNode | None = None
         unheeded = [name for name in _REACH if os.environ.get(name)]
         if unheeded:
@@ -77,7 +80,8 @@ class ZenohTransport:
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""
-        node, self._node = self._node, None
+        node = self._node
+        self._node = None
         if node is not None:
             node.close()
 

@@ -12,7 +12,8 @@ class Broadcast:
     name."""
 
     def __init__(self, name: str, errands: Callable[[], Mapping[str, StopAction]]) -> None:
-        self._name, self._errands = name, errands
+        self._name = name
+        self._errands = errands
 
     def ask(self, tell: Tell) -> None:
         """Start all errands. Each failure is reported at once; the count of successes follows after the last
@@ -29,9 +30,12 @@ class _ReplyCount:
     """Count of the robots that have answered one button press."""
 
     def __init__(self, name: str, asked: frozenset[str], tell: Tell) -> None:
-        self._name, self._asked, self._tell = name, asked, tell
+        self._name = name
+        self._asked = asked
+        self._tell = tell
         self._lock = threading.Lock()
-        self._open, self._failed = set(asked), set[str]()
+        self._open = set(asked)
+        self._failed = set[str]()
 
     def answered(self, robot: str, outcome: StopOutcome) -> None:
         """Process the outcome of one robot; runs in the thread of that robot's errand."""

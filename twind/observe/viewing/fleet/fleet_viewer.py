@@ -36,7 +36,8 @@ class FleetViewer:
     """One page of a server, and the robots on it."""
 
     def __init__(self, server: Any, found: Found) -> None:
-        self._server, self._company = server, RobotRegistry(found)
+        self._server = server
+        self._company = RobotRegistry(found)
         self._page = FleetPage(server, self._company)
         self._stands: dict[str, RobotPlate] = {}
         self._hows: dict[str, RobotHealth] = {}
@@ -76,7 +77,8 @@ class FleetViewer:
         if member.name not in self._stands:
             self._stands[member.name] = RobotPlate(self._server.scene, len(self._stands), member.name)
             self._page.add(member)
-        stand, now = self._stands[member.name], member.known.now()
+        stand = self._stands[member.name]
+        now = member.known.now()
         if self._turn % WORDS == 1 or member.name not in self._hows:
             self._hows[member.name], said = described(now, stand.problem)
             self._page.set_html(said, member.name)
@@ -105,7 +107,8 @@ class FleetViewer:
             stand.to(place)
         where, what = camera(places, size)
         for each in (self._server.initial_camera, *(c.camera for c in self._server.get_clients().values())):
-            each.position, each.look_at = tuple(where), tuple(what)
+            each.position = tuple(where)
+            each.look_at = tuple(what)
 
     def _problem(self) -> str:
         why = self._company.problem

@@ -86,7 +86,8 @@ def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
 def _format_status(status: Message) -> str:
     """Return mode, state and motion as text. In sim the robot is always disconnected, so that state is left
     out."""
-    mode, state = str(status["mode"]), str(status["state"])
+    mode = str(status["mode"])
+    state = str(status["state"])
     states = [] if (mode, state) == ("sim", "disconnected") else [state]
     return ", ".join([mode, *states, str(status["motion"])])
 
@@ -134,7 +135,8 @@ def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
 
 def _status(status: Message) -> list[str]:
     """Build the HTML rows worth a line where many robots are shown: faults, the lease holder, a late loop."""
-    lease, loop = status["lease"], status["loop"]
+    lease = status["lease"]
+    loop = status["loop"]
     rows = [
         status_html.row("fault", f"{each['code']}: {each['message']}", status_html.RED)
         for each in status["faults"]

@@ -37,7 +37,8 @@ def spots(count: int, apart: float) -> Floats:
 
 def camera(spots: Floats, size: float) -> tuple[Floats, Floats]:
     """Where to look from, and at: all stand in sight. `size`: m, of the largest."""
-    low, high = spots.min(axis=0), spots.max(axis=0)
+    low = spots.min(axis=0)
+    high = spots.max(axis=0)
     middle = np.array([*(0.5 * (low + high)), 0.5 * size])
     wide = float(high[1] - low[1]) + 2.0 * size + 0.5 * float(high[0] - low[0])
     return middle + wide * np.array([0.62, 0.05, 0.24]), middle
@@ -47,7 +48,9 @@ class RobotPlate:
     """One robot's place. Until its model is known there are plate and name."""
 
     def __init__(self, scene: Any, number: int, name: str) -> None:
-        self._scene, self._at, self._name = scene, f"/robots/{number}", name
+        self._scene = scene
+        self._at = f"/robots/{number}"
+        self._name = name
         self._root = scene.add_frame(self._at, show_axes=False)
         self._plate = scene.add_cylinder(
             f"{self._at}/plate", radius=PLATE * USUAL, height=THICK, cast_shadow=False
@@ -81,7 +84,9 @@ class RobotPlate:
         self._clear(f"it cannot be drawn: {type(error).__name__}: {error}")
 
     def _clear(self, problem: str) -> None:
-        robot, self._robot, self.problem = self._robot, None, problem
+        robot = self._robot
+        self._robot = None
+        self.problem = problem
         if robot is not None:
             robot.remove()
 

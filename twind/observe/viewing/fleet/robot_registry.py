@@ -30,7 +30,9 @@ class RegisteredRobot:
     """One robot, for as long as the page is there, whether or not anything comes from it."""
 
     def __init__(self, name: str, ways: RobotConnections, ended: threading.Event) -> None:
-        self.name, self.known, self.stops = name, ViewerState(), StopThreads(ways, by=BY)
+        self.name = name
+        self.known = ViewerState()
+        self.stops = StopThreads(ways, by=BY)
         self.listening = _started(f"news of {name}", take, self.known, _news(ways, ended))
 
 
@@ -45,7 +47,8 @@ class RobotRegistry:
     """
 
     def __init__(self, found: Found) -> None:
-        self._found, self._ended = found, threading.Event()
+        self._found = found
+        self._ended = threading.Event()
         self._names: dict[Whose, str] = {}
         self._members: tuple[RegisteredRobot, ...] = ()
         self.problem = ""  # why nobody else can be found
