@@ -146,7 +146,7 @@ class CanWriter:
                 return
         raise NoReply(self._name, own.by_id(silent), waited, "goal")
 
-    def last_goals(self) -> Script[Ints]:
+    def read_goals(self) -> Script[Ints]:
         """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
         yield from ()
         line = self._own.line

@@ -56,7 +56,7 @@ class RemoteGoal:
             self._closed = True
             self._told.undeclare()
 
-    def renew_and_poll(self, now: float) -> float:
+    def poll(self, now: float) -> float:
         """Renew the lease and query a goal of which no report comes; return the s until the next call."""
         if self._heard:
             self._heard, self._alive, self._asked = False, now, max(self._asked, now)

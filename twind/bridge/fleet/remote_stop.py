@@ -38,7 +38,7 @@ class RemoteStop:
     def close(self) -> None:
         """Nothing is to be given back."""
 
-    def tend(self, now: float) -> float:
+    def poll(self, now: float) -> float:
         """Ask again where it was not done; s until the next look."""
         if not self._open:
             if now - self._begun <= LASTING:

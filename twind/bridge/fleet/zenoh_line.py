@@ -148,7 +148,7 @@ class ZenohClientLine:
     def _keep_requests_alive(self) -> float:
         """Tend the call under way, alive only while a caller waits here; return s until the next time."""
         errand = self._errand
-        return IDLE if errand is None or errand.over else errand.renew_and_poll(time.monotonic())
+        return IDLE if errand is None or errand.over else errand.poll(time.monotonic())
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":

@@ -47,9 +47,8 @@ class OperatorControls:
     """What moves the robot; dead until this tab took the lease, by a button and a question."""
 
     def __init__(self, server: Any, place: str | None) -> None:
-        # type: tuple[Any, Message]
         self._server = server
-        self._robot = {}
+        self._robot: Message = {}
         gui = server.gui
         with gui.add_folder("operate"):
             self._take = gui.add_button("Take the lease ...", color="blue")
