@@ -173,7 +173,7 @@ class Rig:
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
 
     def _open(self, name: str) -> BusReader:
-        if not self.virtual[name].plugged:
+        if not self.virtual[name].is_plugged:
             raise PortError(f"virtual:{name}", "no such port")
         if self.robot.bus(name).kind == CAN:
             return self.buses.can_reader(name, CanLoopback(self.virtual[name], self.clock))

@@ -216,7 +216,7 @@ class World(Rig):
             for row, id in enumerate(bus.servos["id"]):
                 on = bool(bus.servos["torque_enable"][row])
                 velocity[int(id)] = float(bus.servos.muscles.velocity[row])
-                if on and bus.plugged:
+                if on and bus.is_plugged:
                     delay[int(id)] = float(bus.servos.trip_delay[row])
         return {"velocity": velocity, "trip_delay": delay}
 
@@ -235,5 +235,5 @@ class World(Rig):
         for bus in self.virtual.values():
             bus.advance(self.clock.now())
             bus.faults.clear()
-            if not bus.plugged:
+            if not bus.is_plugged:
                 bus.faults.replug()
