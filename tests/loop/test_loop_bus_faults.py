@@ -221,7 +221,7 @@ def shift(rig: Rig, id: int, ticks: float) -> None:
     bus = rig.virtual["main"]
     rig._advance()
     bus.servos.muscles.position[bus.faults.rows(id)] += ticks
-    bus.servos.changed()
+    bus.servos.invalidate_cache()
 
 
 def test_r13_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_see_its_beginning(armed: Rig) -> None:
