@@ -8,7 +8,7 @@ import argparse
 from importlib import import_module
 from types import ModuleType
 
-from twind.ctl.ctl_main import common
+from twind.command_line.common_options import add_common_options
 
 # name -> what it does; each is `twind_calibration/calibrating/NAME.py`
 STEPS: dict[str, str] = {
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         module = _module(name)
         under = steps.add_parser(name, help=what, description=module.__doc__)
         under.set_defaults(step=name)  # for a room that several steps share
-        common(under, argparse.SUPPRESS)  # also after the step
+        add_common_options(under, argparse.SUPPRESS)  # also after the step
         module.add_arguments(under)
 
 

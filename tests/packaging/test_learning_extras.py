@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.doc_pages_text import ROOT
-from twind.ctl.extras import clone, command
+from twind.command_line.extras import clone, command
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 LIBRARIES = (

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from twind.client.errors import finding_lines
+from twind.command_line.progress import ProgressLine
+from twind.command_line.trajectory_files import load_motion
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator, remote_robot, show
 from twind.ctl.motion_commands import asked_motion
-from twind.ctl.progress import ProgressLine
-from twind.ctl.trajectory_files import load_motion
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
 
-from_afar = True
+supports_remote = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,12 +29,12 @@ def run(options: argparse.Namespace) -> int:
     if alone and options.robot is None:
         raise UsageError(f"--{alone[0]} goes with --robot: a daemon knows its robot itself")
     if options.what == "robot":
-        if elsewhere(options) is not None:
+        if remote_robot(options) is not None:
             raise UsageError("check robot reads a file and asks no robot: leave out --remote")
         if options.robot is not None:
             raise UsageError("check robot takes the robot's name or file itself: leave out --robot")
         return _robot(options)
-    if options.robot is not None and elsewhere(options) is not None:
+    if options.robot is not None and remote_robot(options) is not None:
         raise UsageError("--robot and --remote: one robot at a time")
     return _trajectory(options)
 

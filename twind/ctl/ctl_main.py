@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import Any
 
 from twind.client import ClientError, Disconnected, NoDaemon, NotCarried
-from twind.ctl.verb import DONE, NO_DAEMON, REFUSED, USAGE, Rejected, UsageError, Verb, complain
-from twind.protocol.socket_paths import SYSTEM
+from twind.command_line.common_options import add_common_options
+from twind.command_line.verb import DONE, NO_DAEMON, REFUSED, USAGE, Rejected, UsageError, Verb, complain
 
 # name -> (where it is, what it does)
 BUILT_IN = {
@@ -101,7 +101,7 @@ def _check_remote(verb: Verb, options: argparse.Namespace) -> None:
     """Raises UsageError: what the verb does is not done to a robot elsewhere."""
     if options.remote is None:
         return
-    if not getattr(verb, "from_afar", False):
+    if not getattr(verb, "supports_remote", False):
         raise UsageError(f"{options.verb}: not with --remote; it is done beside the robot, or without one")
     if options.socket is not None:
         raise UsageError("--remote and --socket: one robot at a time")
@@ -122,7 +122,7 @@ def _verb_name(given: Sequence[str]) -> str | None:
 
 def _parser(name: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="twindctl", description="Control and observe a twind daemon.")
-    common(parser, None)
+    add_common_options(parser, None)
     if name is None or (name not in BUILT_IN and name not in _others()):
         lines = [f"  {known:<10} {text}" for known, (_, text) in BUILT_IN.items()]
         others = {known: point for known, point in _others().items() if known not in BUILT_IN}
@@ -131,27 +131,6 @@ def _parser(name: str | None) -> argparse.ArgumentParser:
         parser.epilog = "verbs:\n" + "\n".join(lines) + "\n\n`twindctl VERB --help` shows more."
         parser.add_argument("verb", nargs="?", metavar="VERB")
     return parser
-
-
-def common(parser: argparse.ArgumentParser, default: Any) -> None:
-    """Options of every verb. `default`: SUPPRESS below another parser that has them."""
-    parser.add_argument("--socket", metavar="DIR", default=default, help="folder of the daemon's sockets")
-    parser.add_argument(
-        "-i",
-        dest="socket",
-        metavar="NAME",
-        type=lambda name: os.path.join(SYSTEM, name),
-        default=default,
-        help=f"the daemon of twind@NAME: --socket {SYSTEM}/NAME",
-    )
-    parser.add_argument(
-        "--remote",
-        metavar="ROBOT",
-        default=default,
-        help="a robot elsewhere, by its uplink: its name, or NAME@tcp/HOST:PORT; `twindctl fleet` lists them",
-    )
-    json_default = False if default is None else default
-    parser.add_argument("--json", action="store_true", default=json_default, help="print JSON, one line each")
 
 
 def _find(name: str, parser: argparse.ArgumentParser) -> Verb:
@@ -185,7 +164,7 @@ def _add_verb(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     text = BUILT_IN[name][1] if name in BUILT_IN else _headline(verb)
     under = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     child = under.add_parser(name, description=text, help=text)
-    common(child, argparse.SUPPRESS)  # also after the verb
+    add_common_options(child, argparse.SUPPRESS)  # also after the verb
     verb.add_arguments(child)
 
 

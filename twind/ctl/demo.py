@@ -21,10 +21,10 @@ from typing import Any
 
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.ctl.demo_viewer import viewer
 from twind.ctl.status_table import latency_text, loop_text
-from twind.ctl.trajectory_files import load_motion, motion_names
-from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
 TRIES = 3  # of one motion

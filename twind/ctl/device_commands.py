@@ -1,32 +1,8 @@
-"""Verbs on single devices: scan, register, reboot. Standard library only."""
+"""Verbs on single devices: register, reboot. Standard library only."""
 
 import argparse
-import json
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
-
-
-def _scan_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
-
-
-def _scan(options: argparse.Namespace) -> int:
-    with operator(options) as client, ProgressLine(options, "scan") as progress:
-        client.timeout = 65.0
-        progress.update("asking who answers")
-        for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
-            if options.json:
-                print(json.dumps(found), flush=True)
-                continue
-            model = found.get("model_name") or f"model {found['model']}"
-            progress.clear()
-            print(
-                f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
-                flush=True,
-            )
-            progress.update(f"{count} answered")
-    return DONE
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
 
 
 def _parse_integer(text: str) -> int:
@@ -76,6 +52,5 @@ def _reboot(options: argparse.Namespace) -> int:
     return DONE
 
 
-SCAN = FunctionVerb(_scan_arguments, _scan)
 REGISTER = FunctionVerb(_register_arguments, _register)
 REBOOT = FunctionVerb(_reboot_arguments, _reboot)

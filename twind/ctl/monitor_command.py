@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, harmless, observer
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, harmless, observer
 
 TOPICS = ("status", "state", "latency", "events", "verdicts")  # of a picture
 AGAIN = 0.3  # s between two tries to reach a daemon that went away
@@ -112,4 +112,4 @@ def is_live() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
 
 
-MONITOR = FunctionVerb(_arguments, _run, from_afar=True)
+MONITOR = FunctionVerb(_arguments, _run, supports_remote=True)

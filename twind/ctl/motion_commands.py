@@ -14,9 +14,18 @@ from typing import Any
 
 from twind.client import Client
 from twind.client.errors import finding_lines
-from twind.ctl.progress import ProgressLine
-from twind.ctl.trajectory_files import load_motion, read_trajectory
-from twind.ctl.verb import DONE, REFUSED, FunctionVerb, UsageError, elsewhere, lease, operator, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.trajectory_files import load_motion, read_trajectory
+from twind.command_line.verb import (
+    DONE,
+    REFUSED,
+    FunctionVerb,
+    UsageError,
+    lease,
+    operator,
+    remote_robot,
+    show,
+)
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
@@ -84,7 +93,7 @@ def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict
     A name refers to the folder of the daemon's robot. With --remote that folder is on another disk, where the
     same name may be another motion than here; so a name is refused.
     """
-    if elsewhere(options) is not None:
+    if remote_robot(options) is not None:
         if not (os.sep in name or name.endswith(".json")):
             raise UsageError(f"{name}: with --remote a file, as ./{name}.json; names are of the robot's disk")
         return read_trajectory(Path(name))
@@ -147,5 +156,5 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
     progress.update(report["phase"], report["progress"])
 
 
-MOVE = FunctionVerb(_move_arguments, _move, from_afar=True)
-PLAY = FunctionVerb(_play_arguments, _play, from_afar=True)
+MOVE = FunctionVerb(_move_arguments, _move, supports_remote=True)
+PLAY = FunctionVerb(_play_arguments, _play, supports_remote=True)

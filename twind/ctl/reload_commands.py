@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, observer, operator, show
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, observer, operator, show
 
 NONE = "nothing has changed"
 
@@ -61,4 +61,4 @@ def _setting(word: str) -> tuple[str, Any]:
 
 
 RELOAD = FunctionVerb(_arguments, _reload)
-PARAMETERS = FunctionVerb(_parameters_arguments, _parameters, from_afar=True)
+PARAMETERS = FunctionVerb(_parameters_arguments, _parameters, supports_remote=True)

@@ -3,7 +3,7 @@
 import argparse
 
 from twind.client.errors import finding_lines
-from twind.ctl.verb import DONE, FunctionVerb, lease, observer, operator, show
+from twind.command_line.verb import DONE, FunctionVerb, lease, observer, operator, show
 
 
 def _none(_parser: argparse.ArgumentParser) -> None:
@@ -95,10 +95,10 @@ def _dump(options: argparse.Namespace) -> int:
     return DONE
 
 
-MODE = FunctionVerb(_mode_arguments, _mode, from_afar=True)
+MODE = FunctionVerb(_mode_arguments, _mode, supports_remote=True)
 ARM = FunctionVerb(_arm_arguments, _arm)
 DISARM = FunctionVerb(_none, _disarm)
 RESET = FunctionVerb(_reset_arguments, _reset)
-STOP = FunctionVerb(_none, _stop, from_afar=True)
+STOP = FunctionVerb(_none, _stop, supports_remote=True)
 MARK = FunctionVerb(_mark_arguments, _mark)
 DUMP = FunctionVerb(_dump_arguments, _dump)

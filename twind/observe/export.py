@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from twind.client.clock_pair import ClockPair
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, show
 from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightError, FlightFile, load
 from twind.link import Tick
 from twind.observe.recording.flight_messages import answers, news, wire

@@ -13,7 +13,7 @@ import socket
 import stat
 from typing import Any
 
-from twind.ctl.verb import DONE, Rejected, UsageError
+from twind.command_line.verb import DONE, Rejected, UsageError
 
 LISTEN = "127.0.0.1:9797"
 

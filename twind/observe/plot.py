@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from math import inf, isfinite
 from pathlib import Path
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 from twind.client.clock_pair import clocks
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import UsageError, observer
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import UsageError, observer
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_writer import RecordWriter
 from twind.observe.writing.recorder import Recorder
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
     bounds = DiskQuota(options.keep, options.free, options.max_size)
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:

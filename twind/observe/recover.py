@@ -13,8 +13,8 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, show
 from twind.observe.recording.mcap_records import (
     McapAttachment,
     McapMessage,

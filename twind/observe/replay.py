@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 
 if TYPE_CHECKING:
     from twind.flight import FlightFile

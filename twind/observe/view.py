@@ -8,8 +8,8 @@ secret in it.
 import argparse
 from importlib.util import find_spec
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 
 NEEDED = ("viser", "mjviser")
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from twind.ctl.verb import DONE, REFUSED, UsageError, show
+from twind.command_line.verb import DONE, REFUSED, UsageError, show
 
 if TYPE_CHECKING:
     from twind_calibration.doctor.check import Check
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     Raises UsageError.
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
-    from twind.ctl.progress import ProgressLine
+    from twind.command_line.progress import ProgressLine
     from twind_calibration.command_hint import command_hint
     from twind_calibration.doctor import check_table, report, runner
     from twind_calibration.doctor.check_context import CheckContext

@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 
 from tests.support.adoption_rig import robot_of
+from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import Rejected
 from twind_calibration.adoption.adopt_command import status_at
 from twind_calibration.instances import sockets_of, stop
 from twind_calibration.robot_description import read

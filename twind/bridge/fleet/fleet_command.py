@@ -12,9 +12,9 @@ from twind.bridge.fleet.fleet_monitor import PERIOD, FleetMonitor
 from twind.bridge.fleet.fleet_roster import FleetRoster, RobotRecord
 from twind.bridge.fleet.fleet_table import rows, to_json
 from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, NO_DAEMON, UsageError, harmless
 from twind.ctl.monitor_command import is_live
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, NO_DAEMON, UsageError, harmless
 
 PATIENCE = 3.0  # s for the answers to a list that is wanted now
 WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
@@ -65,7 +65,7 @@ def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
 
 
 def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         if is_live() and not options.json:
             lookout.begin(lambda _why: None)
             _draw(lookout, options.count, stop)

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
-from twind.ctl.extras import how_to_add
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import Rejected, UsageError, harmless
+from twind.command_line.extras import how_to_add
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import Rejected, UsageError, harmless
 
 if TYPE_CHECKING:
     from twind.bridge.ros.discovery import DiscoverySettings
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(str(error)) from None
     options.backend = options.backend or usual(os.environ, options.distro, print_line)
     _sensible(options, graph)
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         try:
             return _bridge(options, graph, stop)
         except TransportError as error:

@@ -22,8 +22,8 @@ from twind.bridge.uplink.rate_limited_log import RateLimitedLog
 from twind.bridge.zenoh import zenoh_session
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.bridge.zenoh.zenoh_session import NetworkConfig
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, harmless, show
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, harmless, show
 
 LOOK = 0.2  # s between two looks whether it can go on
 AGAIN = 1.0  # s until it goes on by another name
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     place = zenoh_session.place(options, os.environ)
     for each in zenoh_session.readable(place):
         _tell(f"{each}: whoever is on the way can read and command; tls/ with certificates keeps them out")
-    with told_to_stop() as stop, _for(options.seconds, stop):
+    with catch_stop_signals() as stop, _for(options.seconds, stop):
         tally: dict[str, Any] = {}
         while not stop.is_set():
             tally = _joined(options, place, stop) or tally

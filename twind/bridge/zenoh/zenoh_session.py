@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.client import ClientError
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh

@@ -12,9 +12,9 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.extras import how_to_add
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 if TYPE_CHECKING:
     from twind.learn.dataset.episode_collection import DatasetContents

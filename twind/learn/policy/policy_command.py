@@ -9,8 +9,8 @@ import json
 from math import isfinite
 from pathlib import Path
 
-from twind.ctl.ctl_main import common
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.common_options import add_common_options
+from twind.command_line.verb import DONE, Rejected, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shown = kinds.add_parser("show", help="what it was made for")
     drives = kinds.add_parser("run", help="drive, until Ctrl-C or --seconds")
     for each in (shown, drives):
-        common(each, argparse.SUPPRESS)  # also behind what is to be done
+        add_common_options(each, argparse.SUPPRESS)  # also behind what is to be done
         each.add_argument("file", metavar="FILE", type=Path, help="a policy file (.onnx)")
     drives.add_argument(
         "--command",

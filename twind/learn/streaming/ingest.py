@@ -9,9 +9,9 @@ import json
 import sys
 from pathlib import Path
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 LISTEN = "127.0.0.1:8000"
 LOOK = 0.5  # s between two pictures of the counts
@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         )
     except OSError as error:
         raise Rejected(f"{options.listen}, {options.out}: {error.strerror or error}") from None
-    with told_to_stop() as stop, store, ProgressLine(options, "ingest") as progress:
+    with catch_stop_signals() as stop, store, ProgressLine(options, "ingest") as progress:
         server.start()
         if not options.json:
             print(f"ingest    {server.url} into {options.out}", flush=True)

@@ -20,9 +20,9 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, harmless
+from twind.command_line.extras import how_to_add
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, harmless
 
 if TYPE_CHECKING:
     from twind.learn.streaming.http_endpoint import HttpEndpoint
@@ -116,7 +116,7 @@ def run(options: argparse.Namespace) -> int:
 def _stream(options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint) -> int:
     from twind.learn.streaming.stream_runner import StreamRunner
 
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         course = StreamRunner(options, spool, endpoint, stop)
         if spool.set_aside:
             course.tell(

@@ -15,8 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import DONE, Rejected, UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
@@ -161,12 +161,12 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
 
 
 def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
-    from twind.ctl.progress import ProgressLine
-    from twind.ctl.stop_signals import told_to_stop
+    from twind.command_line.progress import ProgressLine
+    from twind.command_line.stop_signals import catch_stop_signals
     from twind.learn.training.trainer import Trainer
     from twind.learn.training.training_reporter import TrainingReporter
 
-    with told_to_stop() as stop, ProgressLine(options, "train") as progress:
+    with catch_stop_signals() as stop, ProgressLine(options, "train") as progress:
         progress.update("making simulations, judging the zero policy")
         course = Trainer(settings, folder, TrainingReporter(options), before)
         try:
