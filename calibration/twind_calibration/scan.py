@@ -1,7 +1,7 @@
-"""who answers on a bus, or on a port that no daemon holds
+"""Scan a bus for devices, through the daemon or on a free port.
 
-Without `--port` the running daemon is asked, of the ids that its robot file names. With `--port` the port is
-opened here, alone, and every id is looked for at every baud rate. Nothing is written to any servo.
+Without `--port` the daemon queries the ids of its robot file. With `--port` this process opens the port and
+queries every id at every baud rate. Nothing is written to any servo.
 """
 
 import argparse
@@ -10,6 +10,8 @@ import re
 
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, UsageError, operator
+
+group = "set up"
 
 LAST_ID = 252  # of protocol 2.0
 

@@ -1,11 +1,14 @@
-"""move joints a little and back: does each follow, and is it the right one
+"""Move joints a little and back to verify that each follows.
 
-Through the running daemon and its gate, one joint after the other. The encoder shows whether a joint goes
-where it is sent; sign, gear ratio and which joint it is cannot be seen by it, since goal and reading share
-them. They are compared with the load that the model expects, where the pose shows it, and asked of you.
+Through the running daemon and its gate, one joint after the other. The encoder shows whether a joint
+follows its goal. It cannot show the sign, the gear ratio or which joint moves, since goal and reading share
+them. These are compared with the load that the model expects, where the pose shows it, and confirmed by
+you.
 """
 
 import argparse
+
+group = "set up"
 
 # degrees
 LEAST = 0.5

@@ -22,7 +22,7 @@ def add_common_options(parser: argparse.ArgumentParser, default: Any) -> None:
         "--remote",
         metavar="ROBOT",
         default=default,
-        help="a robot elsewhere, by its uplink: its name, or NAME@tcp/HOST:PORT; `twindctl fleet` lists them",
+        help="a remote robot, by its uplink: its name, or NAME@tcp/HOST:PORT; `twindctl fleet` lists them",
     )
     json_default = False if default is None else default
     parser.add_argument("--json", action="store_true", default=json_default, help="print JSON, one line each")

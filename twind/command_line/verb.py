@@ -11,18 +11,30 @@ from typing import Any, Protocol
 from twind.client import CallError, Client, ClientError, first_open
 
 REMOTES = "twind.remotes"  # entry points: functions that make a Client from the value of --remote
+GROUPS = ("drive", "see", "set up", "record", "learn", "connect")  # headings of `twindctl --help`
 # exit codes
 DONE = 0
 REFUSED = 1
 USAGE = 2
 NO_DAEMON = 3
+INTERRUPTED = 130
+EXIT_CODES = {
+    DONE: "done",
+    REFUSED: "refused or failed",
+    USAGE: "wrong usage",
+    NO_DAEMON: "no daemon",
+    INTERRUPTED: "interrupted by Ctrl-C",
+}
 
 
 class Verb(Protocol):
     """A module or an object; the entry-point group `twind.verbs` names more of them.
 
-    A verb whose calls all work through `--remote` sets `supports_remote = True`.
+    `group` is one of GROUPS. The docstring of a module is its help: the first line is the line of the verb in
+    `twindctl --help`. A verb whose calls all work through `--remote` sets `supports_remote = True`.
     """
+
+    group: str
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Options of the verb, beside `--socket` and `--json`."""
@@ -33,11 +45,21 @@ class Verb(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FunctionVerb:
-    """A verb made of two functions."""
+    """A verb made of two functions.
 
+    `text`: the line of the verb in `twindctl --help`, then paragraphs that only its own help shows.
+    """
+
+    group: str
+    text: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
     supports_remote: bool = False
+
+
+def help_text(verb: Verb) -> str:
+    """Documentation of a verb."""
+    return verb.text if isinstance(verb, FunctionVerb) else (verb.__doc__ or "")
 
 
 class UsageError(Exception):

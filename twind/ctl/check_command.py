@@ -1,4 +1,7 @@
-"""`twindctl check robot FILE` and `check trajectory FILE`: what would be refused, and why."""
+"""Check a robot file, or a trajectory against the gate.
+
+Reports what would be refused, and why. A trajectory is checked by the daemon, or with --robot without one.
+"""
 
 import argparse
 from pathlib import Path
@@ -10,6 +13,7 @@ from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator, remote_robot, show
 from twind.ctl.motion_commands import asked_motion
 
+group = "set up"
 supports_remote = True
 
 

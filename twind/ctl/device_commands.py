@@ -52,5 +52,5 @@ def _reboot(options: argparse.Namespace) -> int:
     return DONE
 
 
-REGISTER = FunctionVerb(_register_arguments, _register)
-REBOOT = FunctionVerb(_reboot_arguments, _reboot)
+REGISTER = FunctionVerb("set up", "Read or write a register of one device.", _register_arguments, _register)
+REBOOT = FunctionVerb("set up", "Restart one device.", _reboot_arguments, _reboot)

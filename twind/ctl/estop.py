@@ -87,4 +87,6 @@ def _unit(folder: str) -> str:
     return f"twind@{name}" if above == SYSTEM else ""
 
 
-ESTOP = FunctionVerb(_arguments, _run, supports_remote=True)
+ESTOP = FunctionVerb(
+    "drive", "Stop now; with --cut, switch torque off at once.", _arguments, _run, supports_remote=True
+)

@@ -156,5 +156,11 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
     progress.update(report["phase"], report["progress"])
 
 
-MOVE = FunctionVerb(_move_arguments, _move, supports_remote=True)
-PLAY = FunctionVerb(_play_arguments, _play, supports_remote=True)
+MOVE = FunctionVerb("drive", "Move joints: JOINT=RAD ...", _move_arguments, _move, supports_remote=True)
+PLAY = FunctionVerb(
+    "drive",
+    "Play a trajectory file, or a motion of the robot by name.",
+    _play_arguments,
+    _play,
+    supports_remote=True,
+)

@@ -60,5 +60,13 @@ def _setting(word: str) -> tuple[str, Any]:
         return key, text
 
 
-RELOAD = FunctionVerb(_arguments, _reload)
-PARAMETERS = FunctionVerb(_parameters_arguments, _parameters, supports_remote=True)
+RELOAD = FunctionVerb(
+    "set up", "Reload the files of the daemon and apply the permitted changes.", _arguments, _reload
+)
+PARAMETERS = FunctionVerb(
+    "set up",
+    "Show the parameters in force; KEY=VALUE sets one until the daemon ends.",
+    _parameters_arguments,
+    _parameters,
+    supports_remote=True,
+)

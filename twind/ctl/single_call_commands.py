@@ -95,10 +95,16 @@ def _dump(options: argparse.Namespace) -> int:
     return DONE
 
 
-MODE = FunctionVerb(_mode_arguments, _mode, supports_remote=True)
-ARM = FunctionVerb(_arm_arguments, _arm)
-DISARM = FunctionVerb(_none, _disarm)
-RESET = FunctionVerb(_reset_arguments, _reset)
-STOP = FunctionVerb(_none, _stop, supports_remote=True)
-MARK = FunctionVerb(_mark_arguments, _mark)
-DUMP = FunctionVerb(_dump_arguments, _dump)
+MODE = FunctionVerb(
+    "drive", "Show or change the mode: sim, mirror or live.", _mode_arguments, _mode, supports_remote=True
+)
+ARM = FunctionVerb("drive", "Switch torque on and hold the present pose.", _arm_arguments, _arm)
+DISARM = FunctionVerb("drive", "Settle to the rest pose, then switch torque off.", _none, _disarm)
+RESET = FunctionVerb("drive", "Acknowledge latched faults.", _reset_arguments, _reset)
+STOP = FunctionVerb("drive", "Decelerate and hold.", _none, _stop, supports_remote=True)
+MARK = FunctionVerb(
+    "record", "Mark an episode in recordings: begin TASK, end, note TEXT.", _mark_arguments, _mark
+)
+DUMP = FunctionVerb(
+    "record", "Write the last half minute to a flight file and print its path.", _dump_arguments, _dump
+)

@@ -17,4 +17,6 @@ def _run(options: argparse.Namespace) -> int:
     return DONE
 
 
-STATUS = FunctionVerb(_arguments, _run, supports_remote=True)
+STATUS = FunctionVerb(
+    "see", "Show the state of the daemon and the robot.", _arguments, _run, supports_remote=True
+)

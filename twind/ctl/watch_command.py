@@ -35,4 +35,4 @@ def _line(news: Mapping[str, Any]) -> str:
     return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
 
 
-WATCH = FunctionVerb(_arguments, _run, supports_remote=True)
+WATCH = FunctionVerb("see", "Print events as they happen.", _arguments, _run, supports_remote=True)

@@ -1,7 +1,7 @@
-"""what the robot does, into .mcap files for Foxglove and ROS 2 tools
+"""Record the robot to .mcap files for Foxglove and ROS 2 tools.
 
-Begins at once and goes on until Ctrl-C, SIGTERM or --seconds. Only looks on: it needs no lease, and the
-daemon never waits for it. Where the daemon restarts, it waits and goes on in a new file.
+Starts at once and runs until Ctrl-C, SIGTERM or --seconds. It only reads: it needs no lease, and the daemon
+never waits for it. If the daemon restarts, it waits and continues in a new file.
 """
 
 import argparse
@@ -15,6 +15,8 @@ from twind.command_line.verb import UsageError, observer
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_writer import RecordWriter
 from twind.observe.writing.recorder import Recorder
+
+group = "record"
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -34,8 +36,6 @@ def size(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl record`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("--out", metavar="DIR|FILE", type=Path, help="folder, or an .mcap file")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     parser.add_argument("--task", metavar="T", help="mark all of it as an episode of this task")

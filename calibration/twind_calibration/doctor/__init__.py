@@ -1,8 +1,8 @@
-"""what is wrong with this machine, its files, the daemon, the buses and the servos, and what mends it
+"""Find faults of machine, files, daemon, buses and servos, with remedies.
 
-With a running daemon it is asked; without one the free ports are opened, asked and read. Nothing moves, no
-torque changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine; but
-a serial port that is opened is asked for low latency, which stays with the adapter until it is unplugged.
+A running daemon is queried; without one the free ports are opened and read. Nothing moves, no torque
+changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine. One
+exception: a serial port that is opened is set to low latency until its adapter is unplugged.
 """
 
 import argparse
@@ -17,6 +17,8 @@ from twind.command_line.verb import DONE, REFUSED, UsageError, show
 if TYPE_CHECKING:
     from twind_calibration.doctor.check import Check
     from twind_calibration.doctor.runner import DoctorReport
+
+group = "set up"
 
 NICE = 10
 

@@ -1,4 +1,9 @@
-"""Robots here and elsewhere: who they are, what they do, how they are, and who is lost."""
+"""List local and remote robots with their state.
+
+Local robots are found by their sockets (all instances, or the one of --socket), remote robots by their
+uplinks. A robot that disappears stays in the list as lost. Exit code 3: there is no robot, a named ROBOT is
+lost or does not answer, or the named network cannot be joined.
+"""
 
 import argparse
 import json
@@ -16,17 +21,14 @@ from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, NO_DAEMON, UsageError, harmless
 from twind.ctl.monitor_command import is_live
 
+group = "connect"
+
 PATIENCE = 3.0  # s for the answers to a list that is wanted now
 WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which robots, by which network; once, again and again, or on a page."""
-    parser.epilog = (
-        "Robots here are found by their sockets (all instances, or the one of --socket), robots elsewhere by "
-        "their uplinks. A robot that goes away stays in the list as lost. Exit code 3: there is nobody, a "
-        "ROBOT that was named is lost or does not answer, or the network that was named cannot be joined."
-    )
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="these alone; who is not there is lost")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C or q")

@@ -1,8 +1,8 @@
-"""the robot in a ROS 2 graph, with or without ROS on this machine: joint states out, trajectories in
+"""Connect the robot to a ROS 2 graph: joint states out, trajectories in.
 
-A client of observe.sock, and of control.sock for commands, which meet the gate as any other. With ROS it is
-a node of the distribution's own rclpy. Without ROS it speaks Zenoh, or DDS, which only publishes. It stays on
-this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
+A client of observe.sock, and of control.sock for commands, which pass the gate as any other. With ROS it is
+a node of the distribution's rclpy. Without ROS it uses Zenoh, or DDS, which only publishes. It stays on
+this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID applies.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from twind.bridge.ros.discovery import DiscoverySettings
     from twind.bridge.ros.ros_transport import RosTransport
 
+group = "connect"
+
 # name -> (what joins the graph, the modules that it needs)
 BACK_ENDS = {
     DDS: ("twind.bridge.ros.dds:DdsTransport", ("cyclonedds",)),
@@ -40,8 +42,6 @@ _ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unix
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl ros`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument(
         "--backend",
         choices=[RCLPY, *BACK_ENDS],

@@ -1,7 +1,7 @@
-"""a trained policy: what its file says, or let it drive the robot or the simulation
+"""Show a policy file, or run it on the robot or the simulation.
 
-It drives as any client does: with the lease, through the gate, at the rate it was trained with. What is
-stale, late or not finite makes it hold; where that lasts, it ends. However it ends, the robot holds.
+A policy drives as any client does: with the lease, through the gate, at the rate of its training. Stale,
+late or non-finite values make it hold; if they last, it ends. However it ends, the robot holds.
 """
 
 import argparse
@@ -12,11 +12,11 @@ from pathlib import Path
 from twind.command_line.common_options import add_common_options
 from twind.command_line.verb import DONE, Rejected, show
 
+group = "learn"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl policy`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     shown = kinds.add_parser("show", help="what it was made for")
     drives = kinds.add_parser("run", help="drive, until Ctrl-C or --seconds")

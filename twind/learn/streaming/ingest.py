@@ -1,7 +1,8 @@
-"""an HTTP endpoint to try `twindctl stream` with: keeps each message once, as lines of JSON and images
+"""Receive the messages of `twindctl stream`: an endpoint for tests.
 
-No password, no encryption: it listens to this machine alone unless --listen names another address, and is no
-store for years. --fail has it misbehave at random, for whoever wants to see that nothing is lost.
+Keeps each message once, as lines of JSON and images. It has no password and no encryption, and listens to
+this machine alone unless --listen names another address. --fail makes it misbehave at random, to show that
+nothing is lost.
 """
 
 import argparse
@@ -13,14 +14,14 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 
+group = "connect"
+
 LISTEN = "127.0.0.1:8000"
 LOOK = 0.5  # s between two pictures of the counts
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl ingest`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument(
         "--listen", default=LISTEN, metavar="ADDRESS:PORT", help=f"default {LISTEN}; port 0: any free"
     )

@@ -1,9 +1,9 @@
-"""what the robot does, to an HTTP endpoint while it happens; nothing is lost while that is away
+"""Stream the robot's state to an HTTP endpoint without loss.
 
-A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and stays
-there until the endpoint has taken it: whoever keeps one message of each key has every sample once. What is
-too much or too old is dropped, the oldest first, and counted: its number is missing. `twindctl ingest` is an
-endpoint to try it with.
+A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and
+stays there until the endpoint has accepted it. An endpoint that keeps one message of each key has every
+sample once. If messages are too many or too old, the oldest are dropped and counted: their numbers are
+missing. `twindctl ingest` is a test endpoint.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from twind.learn.streaming.spool import Spool
     from twind.learn.streaming.stream_runner import MessageSource, StreamRunner
 
+group = "connect"
+
 URL = "http://localhost:8000/ingest"
 MB = 1 << 20
 HOUR = 3600.0
@@ -40,8 +42,6 @@ OURS = frozenset(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl stream`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("--url", default=URL, help=f"where to POST (default {URL})")
     parser.add_argument(
         "--header", action="append", default=[], metavar="'NAME: VALUE'", help="sent along; again for more"
