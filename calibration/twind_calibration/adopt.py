@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("joint", nargs="?", metavar="JOINT", help="default: the only one without a servo")
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be written, write nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print what would be written, write nothing")
     add_files(parser)
 
 

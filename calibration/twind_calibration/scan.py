@@ -20,10 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
     alone = parser.add_argument_group("on a port that no daemon holds")
-    alone.add_argument("--port", help="serial port to look at, instead of asking the daemon")
+    alone.add_argument("--port", help="serial port to scan, instead of the daemon's buses")
     alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
     alone.add_argument("--ids", type=ids_of, metavar="A-B", help=f"only these ids (default 0-{LAST_ID})")
-    alone.add_argument("--thorough", action="store_true", help="ask each id alone too: lost packets, slowly")
+    alone.add_argument(
+        "--thorough", action="store_true", help="query each id separately too: finds lost packets, slow"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,10 +1,11 @@
 """Manual pages and completion scripts: complete, readable by groff, run by bash, linked by the installer."""
 
+import argparse
 import os
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,15 @@ def test_the_page_of_twindctl_has_every_verb_with_its_options(folder: Path) -> N
             assert f".TP\n{each.name}\n" in section, (name, each.name)
         for step in subcommands(parser):
             assert f".SS {name} {step}\n" in text
+
+
+def test_every_argument_of_every_program_has_a_help() -> None:
+    def missing(parser: argparse.ArgumentParser, name: str) -> Iterator[str]:
+        yield from (f"{name} {each.name}" for each in arguments(parser) if not each.help)
+        for step, child in subcommands(parser).items():
+            yield from missing(child, f"{name} {step}")
+
+    assert [each for program in programs() for each in missing(program.parser, program.name)] == []
 
 
 def test_groff_reads_every_page_without_a_warning(folder: Path) -> None:

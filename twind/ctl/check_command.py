@@ -19,8 +19,8 @@ supports_remote = True
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments: the kind of check, the file, and their options."""
-    parser.add_argument("what", choices=["robot", "trajectory"])
-    parser.add_argument("file", metavar="FILE|NAME")
+    parser.add_argument("what", choices=["robot", "trajectory"], help="kind of file")
+    parser.add_argument("file", metavar="FILE|NAME", help="a file, a built-in robot or a motion")
     parser.add_argument("--rate", type=float, metavar="HZ", help="robot: at this rate instead of its own")
     parser.add_argument("--robot", metavar="NAME|FILE", help="trajectory: for this robot, without a daemon")
     parser.add_argument("--pose", metavar="NAME", help="with --robot: the pose it stands in (default: rest)")

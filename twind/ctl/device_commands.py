@@ -14,12 +14,12 @@ def _parse_integer(text: str) -> int:
 
 
 def _register_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("action", choices=["read", "write"])
-    parser.add_argument("bus")
-    parser.add_argument("id", type=int)
+    parser.add_argument("action", choices=["read", "write"], help="what to do")
+    parser.add_argument("bus", help="bus of the device, as the robot file names it")
+    parser.add_argument("id", type=int, help="id of the device")
     parser.add_argument("name", help="as the vendor's control table spells it, or its address")
     parser.add_argument("value", nargs="?", type=_parse_integer, help="to write")
-    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from its present holder")
 
 
 def _register(options: argparse.Namespace) -> int:
@@ -38,8 +38,8 @@ def _register(options: argparse.Namespace) -> int:
 
 
 def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bus")
-    parser.add_argument("id", type=int)
+    parser.add_argument("bus", help="bus of the device, as the robot file names it")
+    parser.add_argument("id", type=int, help="id of the device")
 
 
 def _reboot(options: argparse.Namespace) -> int:

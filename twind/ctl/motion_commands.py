@@ -32,14 +32,14 @@ PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     parser.add_argument(
         "--retime", action="store_true", help="let the daemon slow it down to what joints can do"
     )
 
 
 def _move_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("goals", nargs="+", metavar="JOINT=RAD")
+    parser.add_argument("goals", nargs="+", metavar="JOINT=RAD", help="goal of a joint")
     parser.add_argument("--time", type=float, metavar="S", help="duration (default: by the longest way)")
     _common(parser)
 
@@ -78,7 +78,7 @@ def _duration(client: Client, goals: dict[str, float]) -> float:
 
 
 def _play_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("motion", metavar="FILE|NAME")
+    parser.add_argument("motion", metavar="FILE|NAME", help="a trajectory file, or a motion of the robot")
     _common(parser)
 
 

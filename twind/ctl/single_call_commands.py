@@ -26,7 +26,7 @@ def _mode(options: argparse.Namespace) -> int:
 
 
 def _arm_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
 
 
 def _arm(options: argparse.Namespace) -> int:
@@ -65,14 +65,14 @@ def _stop(options: argparse.Namespace) -> int:
 
 def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
-    begin = kinds.add_parser("begin", help="an episode begins")
+    begin = kinds.add_parser("begin", help="begin an episode")
     begin.add_argument("task", metavar="TASK", help="what the robot is to do")
-    end = kinds.add_parser("end", help="the episode is over")
+    end = kinds.add_parser("end", help="end the episode")
     outcome = end.add_mutually_exclusive_group()
     outcome.add_argument("--success", dest="success", action="store_true", default=None, help="as wanted")
     outcome.add_argument("--failure", dest="success", action="store_false", help="not as wanted")
-    note = kinds.add_parser("note", help="a remark, for whoever reads the recording")
-    note.add_argument("text", metavar="TEXT", nargs="+")
+    note = kinds.add_parser("note", help="add a note to the recording")
+    note.add_argument("text", metavar="TEXT", nargs="+", help="the note")
 
 
 def _mark(options: argparse.Namespace) -> int:

@@ -9,7 +9,9 @@ from twind.command_line.verb import DONE, FunctionVerb, harmless, observer
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("topic", nargs="?", default="events", choices=["events", "verdicts"])
+    parser.add_argument(
+        "topic", nargs="?", default="events", choices=["events", "verdicts"], help="default: events"
+    )
     parser.add_argument("--count", type=int, metavar="N", help="end after N")
 
 

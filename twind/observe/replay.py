@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("file", metavar="FILE", help="a flight file; with --view a recording (.mcap) too")
     parser.add_argument(
-        "--last", type=float, default=float("inf"), metavar="S", help="play the last S seconds alone"
+        "--last", type=float, default=float("inf"), metavar="S", help="play only the last S seconds"
     )
     parser.add_argument(
         "--view", action="store_true", help="show its states in a browser; no daemon is started"

@@ -25,12 +25,10 @@ NICE = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb; those that `twind` has too mean the same."""
-    parser.add_argument("--fix", action="store_true", help="mend what can be mended safely, and look again")
+    parser.add_argument("--fix", action="store_true", help="fix what can be fixed safely, then check again")
     parser.add_argument("--yes", action="store_true", help="with --fix: without asking first")
-    parser.add_argument(
-        "--only", metavar="CODE", nargs="+", default=[], help="look for these complaints alone"
-    )
-    parser.add_argument("--verbose", action="store_true", help="say all that was looked at")
+    parser.add_argument("--only", metavar="CODE", nargs="+", default=[], help="check for these codes only")
+    parser.add_argument("--verbose", action="store_true", help="print every check")
     parser.add_argument("--config", metavar="FILE", help="settings, as for `twind`")
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot, as for `twind`")
     parser.add_argument("--calibration", metavar="FILE", help="calibration, as for `twind`")

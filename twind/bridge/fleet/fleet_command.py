@@ -29,9 +29,9 @@ WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which robots, by which network; once, again and again, or on a page."""
-    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="these alone; who is not there is lost")
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="only these robots; an absent one is lost")
     way = parser.add_mutually_exclusive_group()
-    way.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C or q")
+    way.add_argument("--watch", action="store_true", help="update the list until Ctrl-C or q")
     way.add_argument("--view", action="store_true", help="side by side in a browser, with stop and e-stop")
     parser.add_argument("--count", type=int, metavar="N", help="with --watch: end after N lists")
     parser.add_argument("--port", type=int, metavar="N", help="with --view: of its page")

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-commands",
         dest="commands",
         action="store_false",
-        help="look only: of what comes from ROS the e-stop alone is done; with dds nothing is",
+        help="only publish; of the commands from ROS only the e-stop is accepted, with dds none",
     )
     parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"

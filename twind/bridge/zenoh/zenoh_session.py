@@ -63,10 +63,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="ENDPOINT",
-        help=f"a router, tcp/HOST:PORT or tls/HOST:PORT; again for more (default: {VARIABLE}, else {LOCAL})",
+        help=f"a router, tcp/HOST:PORT or tls/HOST:PORT; may be repeated (default: {VARIABLE}, else {LOCAL})",
     )
     parser.add_argument(
-        "--listen", action="append", default=[], metavar="ENDPOINT", help="be connected to; again for more"
+        "--listen",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="accept connections here; may be repeated",
     )
     parser.add_argument(
         "--zenoh-config",

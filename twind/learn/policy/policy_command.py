@@ -18,8 +18,8 @@ group = "learn"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl policy`."""
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    shown = kinds.add_parser("show", help="what it was made for")
-    drives = kinds.add_parser("run", help="drive, until Ctrl-C or --seconds")
+    shown = kinds.add_parser("show", help="show what the policy was made for")
+    drives = kinds.add_parser("run", help="drive the robot, until Ctrl-C or --seconds")
     for each in (shown, drives):
         add_common_options(each, argparse.SUPPRESS)  # also behind what is to be done
         each.add_argument("file", metavar="FILE", type=Path, help="a policy file (.onnx)")
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="m/s forward, m/s to the left, rad/s; default: the middle of what it was trained for",
     )
     drives.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
-    drives.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    drives.add_argument("--take", action="store_true", help="take the lease from its present holder")
 
 
 def command(text: str) -> tuple[float, float, float]:

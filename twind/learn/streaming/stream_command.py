@@ -44,7 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl stream`."""
     parser.add_argument("--url", default=URL, help=f"where to POST (default {URL})")
     parser.add_argument(
-        "--header", action="append", default=[], metavar="'NAME: VALUE'", help="sent along; again for more"
+        "--header",
+        action="append",
+        default=[],
+        metavar="'NAME: VALUE'",
+        help="header to send; may be repeated",
     )
     parser.add_argument(
         "--token-file",
@@ -88,9 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
-        "--dead", action="store_true", help="list the messages that the endpoint will not have, and end"
+        "--dead", action="store_true", help="list the messages that the endpoint refuses, and end"
     )
-    what.add_argument("--dead-again", action="store_true", help="have them sent again, then stream")
+    what.add_argument("--dead-again", action="store_true", help="send these messages again, then stream")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--profile",
         metavar="NAME|FILE",
-        help="ranges of randomisation: none, default, or a file of one's own",
+        help="ranges of randomisation: none, default, or a file",
     )
     parser.add_argument("--kind", choices=KINDS, help="how simulations run (default: batch, the fastest)")
     for name, kind, metavar, said in FIGURES:
