@@ -11,7 +11,7 @@ from twind.learn.action_shaping import ActionShaper
 from twind.learn.live.state_message import STALE, ImuReading, StateMessage
 from twind.learn.observation import BodyReading
 from twind.learn.observation_layout import ObservationLayout
-from twind.learn.policy.policy_card import entries
+from twind.learn.policy.policy_card import PolicyError, entries
 from twind.learn.policy.policy_controller import (
     PATIENCE,
     PolicyController,
@@ -90,6 +90,17 @@ def test_what_is_sent_is_what_the_same_shaper_gives_in_simulation(world: World) 
         target, velocity = shaper.step(world.action)
         assert (world.sent[-1].velocity == velocity).all()
         assert np.allclose(world.sent[-1].position + velocity * PERIOD, target, atol=1e-12)
+
+
+def test_a_policy_that_gives_no_action_ends_the_drive(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_observation: np.ndarray) -> np.ndarray:
+        raise PolicyError("its inference failed")
+
+    world.step()
+    monkeypatch.setattr(world, "act", fail)
+    end = world.step()
+    assert isinstance(end, PolicyEnd) and "its inference failed" in end.reason
+    assert len(world.sent) == 1
 
 
 def test_nothing_jumps_at_the_start(world: World) -> None:

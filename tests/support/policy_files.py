@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.support.processes import Daemon, favour
 from twind.learn.action_shaping import ActionShaping
-from twind.learn.policy.onnx_writer import Rows
+from twind.learn.policy.onnx_session import Rows
 from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.policy.policy_file import NetworkLayer, save
 

@@ -13,10 +13,10 @@ import pytest
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from tests.learn.test_policy_standing import CARD, bending
-from tests.support.policy_files import TWO, Run, constant, plain, written
+from tests.support.policy_files import TWO, Run, plain, written
 from tests.support.processes import Daemon, until
 from twind.client import Client
-from twind.learn.policy.policy_file import save
+from twind.learn.policy.policy_file import NetworkLayer, save
 
 FASTEST = 4.0  # rad/s, of h24's joints
 
@@ -145,14 +145,19 @@ def test_who_is_robbed_of_the_lease_leaves_the_motion_of_the_robber_alone(
 
 
 def test_a_policy_that_makes_nan_moves_nothing(daemon: Daemon, runs: Any, tmp_path: Path) -> None:
-    layers = constant(CARD, 0.0)
-    layers[0].weight[3, [CARD.layout["gravity"][1], CARD.layout["height"][0]]] = (
-        3e38  # infinite less infinite
-    )
+    # Infinite twice, then their difference: a single sum is infinite or NaN as the processor adds it up.
+    seen = np.zeros((2, CARD.observations), np.float32)
+    seen[:, CARD.layout["gravity"][1]] = 3e38
+    difference = np.zeros((len(CARD.joints), 2), np.float32)
+    difference[3] = (1.0, -1.0)
+    layers = [
+        NetworkLayer(seen, np.zeros(2, np.float32)),
+        NetworkLayer(difference, np.zeros(len(CARD.joints), np.float32)),
+    ]
     mean, std, _ = plain(CARD)
     save(tmp_path / "nan.onnx", layers, mean, std * 1e-6, 1e30, CARD)
     code, told, complaints = runs(tmp_path / "nan.onnx").end()
-    assert code == 1 and "action of l_shoulder_roll is nan" in told["why"], (told, complaints)
+    assert code == 1 and "action of head_yaw is nan" in told["why"], (told, complaints)
     assert told["steps"] == 0 and "holds: the action" in complaints
 
 

@@ -6,11 +6,13 @@ stale, late or not finite makes it hold; where that lasts, it ends. However it e
 
 import argparse
 import json
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 
 from twind.ctl.ctl_main import common
-from twind.ctl.verb import DONE, Rejected, show
+from twind.ctl.extras import how_to_add
+from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +48,8 @@ def command(text: str) -> tuple[float, float, float]:
 
 def run(options: argparse.Namespace) -> int:
     """The exit code. Raises UsageError, Rejected, ClientError."""
+    if find_spec("onnxruntime") is None:
+        raise UsageError(f"policy needs onnxruntime: {how_to_add('policy')}")
     from twind.learn.policy.policy_file import PolicyError, load
 
     try:

@@ -29,6 +29,7 @@ from twind.learn.live.daemon_robot import (
 from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.plant_model import Plant
+from twind.learn.policy.onnx_session import limit_memory
 from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
@@ -72,7 +73,8 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         _command(options, card, task),
         SystemClock().now,
     )
-    return _drive(options, pilot, card, rate_hz)
+    with policy.ending_long_inferences():
+        return _drive(options, pilot, card, rate_hz)
 
 
 def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
@@ -145,6 +147,7 @@ def _move_and_run(
         return True, "stopped"
     except PoseNotReached as error:
         return False, str(error)
+    limit_memory()  # after all that a drive loads
     gc.collect()
     gc.freeze()  # what is here stays: no collection looks at it while it drives
 

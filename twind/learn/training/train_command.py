@@ -19,7 +19,7 @@ from twind.ctl.extras import how_to_add
 from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.learn.training.training_settings import DEFAULTS, KINDS
 
-NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
+NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
 FIGURES: tuple[tuple[str, Any, str, str], ...] = (
     (

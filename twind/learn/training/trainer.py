@@ -15,7 +15,7 @@ from typing import Any
 
 from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import Rejected
-from twind.learn.policy.policy_file import load
+from twind.learn.policy.policy_file import read
 from twind.learn.training import learning_curve
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score
 from twind.learn.training.policy_export import export
@@ -144,7 +144,7 @@ class Trainer:
         progress.update(f"evaluating on {self._settings.episodes} episodes")
         core = self._trials.core
         export(path / CANDIDATE, learner.model, self._settings, core, {})
-        score = self._trials.judge(load(path / CANDIDATE).act)
+        score = self._trials.judge(read((path / CANDIDATE).read_bytes()).act)
         (path / CANDIDATE).unlink()
         figures.points.append((learner.steps, score))
         progress.clear()
