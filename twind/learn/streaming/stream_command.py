@@ -1,9 +1,9 @@
 """what the robot does, to an HTTP endpoint while it happens; nothing is lost while that is away
 
 A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and stays
-there until the endpoint has taken it: whoever keeps one message of each key has every sample once. What is
-too much or too old is dropped, the oldest first, and counted: its number is missing. `twindctl ingest` is an
-endpoint to try it with.
+there until the endpoint has taken it: an endpoint that keeps one message of each key has every sample once.
+What is too much or too old is dropped, the oldest first, and counted: its number is missing.
+docs/examples/ingest/ingest.py is an endpoint to try it with.
 """
 
 from __future__ import annotations
