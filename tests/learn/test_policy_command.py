@@ -14,10 +14,10 @@ from tests.support.policy_files import TWO, written
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
 from twind.ctl.verb import UsageError
-from twind.learn.learning_tasks import task_of
 from twind.learn.live.daemon_robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_run_command import _command, _figures
+from twind.learn.task.learning_tasks import task_of
 
 CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
 ROBOT = load_robot("h24-standing")

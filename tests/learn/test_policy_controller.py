@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.policy_files import TWO
-from twind.learn.action_shaping import ActionShaper
 from twind.learn.live.state_message import STALE, ImuReading, StateMessage
-from twind.learn.observation import BodyReading
-from twind.learn.observation_layout import ObservationLayout
 from twind.learn.policy.policy_card import PolicyError, entries
 from twind.learn.policy.policy_controller import (
     PATIENCE,
@@ -19,6 +16,9 @@ from twind.learn.policy.policy_controller import (
     PolicyHold,
     PolicySetpoint,
 )
+from twind.learn.task.action_shaping import ActionShaper
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.observation_layout import ObservationLayout
 
 CARD = replace(TWO, layout=entries(ObservationLayout(TWO.joints)))
 POSE = np.array(CARD.default)

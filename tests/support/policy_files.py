@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from tests.support.processes import Daemon, favour
-from twind.learn.action_shaping import ActionShaping
 from twind.learn.policy.onnx_session import Rows
 from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.policy.policy_file import NetworkLayer, save
+from twind.learn.task.action_shaping import ActionShaping
 
 TWO = PolicyCard(
     task="Stand",

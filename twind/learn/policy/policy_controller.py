@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.action_shaping import ActionShaper
 from twind.learn.live.state_message import STALE, StateMessage
-from twind.learn.observation import BodyReading, ObservationBuilder
-from twind.learn.observation_layout import ObservationLayout
 from twind.learn.policy.policy_card import PolicyCard, PolicyError
+from twind.learn.task.action_shaping import ActionShaper
+from twind.learn.task.observation import BodyReading, ObservationBuilder
+from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats
 
 LATE = 0.5  # of a period after its deadline an action is too late

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError, Refused
-from twind.learn.live.control_clock import ControlClock
-from twind.learn.live.rate_timer import RateTimer, in_step
+from twind.learn.live.control_timing import ControlClock, RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint

@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits
 from twind.ctl.progress import ProgressLine
 from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, complain, harmless, observer, operator, show
-from twind.learn.learning_tasks import LearningTask, task_of
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.control_timing import SystemClock
 from twind.learn.live.daemon_robot import (
     ANEW,
     RobotMismatch,
@@ -28,13 +27,14 @@ from twind.learn.live.daemon_robot import (
 )
 from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
-from twind.learn.plant_model import Plant
 from twind.learn.policy.onnx_session import limit_memory
 from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
 from twind.learn.policy.policy_run import RECENT, PolicyRun
-from twind.learn.reward import RewardFunction
+from twind.learn.task.learning_tasks import LearningTask, task_of
+from twind.learn.task.plant_model import Plant
+from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
 

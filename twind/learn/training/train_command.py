@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """What was said, and nothing that was not. Raises UsageError: no such task."""
-    from twind.learn.learning_tasks import task_of
+    from twind.learn.task.learning_tasks import task_of
 
     names = ("robot", "profile", "kind", "hidden", *(name for name, *_ in FIGURES))
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
@@ -133,8 +133,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _settings(given: dict[str, Any]) -> Any:
-    from twind.learn.training.training_origin import originated
-    from twind.learn.training.training_settings import make_settings
+    from twind.learn.training.training_settings import make_settings, originated
 
     try:
         settings = make_settings(given["task"], given)
@@ -148,8 +147,7 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
     from dataclasses import replace
 
     from twind.learn.training.training_folder import read_run
-    from twind.learn.training.training_origin import describe_changes
-    from twind.learn.training.training_settings import differences
+    from twind.learn.training.training_settings import describe_changes, differences
 
     settings, before = read_run(folder.path)
     wrong = differences(settings, given) + describe_changes(settings)

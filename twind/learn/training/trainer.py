@@ -18,8 +18,7 @@ from twind.ctl.verb import Rejected
 from twind.learn.policy.policy_file import read
 from twind.learn.training import learning_curve
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score
-from twind.learn.training.policy_export import export
-from twind.learn.training.ppo_learner import THREADS, PpoLearner
+from twind.learn.training.ppo_learner import THREADS, PpoLearner, export
 from twind.learn.training.training_folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
 from twind.learn.training.training_reporter import TrainingReporter, bar
 from twind.learn.training.training_settings import TrainingSettings

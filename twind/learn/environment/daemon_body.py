@@ -3,16 +3,15 @@
 import numpy as np
 
 from twind.client import Client, Refused
-from twind.learn.action_shaping import ActionShaping
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.control_timing import RateTimer, SystemClock, in_step
 from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
-from twind.learn.live.rate_timer import RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_message import STALE
 from twind.learn.live.state_subscriber import StateSubscriber
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 
 
