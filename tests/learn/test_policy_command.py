@@ -55,6 +55,15 @@ def test_a_file_that_is_none_is_refused_with_its_name(
     assert "x.onnx: " in capsys.readouterr().err
 
 
+def test_without_onnxruntime_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policy_command, "find_spec", lambda _name: None)
+    assert main(["policy", "show", str(tmp_path / "x.onnx")]) == 2
+    error = capsys.readouterr().err
+    assert "policy needs onnxruntime: " in error and "policy" in error.partition("onnxruntime: ")[2]
+
+
 def test_without_a_daemon_a_run_ends_with_3(tmp_path: Path) -> None:
     assert main(["--socket", str(tmp_path), "policy", "run", str(written(tmp_path, CARD))]) == 3
 

@@ -20,7 +20,7 @@ pytest.importorskip("onnxruntime", reason="make extras EXTRAS=learn")
 import onnx
 
 from tests.support.doc_pages_text import ROOT
-from tests.support.policy_files import TWO, network, plain, written
+from tests.support.policy_files import TWO, looping, network, plain, written
 from twind.learn.policy.onnx_session import MEMORY
 from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
 from twind.learn.policy.policy_file import NetworkLayer, load, read, save, save_model
@@ -381,36 +381,46 @@ def test_a_model_takes_no_more_memory_than_its_bound(tmp_path: Path, make: Calla
     assert max(map(int, done.stdout.split())) << 10 < MEMORY + (150 << 20)
 
 
-def _loop(trips: str) -> Any:
-    """A loop that goes on while `trips` says so; each round is short."""
+def test_an_inference_that_takes_all_memory_fails_and_leaves_the_process(tmp_path: Path) -> None:
+    """The array is as large as the observation asks for; the trial with zeros passes."""
     make = onnx.helper.make_node
-    value = onnx.helper.make_tensor_value_info
-    inner = onnx.helper.make_graph(
-        [make("Identity", ["go"], ["goes"]), make("Tanh", ["v"], ["w1"])],
-        "round",
-        [value("at", 7, []), value("go", 9, []), value("v", 1, ["batch", 2])],
-        [value("goes", 9, []), value("w1", 1, ["batch", 2])],
-    )
     nodes = [
         make("MatMul", ["observation", "w"], ["a"]),
-        make("ReduceMax", ["a"], ["most"], keepdims=0),
-        make("Mul", ["most", "many"], ["count"]),
-        make("Cast", ["count"], ["seen"], to=7),
-        make("Loop", [trips, "true", "a"], ["action"], body=inner),
+        make("ReduceMax", ["observation"], ["most"], axes=[1], keepdims=0),
+        make("Cast", ["most"], ["size"], to=7),
+        make("ConstantOfShape", ["size"], ["large"]),
+        make("ReduceSum", ["large"], ["sum"], keepdims=0),
+        make("Add", ["a", "sum"], ["action"]),
     ]
-    arrays = {"many": np.float32(1e15), "true": np.array(True), "always": np.array(1 << 62)}
-    return _model(nodes, WEIGHT | arrays)
+    save_model(tmp_path / "p.onnx", _model(nodes, WEIGHT), TWO)
+    code = (
+        "import sys, numpy\n"
+        "from twind.learn.policy.onnx_session import limit_memory\n"
+        "from twind.learn.policy.policy_file import PolicyError, load\n"
+        "policy = load(sys.argv[1])\n"
+        "limit_memory()\n"
+        "try: policy.act(numpy.full(7, 1e9, 'f'))\n"
+        "except PolicyError as error: print(error)\n"
+        "print(policy.act(numpy.zeros(7, 'f')).tolist())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "p.onnx")], capture_output=True, text=True, timeout=60.0
+    )
+    expected = (
+        "its inference failed: it needs more than 512 MiB of memory, the bound of a policy\n[0.0, 0.0]\n"
+    )
+    assert done.stdout == expected, done.stderr
 
 
 def test_a_model_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("twind.learn.policy.policy_file.CHECKED", 3.0)
-    save_model(tmp_path / "p.onnx", _loop("always"), TWO)
+    save_model(tmp_path / "p.onnx", looping(TWO, always=True), TWO)
     with pytest.raises(PolicyError, match="not done within 3 s"):
         load(tmp_path / "p.onnx")
 
 
 def test_an_inference_that_does_not_end_is_ended_and_the_next_one_runs(tmp_path: Path) -> None:
-    save_model(tmp_path / "p.onnx", _loop("seen"), TWO)
+    save_model(tmp_path / "p.onnx", looping(TWO), TWO)
     policy = load(tmp_path / "p.onnx")
     rest = np.zeros(TWO.observations, np.float32)
     with policy.ending_long_inferences():

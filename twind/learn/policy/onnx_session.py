@@ -69,14 +69,16 @@ class OnnxSession:
         """
         if len(observation) > 1 and self._inputs[0].shape[0] == 1:
             return np.concatenate([self.run(row) for row in observation[:, None]])
+        self._run_options.terminate = False
         self._began = time.monotonic()
         try:
             action: Rows = self._session.run([OUTPUT], {INPUT: observation}, self._run_options)[0]
         except Exception as error:  # noqa: BLE001  the exceptions of onnxruntime have no common class
-            if not self._run_options.terminate:
-                raise PolicyError(f"its inference failed: {_reason(error)}") from None
-            self._run_options.terminate = False
-            raise PolicyError(f"its inference took more than {LONGEST:g} s, the bound of a policy") from None
+            if self._run_options.terminate:
+                reason = f"took more than {LONGEST:g} s, the bound of a policy"
+            else:
+                reason = f"failed: {_reason(error)}"
+            raise PolicyError(f"its inference {reason}") from None
         finally:
             self._began = None
         return action
