@@ -71,7 +71,7 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         step = _step(policy, plant)
     p99 = {name: median(values) for name, values in found.items()}
     shape = "-".join(map(str, WIDTHS))
-    note = f"{shape}, tanh; all of a pilot's step, state to setpoint: {step * 1e6:.0f} µs of CPU"
+    note = f"{shape}, tanh; all of a controller's step, state to setpoint: {step * 1e6:.0f} µs of CPU"
     peers = {name: value for name, value in p99.items() if name != "twind"}
     return {"learn.policy_p99": MeasuredFigure(p99["twind"], note, peers)}
 
@@ -129,7 +129,7 @@ def _step(policy: Any, plant: Any) -> float:
 
     task = task_of("Stand")
     names = plant.layout.joints
-    pilot = PolicyController(
+    controller = PolicyController(
         policy,
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
@@ -145,8 +145,8 @@ def _step(policy: Any, plant: Any) -> float:
     answer = {"time": 0.0, "sequence": 0, "joints": joints, "imu": imu}
 
     def one(_number: int) -> None:
-        pilot.step(decode_state_message(answer, 0.0, names), 0.0)
-        pilot.record_acceptance()
+        controller.step(decode_state_message(answer, 0.0, names), 0.0)
+        controller.record_acceptance()
 
     return cpu_per_call(one, CALLS)
 

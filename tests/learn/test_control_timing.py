@@ -1,4 +1,4 @@
-"""The beat of a control loop: no deadline is caught up, and a state has just come at each of them."""
+"""The timer of a control loop: no deadline is caught up, and a state has just come at each of them."""
 
 from dataclasses import replace
 

@@ -44,7 +44,7 @@ class RateTimer:
         self.missed = 0
 
     def advance(self, now: float) -> int:
-        """On to the next deadline that has not passed; how many were missed."""
+        """Go on to the next deadline that has not passed. Return how many were missed."""
         skipped = max(0, floor((now - self.deadline) / self.period))
         self.deadline += (skipped + 1) * self.period
         self.missed += skipped
@@ -52,7 +52,7 @@ class RateTimer:
 
 
 def in_step(states: Sequence[StateMessage], now: float, period: float, loop: float) -> RateTimer:
-    """A beat whose deadlines lie just after a state has come, so that what is sent meets the next tick.
+    """Return a timer whose deadlines lie just after a state has come: a setpoint then meets the next tick.
 
     `states`: of consecutive ticks, the newest last; `loop`: the loop's period, s. Both clocks are this
     machine's, and the loop keeps its phase, so it is found once.

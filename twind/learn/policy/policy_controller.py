@@ -67,7 +67,7 @@ class PolicyEnd:
 
 @dataclass(slots=True)
 class PolicyStatistics:
-    """What a pilot has seen, for whoever looks on."""
+    """Figures of a controller, for reports."""
 
     steps: int = 0  # actions that became setpoints, and were taken
     holds: int = 0

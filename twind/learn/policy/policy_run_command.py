@@ -65,7 +65,7 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         told = client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
     plant = _fitting(card, told, status, rate_hz)
-    pilot = PolicyController(
+    controller = PolicyController(
         policy,
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
@@ -74,7 +74,7 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         SystemClock().now,
     )
     with policy.ending_long_inferences():
-        return _drive(options, pilot, card, rate_hz)
+        return _drive(options, controller, card, rate_hz)
 
 
 def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
@@ -104,10 +104,12 @@ def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) 
     return np.array(given, np.float64)
 
 
-def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCard, rate_hz: float) -> int:
-    senses = StateSubscriber(observer(options), card.joints, rate_hz)
+def _drive(
+    options: argparse.Namespace, controller: PolicyController, card: PolicyCard, rate_hz: float
+) -> int:
+    subscriber = StateSubscriber(observer(options), card.joints, rate_hz)
     try:
-        reins = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
+        session = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
         try:
             with told_to_stop() as stop, ProgressLine(options, "policy") as progress:
 
@@ -116,21 +118,27 @@ def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCar
                     print(f"twindctl: holds: {harmless(reason)}", file=sys.stderr, flush=True)
 
                 drive = PolicyRun(
-                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), print_reason
+                    controller,
+                    subscriber,
+                    session,
+                    card.shaping.period,
+                    1.0 / rate_hz,
+                    SystemClock(),
+                    print_reason,
                 )
-                good, why = _move_and_run(options, drive, reins, pilot, stop, progress)
+                good, why = _move_and_run(options, drive, session, controller, stop, progress)
         finally:
-            reins.drop()
+            session.drop()
     finally:
-        senses.close()
-    return _report(options, drive, pilot, good, why, senses.status)
+        subscriber.close()
+    return _report(options, drive, controller, good, why, subscriber.status)
 
 
 def _move_and_run(
     options: argparse.Namespace,
     drive: PolicyRun,
-    reins: SetpointSession,
-    pilot: PolicyController,
+    session: SetpointSession,
+    controller: PolicyController,
     stop: threading.Event,
     progress: ProgressLine,
 ) -> tuple[bool, str]:
@@ -142,7 +150,7 @@ def _move_and_run(
             raise _RunInterrupted
 
     try:
-        reins.go(pilot.shaper.default, check)
+        session.go(controller.shaper.default, check)
     except _RunInterrupted:
         return True, "stopped"
     except PoseNotReached as error:
@@ -153,10 +161,10 @@ def _move_and_run(
 
     def print_state(drive: PolicyRun) -> None:
         if options.json:
-            told = {"phase": "running"} | drive.log.plain(pilot, drive.beat, RECENT)
+            told = {"phase": "running"} | drive.log.plain(controller, drive.timer, RECENT)
             print(json.dumps(told), flush=True)
         elif progress.live:
-            progress.update(_line(drive.log.plain(pilot, drive.beat, RECENT), pilot.holding))
+            progress.update(_line(drive.log.plain(controller, drive.timer, RECENT), controller.holding))
 
     return drive.run(options.seconds or inf, stop.is_set, print_state)
 
@@ -177,13 +185,13 @@ def _ms(value: float | None) -> str:
 def _report(
     options: argparse.Namespace,
     drive: PolicyRun,
-    pilot: PolicyController,
+    controller: PolicyController,
     good: bool,
     why: str,
     status: Mapping[str, Any],
 ) -> int:
     told: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
-        pilot, drive.beat
+        controller, drive.timer
     )
     lines = [why] if good else []
     lines += _figures(told) if told["late_max_ms"] is not None else []
