@@ -45,7 +45,7 @@ def over_raw() -> Mapping[str, MeasuredFigure]:
     try:
         import gymnasium
 
-        from twind.learn.robot_env import RobotEnv
+        from twind.learn.environment.robot_env import RobotEnv
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     ours = RobotEnv("Humanoid")

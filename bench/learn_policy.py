@@ -35,9 +35,9 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         from threadpoolctl import threadpool_limits
 
         from twind.config.robot_file import load_robot
-        from twind.learn.action_shaping import ActionShaping
-        from twind.learn.plant_model import plant_of
         from twind.learn.policy.policy_file import NetworkLayer, PolicyCard, load, save
+        from twind.learn.task.action_shaping import ActionShaping
+        from twind.learn.task.plant_model import plant_of
     except ImportError as missing:
         raise MeasurementUnavailable(f"{missing}: {how_to_add('learn')}") from None
     plant = plant_of(load_robot("h24-standing"), period=0.02)
@@ -71,7 +71,7 @@ def policy_p99() -> Mapping[str, MeasuredFigure]:
         step = _step(policy, plant)
     p99 = {name: median(values) for name, values in found.items()}
     shape = "-".join(map(str, WIDTHS))
-    note = f"{shape}, tanh; all of a pilot's step, state to setpoint: {step * 1e6:.0f} µs of CPU"
+    note = f"{shape}, tanh; all of a controller's step, state to setpoint: {step * 1e6:.0f} µs of CPU"
     peers = {name: value for name, value in p99.items() if name != "twind"}
     return {"learn.policy_p99": MeasuredFigure(p99["twind"], note, peers)}
 
@@ -121,15 +121,15 @@ def _p99(act: Callable[[Any], Any]) -> Callable[[], float]:
 
 def _step(policy: Any, plant: Any) -> float:
     """CPU (s) from the parameters of a state message to the setpoint that is sent."""
-    from twind.learn.learning_tasks import task_of
     from twind.learn.live.base_estimator import BaseEstimator
     from twind.learn.live.state_message import decode_state_message
     from twind.learn.policy.policy_controller import PolicyController
-    from twind.learn.reward import RewardFunction
+    from twind.learn.task.learning_tasks import task_of
+    from twind.learn.task.reward import RewardFunction
 
     task = task_of("Stand")
     names = plant.layout.joints
-    pilot = PolicyController(
+    controller = PolicyController(
         policy,
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
@@ -145,8 +145,8 @@ def _step(policy: Any, plant: Any) -> float:
     answer = {"time": 0.0, "sequence": 0, "joints": joints, "imu": imu}
 
     def one(_number: int) -> None:
-        pilot.step(decode_state_message(answer, 0.0, names), 0.0)
-        pilot.record_acceptance()
+        controller.step(decode_state_message(answer, 0.0, names), 0.0)
+        controller.record_acceptance()
 
     return cpu_per_call(one, CALLS)
 

@@ -324,7 +324,7 @@ remove() {
             rm -f "$DESTDIR$each"
         done <"$top/files"
         for each in /examples /docs/pictures /docs/examples/arm/motions /docs/examples/arm \
-            /docs/examples/nine/motions /docs/examples/nine /docs/examples /docs /calibration /packaging/metrics /packaging /systemd \
+            /docs/examples/nine/motions /docs/examples/nine /docs/examples/ingest /docs/examples /docs /calibration /packaging/metrics /packaging /systemd \
             /twind/robots /twind/protocol /twind ""; do
             rmdir "$DESTDIR$SHARE/doc/twind$each" 2>/dev/null || :
         done

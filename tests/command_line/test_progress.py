@@ -148,7 +148,6 @@ TOLD = {  # which verbs each file with a progress serves
     "dataset/dataset_command.py": ("dataset",),
     "policy/policy_run_command.py": ("policy run",),
     "streaming/stream_runner.py": ("stream",),
-    "streaming/ingest.py": ("ingest",),
     "training/trainer.py": ("train",),
     "training/train_command.py": ("train",),
 }

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.action_shaping import BEND, ActionShaper, ActionShaping
+from twind.learn.task.action_shaping import BEND, ActionShaper, ActionShaping
 from twind.motion.stop_profiles import LimitedFollower, still
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits

@@ -11,7 +11,7 @@ from mujoco.batch import SimulationError
 
 from twind.learn.batch import batch_body
 from twind.learn.batch.batch_core import BatchCore, BatchStep
-from twind.learn.robot_env import RobotEnv
+from twind.learn.environment.robot_env import RobotEnv
 
 COUNT = 3
 EPISODE = 40

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.learn.learning_tasks import HUMANOID, STAND, task_of
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant, plant_of
 from twind.learn.randomise.randomisation_ranges import ZERO, PushRanges, RandomisationRanges, load_ranges
-from twind.learn.reward import LOW, RewardFunction
+from twind.learn.task.learning_tasks import HUMANOID, STAND, task_of
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant, plant_of
+from twind.learn.task.reward import LOW, RewardFunction
 
 PERIOD = 0.02
 NOTHING = np.zeros(3)
@@ -86,7 +86,7 @@ def test_energy_is_the_mean_square_of_the_share_of_torque(plant: Plant) -> None:
 def test_energy_is_what_the_servos_of_the_simulation_do(task: str) -> None:
     """Within a quarter: what a gain is drawn around the middle, and a delay, nobody sees from outside."""
     pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
-    from twind.learn.robot_env import RobotEnv
+    from twind.learn.environment.robot_env import RobotEnv
 
     env = RobotEnv(task)
     told = list[float]()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twind.learn.observation import BodyReading, ObservationBuilder, height_of
-from twind.learn.observation_layout import ObservationLayout
+from twind.learn.task.observation import BodyReading, ObservationBuilder, height_of
+from twind.learn.task.observation_layout import ObservationLayout
 
 JOINTS = ("a", "b", "c")
 LAYOUT = ObservationLayout(JOINTS)

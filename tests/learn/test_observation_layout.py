@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twind.learn.observation_layout import ObservationLayout, table
+from twind.learn.task.observation_layout import ObservationLayout, table
 
 LAYOUT = ObservationLayout(("l_knee", "r_knee"))
 DOCS = Path(__file__).parents[2] / "docs" / "learn.md"

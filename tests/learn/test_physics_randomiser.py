@@ -9,9 +9,8 @@ import pytest
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from tests.support.learn_rig import body, places
-from twind.learn.randomise.delay_histories import DelayHistories
 from twind.learn.randomise.episode_draw import DrawSampler, EpisodeDraw
-from twind.learn.randomise.episode_start import EpisodeStart
+from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import (
     CHANGES,
     BatchModelWriter,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import RobotFile, load_robot
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import SOLE_SITES, Plant, plant_of
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import SOLE_SITES, Plant, plant_of
 from twind.twin.binding import BindingError
 
 PERIOD = 0.02

@@ -14,10 +14,10 @@ from tests.support.policy_files import TWO, written
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.learn.learning_tasks import task_of
 from twind.learn.live.daemon_robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_run_command import _command, _figures
+from twind.learn.task.learning_tasks import task_of
 
 CARD = replace(TWO, command={"forward": (0.0, 0.4)}, evaluation={"return": 12.5}, trained_steps=61440)
 ROBOT = load_robot("h24-standing")
@@ -53,6 +53,15 @@ def test_a_file_that_is_none_is_refused_with_its_name(
     (tmp_path / "x.onnx").write_bytes(b"no")
     assert main(["policy", "show", str(tmp_path / "x.onnx")]) == 1
     assert "x.onnx: " in capsys.readouterr().err
+
+
+def test_without_onnxruntime_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(policy_command, "find_spec", lambda _name: None)
+    assert main(["policy", "show", str(tmp_path / "x.onnx")]) == 2
+    error = capsys.readouterr().err
+    assert "policy needs onnxruntime: " in error and "policy" in error.partition("onnxruntime: ")[2]
 
 
 def test_without_a_daemon_a_run_ends_with_3(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The pilot: what it sends, and all that makes it hold or end."""
+"""The controller: what it sends, and all that makes it hold or end."""
 
 from dataclasses import replace
 from math import nan
@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 
 from tests.support.policy_files import TWO
-from twind.learn.action_shaping import ActionShaper
 from twind.learn.live.state_message import STALE, ImuReading, StateMessage
-from twind.learn.observation import BodyReading
-from twind.learn.observation_layout import ObservationLayout
-from twind.learn.policy.policy_card import entries
+from twind.learn.policy.policy_card import PolicyError, entries
 from twind.learn.policy.policy_controller import (
     PATIENCE,
     PolicyController,
@@ -19,6 +16,9 @@ from twind.learn.policy.policy_controller import (
     PolicyHold,
     PolicySetpoint,
 )
+from twind.learn.task.action_shaping import ActionShaper
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.observation_layout import ObservationLayout
 
 CARD = replace(TWO, layout=entries(ObservationLayout(TWO.joints)))
 POSE = np.array(CARD.default)
@@ -38,7 +38,7 @@ class World:
         self.goal = POSE.copy()
         self.lies = False
         self.gyro = 0.0
-        self.pilot = PolicyController(
+        self.controller = PolicyController(
             self, self, lambda reading: self.lies, np.eye(4), np.zeros(3), lambda: self.now
         )
         self.sent: list[PolicySetpoint] = []
@@ -66,11 +66,11 @@ class World:
 
     def step(self, old: float = 0.0, *, refused: bool = False) -> PolicySetpoint | PolicyHold | PolicyEnd:
         """One period: the loop follows what was sent, or brakes to rest at once."""
-        done = self.pilot.step(self.heard(old), self.now)
+        done = self.controller.step(self.heard(old), self.now)
         if isinstance(done, PolicySetpoint) and refused:
-            done = self.pilot.hold("refused")
+            done = self.controller.hold("refused")
         elif isinstance(done, PolicySetpoint):
-            self.pilot.record_acceptance()
+            self.controller.record_acceptance()
             self.sent.append(done)
             self.goal = done.position + done.velocity * PERIOD
         self.now = 100.0 + PERIOD * (1 + round((self.now - 100.0) / PERIOD))
@@ -90,6 +90,17 @@ def test_what_is_sent_is_what_the_same_shaper_gives_in_simulation(world: World) 
         target, velocity = shaper.step(world.action)
         assert (world.sent[-1].velocity == velocity).all()
         assert np.allclose(world.sent[-1].position + velocity * PERIOD, target, atol=1e-12)
+
+
+def test_a_policy_that_gives_no_action_ends_the_drive(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_observation: np.ndarray) -> np.ndarray:
+        raise PolicyError("its inference failed")
+
+    world.step()
+    monkeypatch.setattr(world, "act", fail)
+    end = world.step()
+    assert isinstance(end, PolicyEnd) and "its inference failed" in end.reason
+    assert len(world.sent) == 1
 
 
 def test_nothing_jumps_at_the_start(world: World) -> None:
@@ -114,7 +125,7 @@ def test_the_observation_is_of_the_last_action_the_last_target_and_the_phase(wor
 @pytest.mark.parametrize("old", [STALE + 0.001, 1.0, nan, -0.01])
 def test_an_old_state_holds(world: World, old: float) -> None:
     world.step()
-    assert isinstance(world.step(old), PolicyHold) and "old" in str(world.pilot.holding)
+    assert isinstance(world.step(old), PolicyHold) and "old" in str(world.controller.holding)
 
 
 @pytest.mark.parametrize(
@@ -133,13 +144,13 @@ def test_an_imu_that_is_silent_is_told_in_words(world: World, age: float, said: 
 
 
 def test_no_state_at_all_holds(world: World) -> None:
-    assert isinstance(world.pilot.step(None, world.now), PolicyHold)
+    assert isinstance(world.controller.step(None, world.now), PolicyHold)
 
 
 def test_a_lasting_hold_is_the_end(world: World) -> None:
     done = [world.step(STALE + 0.01) for _ in range(round(PATIENCE / PERIOD) + 3)]
     assert isinstance(done[0], PolicyHold) and isinstance(done[-1], PolicyEnd)
-    assert world.pilot.figures.holds == 1
+    assert world.controller.figures.holds == 1
 
 
 @pytest.mark.parametrize("action", [[nan, 0.0], [0.0, 1.001], [0.0, -np.inf]])
@@ -165,7 +176,7 @@ def test_a_late_action_holds(world: World) -> None:
     world.takes = 0.51 * PERIOD
     done = world.step()
     assert isinstance(done, PolicyHold) and "late" in done.reason and not world.sent
-    assert world.pilot.figures.too_late == 1
+    assert world.controller.figures.too_late == 1
 
 
 def test_how_long_it_held_is_counted_over_all_holds(world: World) -> None:
@@ -174,8 +185,8 @@ def test_how_long_it_held_is_counted_over_all_holds(world: World) -> None:
             assert isinstance(world.step(STALE + 0.01), PolicyHold)
         world.step()
         assert isinstance(world.step(), PolicySetpoint)  # five periods after the first that it held
-        assert world.pilot.figures.holds == number
-        assert world.pilot.figures.held == pytest.approx(number * 5 * PERIOD)
+        assert world.controller.figures.holds == number
+        assert world.controller.figures.held == pytest.approx(number * 5 * PERIOD)
 
 
 def test_it_goes_on_from_where_the_robot_rests(world: World) -> None:
@@ -185,7 +196,7 @@ def test_it_goes_on_from_where_the_robot_rests(world: World) -> None:
     assert isinstance(world.step(STALE + 0.01), PolicyHold)
     assert isinstance(world.step(), PolicyHold)  # whether it rests is not known yet
     back = world.step()
-    assert isinstance(back, PolicySetpoint) and world.pilot.holding is None
+    assert isinstance(back, PolicySetpoint) and world.controller.holding is None
     assert np.abs(back.position - world.goal + back.velocity * PERIOD).max() < 1e-12
     assert np.abs(back.velocity).max() <= 20.0 * PERIOD
 
@@ -206,14 +217,14 @@ def test_one_state_told_twice_is_no_rest(world: World) -> None:
     world.takes, moving = 0.0, world.heard()
     for _ in range(2):  # the stream stalls: fresh enough, and nothing new
         world.now += 0.01
-        assert isinstance(world.pilot.step(moving, world.now), PolicyHold)
+        assert isinstance(world.controller.step(moving, world.now), PolicyHold)
     near = replace(moving, sequence=moving.sequence + 1, time=moving.time + 0.001)
-    assert isinstance(world.pilot.step(near, world.now), PolicyHold)  # too soon after it to tell
+    assert isinstance(world.controller.step(near, world.now), PolicyHold)  # too soon after it to tell
     on = replace(moving, sequence=moving.sequence + 2, time=moving.time + 0.02, goal=moving.goal + 0.03)
-    assert isinstance(world.pilot.step(on, world.now), PolicyHold)  # it moves
+    assert isinstance(world.controller.step(on, world.now), PolicyHold)  # it moves
     still = replace(on, sequence=on.sequence + 2, time=on.time + 0.02)
     world.now = still.time
-    assert isinstance(world.pilot.step(still, world.now), PolicySetpoint)
+    assert isinstance(world.controller.step(still, world.now), PolicySetpoint)
 
 
 def test_after_a_missed_period_it_goes_on_from_where_the_loop_has_gone_meanwhile(world: World) -> None:
@@ -221,8 +232,8 @@ def test_after_a_missed_period_it_goes_on_from_where_the_loop_has_gone_meanwhile
     for _ in range(10):
         world.step()
     last = world.sent[-1]
-    world.pilot.record_missed_periods(1, lapsed=False)
-    assert isinstance(world.step(), PolicySetpoint) and world.pilot.figures.holds == 0
+    world.controller.record_missed_periods(1, lapsed=False)
+    assert isinstance(world.step(), PolicySetpoint) and world.controller.figures.holds == 0
     assert last.velocity[0] > 0.2
     np.testing.assert_allclose(
         world.sent[-1].position, last.position + 2 * PERIOD * last.velocity, atol=1e-12
@@ -233,8 +244,8 @@ def test_missed_periods_carry_no_target_beyond_its_limits(world: World) -> None:
     world.action = np.float32([1.0, -1.0])
     for _ in range(10):
         world.step()
-    world.pilot.record_missed_periods(50, lapsed=False)
-    shaper = world.pilot.shaper
+    world.controller.record_missed_periods(50, lapsed=False)
+    shaper = world.controller.shaper
     assert (shaper.target <= shaper.upper + 1e-9).all() and (shaper.target >= shaper.lower - 1e-9).all()
     assert not shaper.velocity.any()
 
@@ -243,8 +254,8 @@ def test_so_many_missed_periods_that_the_setpoint_lapsed_are_a_hold(world: World
     world.action = np.float32([1.0, 0.0])
     for _ in range(10):
         world.step()
-    world.pilot.record_missed_periods(3, lapsed=True)
-    assert world.pilot.figures.holds == 1 and "3 periods were missed" in str(world.pilot.holding)
+    world.controller.record_missed_periods(3, lapsed=True)
+    assert world.controller.figures.holds == 1 and "3 periods were missed" in str(world.controller.holding)
     world.goal = world.goal + 0.02  # where the loop has braked
     assert isinstance(world.step(), PolicyHold)
     back = world.step()
@@ -263,7 +274,7 @@ def test_a_goal_that_nobody_knows_is_no_place_to_go_on_from(world: World) -> Non
     world.step(STALE + 0.01)
     world.goal = np.array([nan, 0.0])
     found = replace(world.heard(), position=POSE)
-    assert all(isinstance(world.pilot.step(found, world.now), PolicyHold) for _ in range(3))
+    assert all(isinstance(world.controller.step(found, world.now), PolicyHold) for _ in range(3))
 
 
 def test_refusals_that_last_are_the_end(world: World) -> None:

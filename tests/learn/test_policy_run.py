@@ -13,7 +13,7 @@ from twind_drivers.clock import FakeClock
 
 
 class Robot(World):
-    """The pilot's world with connections: states are always fresh, `refuse` is what the gate says."""
+    """The controller's world with connections: states are always fresh, `refuse` is what the gate says."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class Robot(World):
         self.tried = self.settled = 0
         self.clock = FakeClock()
         self.clock.time = self.now
-        self.drive = PolicyRun(self.pilot, self, self, PERIOD, 0.01, self.clock, self.said.append)  # type: ignore[arg-type]
+        self.drive = PolicyRun(self.controller, self, self, PERIOD, 0.01, self.clock, self.said.append)  # type: ignore[arg-type]
 
     @property
     def newest(self) -> Any:
@@ -35,7 +35,7 @@ class Robot(World):
         return [self.heard()]
 
     def send(self, position: np.ndarray, velocity: np.ndarray, *, wait: bool) -> None:
-        assert wait is (self.pilot.holding is not None)
+        assert wait is (self.controller.holding is not None)
         self.tried += 1
         code = self.refuse(self.tried)
         if code:
@@ -57,13 +57,13 @@ class Robot(World):
     def run(self, seconds: float = 0.4, each: Callable[[], None] = lambda: None) -> tuple[bool, str]:
         def stop() -> bool:
             each()
-            self.now = self.clock.now()  # the pilot's
+            self.now = self.clock.now()  # the controller's
             return False
 
         return self.drive.run(seconds, stop, lambda drive: None)
 
     def told(self) -> dict[str, Any]:
-        return self.drive.log.plain(self.pilot, self.drive.beat)
+        return self.drive.log.plain(self.controller, self.drive.timer)
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_periods_that_nobody_had_time_for_are_counted_and_not_caught_up(
     good, _ = robot.run(0.2)
     told = robot.told()
     assert good and told["missed"] == missed and told["steps"] == steps
-    assert told["holds"] == holds  # 0.06 s after a setpoint the gate holds, and so does the pilot
+    assert told["holds"] == holds  # 0.06 s after a setpoint the gate holds, and so does the controller
     assert all("2 periods were missed" in said for said in robot.said) and len(robot.said) == holds
 
 

@@ -16,9 +16,9 @@ pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 from tests.support.policy_files import constant, plain
 from tests.support.standing_rig import StandingRig, soft, truth
 from twind.config.robot_file import load_robot
-from twind.learn.action_shaping import ActionShaping
-from twind.learn.plant_model import plant_of
 from twind.learn.policy.policy_file import NetworkLayer, Policy, PolicyCard, load, save
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.plant_model import plant_of
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 CARD = PolicyCard.for_training(

@@ -13,10 +13,10 @@ import gymnasium
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from twind.learn.action_shaping import ActionShaping
-from twind.learn.camera_renderer import CameraRenderer, RendererUnavailable
-from twind.learn.reset_options import MOST
-from twind.learn.robot_env import RobotEnv
+from twind.learn.environment.camera_renderer import CameraRenderer, RendererUnavailable
+from twind.learn.environment.robot_env import RobotEnv
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.learning_tasks import MOST
 
 NAMES = ("Stand", "Humanoid")
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant, plant_of
+from twind.learn.environment.sim_body import SimBody
 from twind.learn.randomise.randomisation_ranges import PushRanges, RandomisationRanges
-from twind.learn.sim_body import SimBody
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant, plant_of
 from twind.robot.arrays import Floats
 
 PERIOD = 0.02

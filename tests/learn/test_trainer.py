@@ -24,8 +24,7 @@ from twind.ctl.ctl_main import main
 from twind.learn.policy.policy_file import load
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
 from twind.learn.training.learning_curve import figure
-from twind.learn.training.policy_export import export
-from twind.learn.training.ppo_learner import PpoLearner
+from twind.learn.training.ppo_learner import PpoLearner, export
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import (
     BEST,
@@ -37,9 +36,14 @@ from twind.learn.training.training_folder import (
     lock_folder,
     read_run,
 )
-from twind.learn.training.training_origin import describe_changes, originated
 from twind.learn.training.training_reporter import TrainingReporter
-from twind.learn.training.training_settings import TrainingSettings, differences, make_settings
+from twind.learn.training.training_settings import (
+    TrainingSettings,
+    describe_changes,
+    differences,
+    make_settings,
+    originated,
+)
 
 SMALL = TrainingSettings("Stand", steps=128, envs=2, rollout=32, batch=32, epochs=2, hidden=(16,), episodes=2)
 SMALL = replace(SMALL, evaluate_every=64)

@@ -9,7 +9,7 @@ pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
-from twind.learn.camera_renderer import RendererUnavailable
+from twind.learn.environment.camera_renderer import RendererUnavailable
 
 ID = "twind.learn.envs:twind/Stand-v0"
 COUNT = 3

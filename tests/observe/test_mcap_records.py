@@ -8,23 +8,18 @@ from pathlib import Path
 import pytest
 import zstandard
 from lz4 import frame
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Attachment, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
 from tests.support.sample_recordings import SESSION, write
-from twind.observe.recording.mcap_records import (
-    LARGEST,
-    McapAttachment,
-    McapMessage,
-    McapMetadata,
-    McapScanner,
-    NotMcap,
-)
+from twind.observe.recording.mcap_records import LARGEST, McapScanner, NotMcap
 
 
-def messages(path: Path) -> tuple[McapScanner, list[McapMessage]]:
+def messages(path: Path) -> tuple[McapScanner, list[Message]]:
     file = McapScanner(path)
-    return file, [each for each in file.contents() if isinstance(each, McapMessage)]
+    return file, [each for each in file.contents() if isinstance(each, Message)]
 
 
 def of_the_library(path: Path) -> list[tuple[str, int, int, bytes]]:
@@ -37,12 +32,12 @@ def test_a_whole_file_is_what_the_library_reads(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", 2.0)
     file, found = messages(path)
     assert not file.cut and not file.damaged and file.kept == file.size and file.profile == "ros2"
-    rows = [(file.channels[each.channel].topic, each.log_time, each.sequence, each.data) for each in found]
+    rows = [(file.channels[each.channel_id].topic, each.log_time, each.sequence, each.data) for each in found]
     assert rows == of_the_library(path) and len(rows) == 400 + 4
-    others = [each for each in McapScanner(path).contents() if not isinstance(each, McapMessage)]
+    others = [each for each in McapScanner(path).contents() if not isinstance(each, Message)]
     assert [each.name for each in others] == ["twind", "robot.json", "model.mjcf"]
-    assert isinstance(others[0], McapMetadata) and others[0].data == SESSION.about
-    assert isinstance(others[1], McapAttachment) and others[1].data == b'{"name": "two"}'
+    assert isinstance(others[0], Metadata) and others[0].metadata == SESSION.about
+    assert isinstance(others[1], Attachment) and others[1].data == b'{"name": "two"}'
 
 
 @pytest.mark.parametrize("compression", CompressionType)
@@ -104,6 +99,7 @@ def test_a_chunk_that_was_damaged_is_left_out_and_the_others_are_read(tmp_path: 
         path.write_bytes(data)
         file, found = messages(path)
         assert file.damaged == 1 and len(found) in (0, 101)  # without the first the channels are unknown
+        assert data[file.damage] == Opcode.CHUNK and file.damage < first < file.damage + 200
         data[place] ^= 0x10
         if place > first + 700:
             break

@@ -7,15 +7,17 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from mcap.records import Message
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
+from tests.support.doc_pages_text import ROOT
 from tests.support.replay_rig import flight, recording
 from tests.support.sample_recordings import CLOCKS, JOINTS, Told, event, mark, state, status
 from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
-from twind.observe.recording.mcap_records import McapMessage, McapScanner
+from twind.observe.recording.mcap_records import McapScanner
 from twind.observe.recording.recording_columns import (
     RecordedMessage,
     RobotRecording,
@@ -54,6 +56,17 @@ def foreign(path: Path, *rows: tuple[str, float, dict[str, Any]]) -> Path:
             writer.add_message(channels[topic], at, data, at)
         writer.finish()
     return path
+
+
+def test_a_stored_recording_of_the_first_release_of_the_format_reads_as_it_was_written() -> None:
+    """Positions are sines of the time, see tests/data/README.md."""
+    found = open_recording(ROOT / "tests" / "data" / "recordings" / "two.mcap")
+    assert (found.joints, found.damage, found.robot) == (("hip", "knee"), "", {"name": "two"})
+    assert found.mjcf and found.start_ns == 1795000000000000000
+    times = 100.0 + np.arange(100) / 100.0
+    np.testing.assert_allclose(found.time, times - 100.0, atol=1e-9)
+    np.testing.assert_array_equal(found.measured, np.column_stack([np.sin(times), np.sin(times + 1)]))
+    np.testing.assert_array_equal(found.goal, np.full((100, 2), 0.1))
 
 
 def test_rows_of_one_moment_are_one_row_and_what_is_not_known_is_nan(tmp_path: Path) -> None:
@@ -220,7 +233,7 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     said = [
         json.loads(each.data)
         for each in file.contents()
-        if isinstance(each, McapMessage) and file.channels[each.channel].topic == "/twind/wire"
+        if isinstance(each, Message) and file.channels[each.channel_id].topic == "/twind/wire"
     ]
     wire = [each.data for each in flown.contents.entries if each.kind in (EntryKind.IN, EntryKind.OUT)]
     assert [bytes.fromhex(each["hex"]) for each in said if each["kind"] != "port"] == wire

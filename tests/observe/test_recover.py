@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Message
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from tests.support.sample_recordings import FullDisk, Told, write
 from twind.command_line.verb import Rejected
 from twind.observe import recover as verb
-from twind.observe.recording.mcap_records import McapMessage, McapScanner
+from twind.observe.recording.mcap_records import McapScanner
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing.record_file import RecordFile
@@ -22,7 +23,7 @@ from twind.observe.writing.record_writer import RecordWriter
 
 
 def count(path: Path) -> int:
-    return sum(isinstance(each, McapMessage) for each in McapScanner(path).contents())
+    return sum(isinstance(each, Message) for each in McapScanner(path).contents())
 
 
 def options(path: Path, out: Path | None = None) -> argparse.Namespace:

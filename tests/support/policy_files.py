@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from tests.support.processes import Daemon, favour
-from twind.learn.action_shaping import ActionShaping
-from twind.learn.policy.onnx_writer import Rows
+from twind.learn.policy.onnx_session import Rows
 from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.policy.policy_file import NetworkLayer, save
+from twind.learn.task.action_shaping import ActionShaping
 
 TWO = PolicyCard(
     task="Stand",
@@ -51,6 +51,45 @@ def constant(card: PolicyCard, action: Any) -> list[NetworkLayer]:
 def _layer(rng: np.random.Generator, width: int, count: int, activation: str, scale: float) -> NetworkLayer:
     weight = rng.normal(0.0, scale / np.sqrt(width), (count, width))
     return NetworkLayer(weight.astype(np.float32), rng.normal(0.0, 0.1, count).astype(np.float32), activation)
+
+
+def looping(card: PolicyCard, *, always: bool = False) -> Any:
+    """A model that loops for days at an observation above 0, or `always`, in short rounds."""
+    import onnx
+    from onnx import helper, numpy_helper
+
+    real = onnx.TensorProto.FLOAT
+    integer = onnx.TensorProto.INT64
+    truth = onnx.TensorProto.BOOL
+    value = helper.make_tensor_value_info
+    make = helper.make_node
+    count = len(card.joints)
+    inner = helper.make_graph(
+        [make("Identity", ["go"], ["goes"]), make("Tanh", ["before"], ["after"])],
+        "round",
+        [value("at", integer, []), value("go", truth, []), value("before", real, ["batch", count])],
+        [value("goes", truth, []), value("after", real, ["batch", count])],
+    )
+    nodes = [
+        make("MatMul", ["observation", "weight"], ["first"]),
+        make("ReduceMax", ["first"], ["most"], keepdims=0),
+        make("Mul", ["most", "many"], ["product"]),
+        make("Cast", ["product"], ["seen"], to=integer),
+        make("Loop", ["forever" if always else "seen", "true", "first"], ["action"], body=inner),
+    ]
+    arrays = {
+        "weight": np.ones((card.observations, count), np.float32),
+        "many": np.float32(1e15),
+        "true": np.array(True),
+        "forever": np.array(1 << 62),
+    }
+    ends = [
+        value("observation", real, ["batch", card.observations]),
+        value("action", real, ["batch", count]),
+    ]
+    given = [numpy_helper.from_array(np.asarray(array), name) for name, array in arrays.items()]
+    graph = helper.make_graph(nodes, "looping", ends[:1], ends[1:], given)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
 def plain(card: PolicyCard) -> tuple[Rows, Rows, float]:

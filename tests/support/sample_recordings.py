@@ -9,7 +9,7 @@ from typing import Any
 from twind.client.clock_pair import ClockPair
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_file import BufferedFile, RecordFile
-from twind.observe.writing.record_header import clock_words
+from twind.observe.writing.record_schemas import clock_words
 from twind.observe.writing.record_writer import RecordSession, RecordWriter
 
 JOINTS = ("hip", "knee")

@@ -13,13 +13,13 @@ import numpy as np
 from tests.support.daemon_rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.learn.learning_tasks import task_of
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.state_message import ImuReading, StateMessage
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import plant_of
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
-from twind.learn.reward import RewardFunction
+from twind.learn.task.learning_tasks import task_of
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import plant_of
+from twind.learn.task.reward import RewardFunction
 from twind.link import Tick
 from twind.robot.modes import Mode
 from twind.twin.mujoco_physics import MujocoPhysics

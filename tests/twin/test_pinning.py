@@ -11,7 +11,7 @@ import pytest
 from tests.support.hull_robot import hull
 from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.robot_spec import RobotFile
-from twind.learn.plant_model import plant_of
+from twind.learn.task.plant_model import plant_of
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory

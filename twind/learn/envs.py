@@ -6,12 +6,12 @@ stands before the colon.
 
 import gymnasium
 
-from twind.learn.learning_tasks import TASKS
+from twind.learn.task.learning_tasks import TASKS
 
 for _task in TASKS.values():
     gymnasium.register(
         id=f"twind/{_task.name}-v0",
-        entry_point="twind.learn.robot_env:RobotEnv",
+        entry_point="twind.learn.environment.robot_env:RobotEnv",
         vector_entry_point="twind.learn.batch.vector_env:BatchVectorEnv",
         kwargs={"task": _task.name},
     )

@@ -21,7 +21,7 @@ from twind.observe.recording.recording_topics import WIRE
 from twind.observe.recover import recover
 from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
 from twind.observe.writing.record_file import RecordFile
-from twind.observe.writing.record_header import attachments, clock_words
+from twind.observe.writing.record_schemas import attachments, clock_words
 
 group = "record"
 

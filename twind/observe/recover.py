@@ -11,18 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mcap.records import Attachment, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, show
-from twind.observe.recording.mcap_records import (
-    McapAttachment,
-    McapMessage,
-    McapMetadata,
-    McapScanner,
-    McapSchema,
-    NotMcap,
-)
+from twind.observe.recording.mcap_records import McapContent, McapScanner, NotMcap
 from twind.observe.recording.recording_topics import RECOVERED
 from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
@@ -145,17 +139,17 @@ def _rewrite(
             writer.start(profile=file.profile, library=file.library or f"twind {__version__}")
             started = True
         span.take(each)
-        if isinstance(each, McapMetadata):
-            writer.add_metadata(each.name, each.data)
-        elif isinstance(each, McapAttachment):
+        if isinstance(each, Metadata):
+            writer.add_metadata(each.name, each.metadata)
+        elif isinstance(each, Attachment):
             writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
         else:
             if span.messages % TOLD == 0:
                 tell(file.kept / file.size)
-            number = channels.get(each.channel)
+            number = channels.get(each.channel_id)
             if number is None:
-                number = channels[each.channel] = _channel(writer, file, each.channel, schemas, ros)
-            wrap = ros and file.channels[each.channel].encoding == "json"
+                number = channels[each.channel_id] = _channel(writer, file, each.channel_id, schemas, ros)
+            wrap = ros and file.channels[each.channel_id].message_encoding == "json"
             data = as_text(each.data) if wrap else each.data
             writer.add_message(number, each.log_time, data, each.publish_time, each.sequence)
     if not span.messages:
@@ -170,13 +164,13 @@ def _rewrite(
 def _channel(writer: Writer, file: McapScanner, number: int, schemas: dict[int, int], ros: bool) -> int:
     """The new number of a channel. `schemas`: new numbers by old ones, TEXT that of std_msgs/String."""
     channel = file.channels[number]
-    wrap = ros and channel.encoding == "json"
-    kind = TEXT if wrap else channel.schema
+    wrap = ros and channel.message_encoding == "json"
+    kind = TEXT if wrap else channel.schema_id
     if kind not in schemas:
-        text = McapSchema(STRING, "ros2msg", definition_text(STRING).encode())
+        text = Schema(TEXT, definition_text(STRING).encode(), "ros2msg", STRING)
         schema = text if wrap else file.schemas[kind]
         schemas[kind] = writer.register_schema(schema.name, schema.encoding, schema.data)
-    encoding = "cdr" if wrap else channel.encoding
+    encoding = "cdr" if wrap else channel.message_encoding
     found: int = writer.register_channel(channel.topic, encoding, schemas[kind], channel.metadata)
     return found
 
@@ -189,8 +183,8 @@ class _MessageSpan:
         self.first = 0
         self.last = 0
 
-    def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
-        if isinstance(each, McapMessage):
+    def take(self, each: McapContent) -> None:
+        if isinstance(each, Message):
             self.first = each.log_time if not self.messages else min(self.first, each.log_time)
             self.last = max(self.last, each.log_time)
             self.messages += 1
@@ -208,5 +202,5 @@ def _explain_damage(file: McapScanner) -> str:
     if file.cut:
         return file.cut
     if file.damaged:
-        return "chunks are damaged"
+        return f"chunks are damaged, the first at byte {file.damage}"
     return "" if file.indexed else "it has no index: a full disk may have ended it"

@@ -17,8 +17,7 @@ from tests.support.viewer_messages import h24, other, state, status
 from twind.client import ClientError
 from twind.observe.viewing.fleet import fleet_viewer as show_module
 from twind.observe.viewing.fleet import robot_registry as company_module
-from twind.observe.viewing.fleet.broadcast import Broadcast
-from twind.observe.viewing.fleet.fleet_page import FleetPage
+from twind.observe.viewing.fleet.fleet_page import Broadcast, FleetPage
 from twind.observe.viewing.fleet.fleet_viewer import FleetViewer
 from twind.observe.viewing.fleet.robot_health import GREY, standing
 from twind.observe.viewing.fleet.robot_plate import FADED, RobotPlate

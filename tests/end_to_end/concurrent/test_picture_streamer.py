@@ -14,7 +14,7 @@ from PIL import Image
 
 from tests.end_to_end.concurrent.test_stream_command import begun, run, streamer
 from twind.client import Client
-from twind.learn.camera_renderer import RendererUnavailable
+from twind.learn.environment.camera_renderer import RendererUnavailable
 from twind.learn.streaming.picture_streamer import CameraScene
 from twind.learn.streaming.stream_samples import ROWS, StreamSample
 

@@ -13,10 +13,11 @@ import pytest
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from tests.learn.test_policy_standing import CARD, bending
-from tests.support.policy_files import TWO, Run, constant, plain, written
+from tests.support.policy_files import TWO, Run, looping, plain, written
 from tests.support.processes import Daemon, until
 from twind.client import Client
-from twind.learn.policy.policy_file import save
+from twind.learn.policy.onnx_session import MEMORY
+from twind.learn.policy.policy_file import NetworkLayer, save, save_model
 
 FASTEST = 4.0  # rad/s, of h24's joints
 
@@ -101,9 +102,11 @@ def test_a_policy_that_is_killed_or_stopped_leaves_a_robot_that_holds(
         assert code == 1 and not told["as_asked"] and daemon.status()["lease"] is None, told
 
 
-def test_ctrl_c_ends_it_as_asked(daemon: Daemon, runs: Any, bends: Path) -> None:
+def test_a_run_has_a_memory_limit_and_ctrl_c_ends_it_as_asked(daemon: Daemon, runs: Any, bends: Path) -> None:
     run = runs(bends)
     run.drives()
+    limits = Path(f"/proc/{run.process.pid}/limits").read_text()
+    assert MEMORY < int(limits.split("Max data size")[1].split()[0]) < 4 * MEMORY
     run.process.send_signal(signal.SIGINT)
     code, told, _ = run.end()
     assert code == 0 and told["why"] == "stopped" and daemon.status()["lease"] is None
@@ -145,15 +148,29 @@ def test_who_is_robbed_of_the_lease_leaves_the_motion_of_the_robber_alone(
 
 
 def test_a_policy_that_makes_nan_moves_nothing(daemon: Daemon, runs: Any, tmp_path: Path) -> None:
-    layers = constant(CARD, 0.0)
-    layers[0].weight[3, [CARD.layout["gravity"][1], CARD.layout["height"][0]]] = (
-        3e38  # infinite less infinite
-    )
+    # Infinite twice, then their difference: a single sum is infinite or NaN as the processor adds it up.
+    seen = np.zeros((2, CARD.observations), np.float32)
+    seen[:, CARD.layout["gravity"][1]] = 3e38
+    difference = np.zeros((len(CARD.joints), 2), np.float32)
+    difference[3] = (1.0, -1.0)
+    layers = [
+        NetworkLayer(seen, np.zeros(2, np.float32)),
+        NetworkLayer(difference, np.zeros(len(CARD.joints), np.float32)),
+    ]
     mean, std, _ = plain(CARD)
     save(tmp_path / "nan.onnx", layers, mean, std * 1e-6, 1e30, CARD)
     code, told, complaints = runs(tmp_path / "nan.onnx").end()
-    assert code == 1 and "action of l_shoulder_roll is nan" in told["why"], (told, complaints)
+    assert code == 1 and "action of head_yaw is nan" in told["why"], (told, complaints)
     assert told["steps"] == 0 and "holds: the action" in complaints
+
+
+def test_an_inference_that_does_not_end_ends_the_run_and_moves_nothing(
+    daemon: Daemon, runs: Any, tmp_path: Path
+) -> None:
+    save_model(tmp_path / "loops.onnx", looping(CARD), CARD)
+    code, told, _ = runs(tmp_path / "loops.onnx").end()
+    assert code == 1 and "its inference took more than 1 s" in told["why"]
+    assert told["steps"] == 0 and daemon.status()["lease"] is None
 
 
 def test_a_policy_of_another_robot_is_refused_before_anything_moves(

@@ -1,4 +1,4 @@
-"""`twindctl stream` and `twindctl ingest` as processes, beside a daemon: killed, restarted, cut off."""
+"""`twindctl stream` and the example endpoint as processes, beside a daemon: killed, restarted, cut off."""
 
 import argparse
 import hashlib
@@ -18,12 +18,14 @@ from typing import Any, ClassVar
 import pytest
 
 from tests.end_to_end.concurrent.test_spool_sender import Odd
+from tests.support.doc_pages_text import ROOT
 from tests.support.processes import Daemon, until
 from twind.client import Client, ClientError
 from twind.command_line.verb import UsageError
 from twind.learn.streaming import stream_command as verb
 from twind.learn.streaming.spool import dead_letters
 
+INGEST = ROOT / "docs" / "examples" / "ingest" / "ingest.py"
 PATIENCE = 30.0  # s that a busy machine may take
 
 
@@ -49,15 +51,13 @@ def ctl(*words: str) -> list[str]:
 
 
 class Process:
-    """A verb that goes on, and what it says. `begun` has all of them, until a test is over."""
+    """A command that goes on, and its output. `begun` has all of them, until a test is over."""
 
     begun: ClassVar[list["Process"]] = []
 
-    def __init__(self, *words: str) -> None:
+    def __init__(self, command: list[str]) -> None:
         self.begun.append(self)
-        self._process = subprocess.Popen(
-            ctl("--json", *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.pid = self._process.pid
 
     @property
@@ -95,12 +95,13 @@ def nothing_is_left() -> Iterator[None]:
 
 def begun(out: Path, *more: str, at: str = "http://127.0.0.1:0/") -> tuple[Process, str]:
     """An ingest server that serves, and its address."""
-    process = Process("ingest", "--listen", at.split("/")[2], "--out", str(out), *more)
+    words = ["--listen", at.split("/")[2], "--out", str(out), *more]
+    process = Process([sys.executable, str(INGEST), *words])
     return process, process.first()["url"]
 
 
 def streamer(run: Path, url: str, spool: Path, *more: str) -> Process:
-    return Process("--socket", str(run), "stream", "--url", url, "--spool", str(spool), *more)
+    return Process(ctl("--json", "--socket", str(run), "stream", "--url", url, "--spool", str(spool), *more))
 
 
 def reported(run: Path) -> dict[str, Any] | None:

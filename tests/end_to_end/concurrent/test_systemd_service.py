@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.doc_pages_text import ROOT
 from tests.support.systemd.machine import SYS_RESOURCE, Machine
 from tests.support.systemd.service import Json, Service, Unit
 
@@ -138,7 +139,10 @@ def test_readings_are_sent_by_nobody_that_owns_anything(plain: Service) -> None:
     unit = Unit(machine, "twind-stream.service")
     out = machine.inside("/tmp/ingest/messages.ndjson")
     assert unit.show("UnitFileState") == "disabled"
-    machine.run("systemd-run", "--unit=ingest", "/opt/twind/bin/twindctl", "ingest", "--out", "/tmp/ingest")
+    machine.inside("/tmp/ingest.py").write_bytes((ROOT / "docs/examples/ingest/ingest.py").read_bytes())
+    machine.run(
+        "systemd-run", "--unit=ingest", "/opt/twind/bin/python", "/tmp/ingest.py", "--out", "/tmp/ingest"
+    )
     unit.start()
     try:
         machine.until(lambda: out.exists() and out.read_text().count("\n") > 2, 20.0, "readings")

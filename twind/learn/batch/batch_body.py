@@ -10,15 +10,14 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from twind.learn.camera_renderer import CameraRenderer
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant
-from twind.learn.randomise.delay_histories import DelayHistories
+from twind.learn.environment.camera_renderer import CameraRenderer
+from twind.learn.randomise.disturbances import PushSchedule
 from twind.learn.randomise.episode_draw import DrawSampler
-from twind.learn.randomise.episode_start import EpisodeStart
+from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import BatchModelWriter, PhysicsRandomiser
-from twind.learn.randomise.push_schedule import PushSchedule
 from twind.learn.randomise.randomisation_ranges import ZERO, RandomisationRanges
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Bools, Floats, Ints
 from twind.twin.simulation import hush
 

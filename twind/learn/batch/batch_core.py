@@ -12,16 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.config.robot_file import load_robot
-from twind.learn.action_shaping import ActionShaper, ActionShaping
 from twind.learn.batch.batch_body import BatchBody
-from twind.learn.learning_tasks import task_of
-from twind.learn.observation import BodyReading, ObservationBuilder, Observations
-from twind.learn.observation_layout import COMMAND, PHASE
-from twind.learn.plant_model import plant_of
+from twind.learn.randomise.disturbances import ReadingNoise
 from twind.learn.randomise.randomisation_ranges import load_ranges
-from twind.learn.randomise.reading_noise import ReadingNoise
-from twind.learn.reset_options import Command, command_of
-from twind.learn.reward import RewardFunction
+from twind.learn.task.action_shaping import ActionShaper, ActionShaping
+from twind.learn.task.learning_tasks import Command, command_of, task_of
+from twind.learn.task.observation import BodyReading, ObservationBuilder, Observations
+from twind.learn.task.observation_layout import COMMAND, PHASE
+from twind.learn.task.plant_model import plant_of
+from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Bools, Floats, Ints
 
 Terms = dict[str, Any]  # of the reward, by name: arrays (count,)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from twind.learn.action_shaping import ActionShaping
 from twind.learn.batch.batch_core import BatchCore
 from twind.learn.batch.vector_env import spaces_of
-from twind.learn.observation import Observations
-from twind.learn.reset_options import command_in
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.learning_tasks import command_in
+from twind.learn.task.observation import Observations
 from twind.robot.arrays import Bools
 
 Info = dict[str, Any]

@@ -13,10 +13,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from twind.learn.action_shaping import ActionShaping
 from twind.learn.batch.batch_core import BatchCore, BatchStep
-from twind.learn.observation import Observations
-from twind.learn.reset_options import command_in
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.learning_tasks import command_in
+from twind.learn.task.observation import Observations
 from twind.robot.arrays import Bools, Floats
 
 

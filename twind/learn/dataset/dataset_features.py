@@ -1,4 +1,8 @@
-"""Columns of a data set: their description in `meta/info.json`, and their types as LeRobot requires them."""
+"""Columns of a data set: description in `meta/info.json`, types and statistics as LeRobot requires them.
+
+Keys and shapes of the statistics are those of LeRobot's `meta/stats.json`. Quantiles are exact, over all
+values. LeRobot estimates its own with a histogram, and those of a data set from those of its episodes.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -78,3 +82,25 @@ def _type(feature: Mapping[str, Any]) -> pa.DataType:
     kind = _TYPES[feature["dtype"]]
     # a vector of one is a plain number, for a robot of one joint too
     return kind if feature["shape"] == [1] else pa.list_(kind, feature["shape"][0])
+
+
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+Stats = dict[str, list[Any]]
+
+
+def stats(column: NDArray[Any]) -> Stats:
+    """Return the statistics of a column (k,) or (k, n), k > 0: lists of n numbers (or of 1).
+
+    `count` is the number of frames.
+    """
+    rows = column.reshape(len(column), -1)
+    wide = rows.astype(np.float64)
+    found: Stats = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+    found |= {"mean": wide.mean(axis=0).tolist(), "std": wide.std(axis=0).tolist(), "count": [len(rows)]}
+    quantiles = np.quantile(wide, list(QUANTILES.values()), axis=0)
+    return found | {name: row.tolist() for name, row in zip(QUANTILES, quantiles, strict=True)}
+
+
+def flat(of: Mapping[str, Stats]) -> dict[str, list[Any]]:
+    """Return the statistics as columns of `meta/episodes`: stats/FEATURE/KEY."""
+    return {f"stats/{name}/{key}": value for name, each in of.items() for key, value in each.items()}

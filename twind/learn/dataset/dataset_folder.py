@@ -19,9 +19,8 @@ import pyarrow.parquet as pq
 
 from twind.command_line.verb import Rejected
 from twind.learn.dataset.dataset_card import card
-from twind.learn.dataset.dataset_features import Column, columns, features, schema, table
+from twind.learn.dataset.dataset_features import Column, columns, features, flat, schema, stats, table
 from twind.learn.dataset.episode_collection import DatasetContents
-from twind.learn.dataset.feature_stats import flat, stats
 from twind.learn.dataset.table_shards import NAME, ShardLocation, ShardWriter
 
 VERSION = "v3.0"

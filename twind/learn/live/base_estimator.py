@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from twind.learn.live.state_message import StateMessage
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 
 BOTH = 0.01  # m: within this of the lower sole the other one stands too, the less the higher it is

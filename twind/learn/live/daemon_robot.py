@@ -6,7 +6,7 @@ from typing import Any
 
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.learn.plant_model import Plant, plant_of
+from twind.learn.task.plant_model import Plant, plant_of
 from twind.robot.modes import RobotState
 
 MODES = ("sim", "live")

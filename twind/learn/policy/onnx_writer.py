@@ -1,19 +1,15 @@
-"""The ONNX graph that a policy is written as. What is read of anybody's: `onnx_reader.py`,
-`chain_inference.py`."""
+"""The ONNX graph of a trained network. torch's exporter would need `onnxscript` beside `onnx`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from twind.learn.policy.onnx_session import INPUT, OUTPUT, Rows
 from twind.learn.policy.policy_card import PolicyError
 
-Rows = NDArray[np.float32]
-INPUT = "observation"
-OUTPUT = "action"
-# old enough for every runtime that is still about
+# Old enough for every runtime in use.
 OPSET = 17
 IR = 8
 ACTIVATIONS = {"none": "", "tanh": "Tanh", "relu": "Relu", "elu": "Elu"}

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twind.learn.action_shaping import ActionShaping
-from twind.learn.observation_layout import ObservationLayout
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.observation_layout import ObservationLayout
 from twind.protocol import strict_json
 from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits

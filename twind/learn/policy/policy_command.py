@@ -6,11 +6,13 @@ late or non-finite values make it hold; if they last, it ends. However it ends, 
 
 import argparse
 import json
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 
 from twind.command_line.common_options import add_common_options
-from twind.command_line.verb import DONE, Rejected, show
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 group = "learn"
 
@@ -46,6 +48,8 @@ def command(text: str) -> tuple[float, float, float]:
 
 def run(options: argparse.Namespace) -> int:
     """The exit code. Raises UsageError, Rejected, ClientError."""
+    if find_spec("onnxruntime") is None:
+        raise UsageError(f"policy needs onnxruntime: {how_to_add('policy')}")
     from twind.learn.policy.policy_file import PolicyError, load
 
     try:

@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.action_shaping import ActionShaper
 from twind.learn.live.state_message import STALE, StateMessage
-from twind.learn.observation import BodyReading, ObservationBuilder
-from twind.learn.observation_layout import ObservationLayout
-from twind.learn.policy.policy_card import PolicyCard
+from twind.learn.policy.policy_card import PolicyCard, PolicyError
+from twind.learn.task.action_shaping import ActionShaper
+from twind.learn.task.observation import BodyReading, ObservationBuilder
+from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats
 
 LATE = 0.5  # of a period after its deadline an action is too late
@@ -33,7 +33,7 @@ class ActionSource(Protocol):
     card: PolicyCard
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the action (n,) in -1..1 for an observation (N,)."""
+        """Return the action (n,) in -1..1 for an observation (N,). Raises PolicyError."""
 
 
 class ReadingSource(Protocol):
@@ -67,7 +67,7 @@ class PolicyEnd:
 
 @dataclass(slots=True)
 class PolicyStatistics:
-    """What a pilot has seen, for whoever looks on."""
+    """Figures of a controller, for reports."""
 
     steps: int = 0  # actions that became setpoints, and were taken
     holds: int = 0
@@ -172,7 +172,10 @@ class PolicyController:
             entry = self._observer.layout.names[int(np.argmin(finite))]
             return self.hold(f"entry {entry} of the observation is not finite")
         began = self._clock()
-        action = self._policy.act(seen)
+        try:
+            action = self._policy.act(seen)
+        except PolicyError as error:
+            return PolicyEnd(f"the policy gives no action: {error}")
         ended = self._clock()
         self.figures.inference = ended - began
         good = np.abs(action) <= 1.0 + EXCESS  # NaN is not

@@ -1,55 +1,61 @@
 """A policy in a file: ONNX with its normalisation baked in, and a card that says what it was made for.
 
-A file may come from anybody: its size is bounded before it is read, no library but numpy sees it, no other
-file is opened for it, and only a chain of operations runs whose work is known before: `onnx_reader.py`,
-`chain_inference.py`.
+A file may come from an untrusted source. Its size is bounded before it is read. A model can take all memory,
+go on for ever or end its process while it loads. So each file runs once in a process of its own before this
+process loads it (`python -m twind.learn.policy.policy_file`), within the bounds of `onnx_session.py`.
 """
 
 import os
 import stat
-from collections.abc import Callable, Sequence
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from twind.learn.policy import chain_inference, onnx_writer
+from twind.learn.policy import onnx_writer
 from twind.learn.policy import policy_card as cards
-from twind.learn.policy.onnx_reader import parsed
-from twind.learn.policy.onnx_writer import INPUT, OUTPUT, NetworkLayer, Rows
+from twind.learn.policy.onnx_session import OUTPUT, OnnxSession, Rows, limit_memory
+from twind.learn.policy.onnx_writer import NetworkLayer
 from twind.learn.policy.policy_card import PolicyCard, PolicyError
 
 LARGEST = 8 << 20  # bytes of a file; the network of 24 joints has half a megabyte
 KEY = "twind"  # of the card in `metadata_props`
-Step = Callable[[Rows], Rows]
+CHECKED = 20.0  # s of a check, the start of an interpreter and the import of onnxruntime included
+_REFUSED = 3  # exit code of a check, with the reason on stdout
 
-__all__ = ["NetworkLayer", "Policy", "PolicyCard", "PolicyError", "load", "save"]
+__all__ = ["NetworkLayer", "Policy", "PolicyCard", "PolicyError", "load", "read", "save", "save_model"]
 
 
 class Policy:
-    """What a file holds, ready to run. Not for several threads at once."""
+    """Network and card of a file. Not for several threads at once."""
 
-    def __init__(self, card: PolicyCard, make: Callable[[int | None], Step]) -> None:
-        """`make`: the function for an observation (N,) (None) or for that many of them."""
+    def __init__(self, card: PolicyCard, session: OnnxSession) -> None:
         self.card = card
-        self._make = make
-        self._rows = -1
-        self._one = make(None)
-        self._many = make(None)
+        self._session = session
 
     def act(self, observation: Rows) -> Rows:
-        """The action (n,) for an observation (N,), or (batch, n) for (batch, N). A new array, float32.
+        """Return the action (n,) for an observation (N,), or (batch, n) for (batch, N). A new array, float32.
 
-        NaN where the network makes NaN. Raises ValueError for another shape.
+        NaN where the network makes NaN. Raises ValueError for another shape, PolicyError where the network
+        fails.
         """
         count = self.card.observations
         if observation.shape[-1:] != (count,) or observation.ndim > 2:
             raise ValueError(f"observation {observation.shape}: ({count},) or (batch, {count}) is needed")
-        value = np.asarray(observation, np.float32)
-        if value.ndim == 2 and len(value) != self._rows:
-            self._rows, self._many = len(value), self._make(len(value))
-        run = self._one if value.ndim == 1 else self._many
-        with np.errstate(all="ignore"):  # what is not finite is for who acts on it to see
-            return run(value).copy()
+        rows = np.asarray(observation, np.float32).reshape(-1, count)
+        action = self._session.run(rows)
+        expected = (len(rows), len(self.card.joints))
+        if action.shape != expected or action.dtype != np.float32:
+            raise PolicyError(f"its {OUTPUT} is {action.dtype} {action.shape}, float32 {expected} is needed")
+        return action[0] if observation.ndim == 1 else action
+
+    def ending_long_inferences(self) -> AbstractContextManager[None]:
+        """End each inference that takes more than a second: `act` then raises PolicyError."""
+        return self._session.ending_long_inferences()
 
 
 def save(
@@ -73,13 +79,22 @@ def save(
         raise PolicyError(
             f"the network has {counts[0]} observations and {counts[1]} actions, its card {expected}"
         )
-    made = onnx_writer.build_graph(layers, mean, std, clip)
     model = helper.make_model(
-        made,
+        onnx_writer.build_graph(layers, mean, std, clip),
         producer_name="twind",
         opset_imports=[helper.make_opsetid("", onnx_writer.OPSET)],
         ir_version=onnx_writer.IR,
     )
+    save_model(path, model, card)
+
+
+def save_model(path: str | os.PathLike[str], model: Any, card: PolicyCard) -> None:
+    """Write any `onnx.ModelProto` with its card, whole or not at all. Raises PolicyError, OSError.
+
+    The model maps `observation` (batch, N) to `action` (batch, n) in -1..1, both float32; `load` checks that.
+    """
+    from onnx import helper
+
     helper.set_model_props(model, {KEY: card.text()})
     place = Path(path)
     beside = place.with_name(f".{place.name}.{os.getpid()}")
@@ -91,11 +106,33 @@ def save(
 
 
 def load(path: str | os.PathLike[str]) -> Policy:
-    """The policy of a file, checked and tried once. Raises PolicyError naming the file."""
+    """Return the policy of a file, tried in a process of its own. Raises PolicyError naming the file."""
     try:
-        return _loaded(_bytes(Path(path)))
+        data = _bytes(Path(path))
+        _require_runnable(data)
+        return read(data)
     except PolicyError as error:
         raise PolicyError(f"{path}: {error}") from None
+
+
+def read(data: bytes) -> Policy:
+    """Return the policy of the bytes of a file, run once in this process. Raises PolicyError."""
+    session = OnnxSession(data)
+    text = session.metadata.get(KEY)
+    if text is None:
+        remedy = "write it with `twindctl train`, `save` or `save_model`"
+        raise PolicyError(f"has no card ({KEY!r} in its metadata): {remedy}")
+    card = cards.read(text)
+    session.require_shapes(card.observations, len(card.joints))
+    policy = Policy(card, session)
+    action = policy.act(np.zeros(card.observations, np.float32))
+    if not np.isfinite(action).all():
+        joint = int(np.argmin(np.isfinite(action)))
+        raise PolicyError(
+            f"its action of {card.joints[joint]} is {action[joint]} for an observation of zeros, "
+            "finite numbers are needed: check its weights"
+        )
+    return policy
 
 
 def _bytes(path: Path) -> bytes:
@@ -103,7 +140,7 @@ def _bytes(path: Path) -> bytes:
         # Not blocking: a FIFO of that name would wait for ever.
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise PolicyError("is no file")
+                raise PolicyError("is no regular file")
             data = file.read(LARGEST + 1)
     except OSError as error:
         raise PolicyError(error.strerror or str(error)) from None
@@ -112,33 +149,33 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _loaded(data: bytes) -> Policy:
-    model = parsed(data)
-    texts = [value for key, value in model.metadata if key == KEY]
-    if len(texts) != 1:
-        raise PolicyError(f"has no card ({KEY!r} in its metadata): write it with `twindctl train`, or `save`")
-    card = cards.read(texts[0])
-    _require_same((model.observations, model.actions), card)
-    steps = chain_inference.chain(model)
-    policy = Policy(card, lambda rows: chain_inference.compiled(steps, rows, card.observations))
-    _try(policy)
-    return policy
-
-
-def _require_same(counts: tuple[int, int], card: PolicyCard) -> None:
-    for what, has, said in (
-        (INPUT, counts[0], card.observations),
-        (OUTPUT, counts[1], len(card.joints)),
-    ):
-        if has != said:
-            raise PolicyError(f"its {what} has {has} entries, its card says {said}")
-
-
-def _try(policy: Policy) -> None:
-    """Once, where nothing moves yet: what only fails when it runs must fail here."""
+def _require_runnable(data: bytes) -> None:
+    """Load the bytes of a file and run them once, in a process of its own. Raises PolicyError."""
+    command = [sys.executable, "-m", "twind.learn.policy.policy_file"]
     try:
-        action = policy.act(np.zeros(policy.card.observations, np.float32))
-    except Exception as error:  # noqa: BLE001  whatever an array of anybody's can raise
-        raise PolicyError(f"it cannot be run: {' '.join(str(error).split())[:200]}") from None
-    if action.shape != (len(policy.card.joints),) or action.dtype != np.float32:
-        raise PolicyError(f"its action is {action.dtype}{action.shape}, one float32 per joint is needed")
+        done = subprocess.run(command, input=data, capture_output=True, timeout=CHECKED, check=False)
+    except subprocess.TimeoutExpired:
+        raise PolicyError(f"its first inference was not done within {CHECKED:g} s") from None
+    if done.returncode == _REFUSED:
+        raise PolicyError(done.stdout.decode(errors="replace"))
+    if done.returncode:
+        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise PolicyError(f"its check ended with exit code {done.returncode}: {reason[:200]}")
+
+
+def _main() -> int:
+    """Check the policy file on stdin; 0: it can be run."""
+    import onnxruntime  # noqa: F401  what it takes by itself is no part of the limit
+
+    data = sys.stdin.buffer.read()
+    limit_memory()
+    try:
+        read(data)
+    except PolicyError as error:
+        sys.stdout.buffer.write(str(error).encode(errors="replace"))
+        return _REFUSED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

@@ -1,4 +1,4 @@
-"""One drive: a pilot at its beat, from a connection that listens to one that sends. Knows no terminal."""
+"""One drive of a policy: states from one connection, setpoints to another, in time. Knows no terminal."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError, Refused
-from twind.learn.live.control_clock import ControlClock
-from twind.learn.live.rate_timer import RateTimer, in_step
+from twind.learn.live.control_timing import ControlClock, RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.policy_controller import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 
-SHOWN = 0.5  # s between two looks at the drive
-SAID = 1.0  # s between two holds that are told
+SHOWN = 0.5  # s between two reports of the figures
+SAID = 1.0  # s between two reports of a hold
 KEPT = 100_000  # steps whose times are kept: 33 minutes at 50 Hz
 LAST = 5  # holds of which the reason is kept
 ROUNDING = 1e-6  # s
 RECENT = 250  # steps that the live line is about
-# Who may drive at all: no state of the robot or the policy will change these.
+# Refusals that no later state of the robot or the policy changes.
 FINAL = frozenset(
     {"LEASE_MISSING", "LEASE_LOST", "ESTOP", "ESTOP_LATCHED", "FAULT_LATCHED", "NOT_ARMED", "MODE_DENIES"}
 )
@@ -34,7 +33,7 @@ def _times() -> deque[float]:
 
 @dataclass(slots=True)
 class PolicyRunLog:
-    """What a drive was like. Times in s."""
+    """Figures of a drive. Times in s."""
 
     began: float = 0.0
     ended: float = 0.0
@@ -46,13 +45,15 @@ class PolicyRunLog:
     refusals: Counter[tuple[str, str]] = field(default_factory=Counter)  # by code and joint
     holds: deque[str] = field(default_factory=lambda: deque(maxlen=LAST))  # why, of the last ones
 
-    def plain(self, pilot: PolicyController, beat: RateTimer | None, recent: int = KEPT) -> dict[str, Any]:
-        """Figures as JSON; of the last `recent` steps where they are times, in ms."""
-        seen = pilot.figures
+    def plain(
+        self, controller: PolicyController, timer: RateTimer | None, recent: int = KEPT
+    ) -> dict[str, Any]:
+        """Return the figures as JSON; of the last `recent` steps where they are times, in ms."""
+        seen = controller.figures
         past = self.ended - self.began
         told: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
         told["rate_hz"] = round(seen.steps / past, 2) if past > 0.0 else None
-        told["missed"] = 0 if beat is None else beat.missed
+        told["missed"] = 0 if timer is None else timer.missed
         for name in ("late", "inference", "way"):
             told |= _spread(name, list(islice(reversed(getattr(self, name)), recent)))
         refusals: dict[str, dict[str, int]] = {}
@@ -79,39 +80,39 @@ class PolicyRun:
 
     def __init__(
         self,
-        pilot: PolicyController,
-        senses: StateSubscriber,
-        reins: SetpointSession,
+        controller: PolicyController,
+        subscriber: StateSubscriber,
+        session: SetpointSession,
         period: float,
         loop: float,
         clock: ControlClock,
         say: Callable[[str], None],
     ) -> None:
-        """`period`: s of control; `loop`: s of the daemon's loop; `say`: is told of holds."""
+        """`period`: s of control; `loop`: s of the daemon's loop; `say`: receives the reason of a hold."""
         self._clock = clock
         self._say = say
-        self._pilot = pilot
-        self._senses = senses
-        self._reins = reins
+        self._controller = controller
+        self._subscriber = subscriber
+        self._session = session
         self._period = period
         self._loop = loop
-        self._mode = senses.status["mode"]
+        self._mode = subscriber.status["mode"]
         self.log = PolicyRunLog()
         self._told = -inf
-        self.beat: RateTimer | None = None
+        self.timer: RateTimer | None = None
 
     def run(
         self, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
     ) -> tuple[bool, str]:
-        """Until `seconds` have passed or `stop`; whether it ended as asked, and why."""
+        """Drive until `seconds` have passed or `stop`. Return whether it ended as asked, and why."""
         self.log.began = self.log.ended = self._clock.now()
         try:
-            states = self._senses.next_states()
-            self._reins.take()  # where that took long, a lease has lapsed; nothing moves yet
+            states = self._subscriber.next_states()
+            self._session.take()  # where that took long, a lease has lapsed; nothing moves yet
             if not states:
                 return False, self._end_reason() or "no states are heard"
-            beat = self.beat = in_step(states, self._clock.now(), self._period, self._loop)
-            return self._beats(beat, seconds, stop, tell)
+            timer = self.timer = in_step(states, self._clock.now(), self._period, self._loop)
+            return self._run_periods(timer, seconds, stop, tell)
         except ClientError as error:
             return False, str(error)
         finally:
@@ -119,45 +120,45 @@ class PolicyRun:
             self._settle()
 
     def _settle(self) -> None:
-        """What the gate said of the last setpoint counts too."""
+        """Count the gate's answer to the last setpoint too."""
         try:
-            self._reins.settle()
+            self._session.settle()
         except Refused as refusal:
             self.log.refusals.update(_finding_joints(refusal))
         except ClientError:
             pass  # why the drive ended is known already
 
-    def _beats(
-        self, beat: RateTimer, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
+    def _run_periods(
+        self, timer: RateTimer, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
     ) -> tuple[bool, str]:
         log = self.log
         shown = 0.0
-        log.began = beat.deadline
+        log.began = timer.deadline
         while True:
-            self._clock.sleep_until(beat.deadline)
+            self._clock.sleep_until(timer.deadline)
             now = log.ended = self._clock.now()
             if stop() or now - log.began >= seconds - ROUNDING:
                 return True, "stopped" if stop() else f"{seconds:g} s are over"
             why = self._end_reason()
             if why:
                 return False, why
-            log.late.append(now - beat.deadline)
-            ended = self._step(beat.deadline)
+            log.late.append(now - timer.deadline)
+            ended = self._step(timer.deadline)
             if ended is not None:
                 return False, ended
             if now - shown >= SHOWN:
                 shown = now
                 tell(self)
-            missed = beat.advance(self._clock.now())
+            missed = timer.advance(self._clock.now())
             if missed:
-                before = self._pilot.figures.holds
-                self._pilot.record_missed_periods(missed, lapsed=self._reins.lapses(missed))
+                before = self._controller.figures.holds
+                self._controller.record_missed_periods(missed, lapsed=self._session.lapses(missed))
                 self._note(before)
 
     def _step(self, deadline: float) -> str | None:
         """One period; why it is the last one, None: it is not."""
-        before = self._pilot.figures.holds
-        asked = self._pilot.step(self._senses.newest, deadline)
+        before = self._controller.figures.holds
+        asked = self._controller.step(self._subscriber.newest, deadline)
         done = self._send(asked) if isinstance(asked, PolicySetpoint) else asked
         self._note(before)
         if isinstance(done, PolicyHold):
@@ -165,13 +166,13 @@ class PolicyRun:
         return done.reason if isinstance(done, PolicyEnd) else None
 
     def _note(self, before: int) -> None:
-        """A hold that has begun since there were `before`."""
-        if self._pilot.figures.holds > before:
-            self.log.holds.append(str(self._pilot.holding))
-            self._report_hold(str(self._pilot.holding))
+        """Report a hold that has begun since there were `before`."""
+        if self._controller.figures.holds > before:
+            self.log.holds.append(str(self._controller.holding))
+            self._report_hold(str(self._controller.holding))
 
     def _report_hold(self, reason: str) -> None:
-        """Holds that follow each other closely are counted, not told."""
+        """Report a hold, unless one was reported within the last second."""
         now = self._clock.now()
         if now - self._told >= SAID:
             self._told = now
@@ -179,23 +180,25 @@ class PolicyRun:
 
     def _keep(self, hold: PolicyHold) -> PolicyHold | PolicyEnd:
         try:
-            self._reins.keep()
+            self._session.keep()
         except Refused as refusal:
             return self._handle_refusal(refusal)
         return hold
 
     def _send(self, setpoint: PolicySetpoint) -> PolicyHold | PolicyEnd | None:
         log = self.log
-        seen = self._pilot.figures
+        seen = self._controller.figures
         log.inference.append(seen.inference)
         before = self._clock.now()
         try:
             # After a hold the gate must have taken one before the drive goes on.
-            self._reins.send(setpoint.position, setpoint.velocity, wait=self._pilot.holding is not None)
+            self._session.send(
+                setpoint.position, setpoint.velocity, wait=self._controller.holding is not None
+            )
         except Refused as refusal:
             return self._handle_refusal(refusal)
         log.way.append(before - seen.source)
-        self._pilot.record_acceptance()
+        self._controller.record_acceptance()
         return None
 
     def _handle_refusal(self, refusal: Refused) -> PolicyHold | PolicyEnd:
@@ -203,13 +206,13 @@ class PolicyRun:
         self.log.refusals.update(found)
         if any(code in FINAL for code, _ in found):
             return PolicyEnd(f"refused: {refusal}")
-        return self._pilot.hold(f"refused: {found[0][0]} {found[0][1]}".rstrip() if found else "refused")
+        return self._controller.hold(f"refused: {found[0][0]} {found[0][1]}".rstrip() if found else "refused")
 
     def _end_reason(self) -> str:
-        """Why nobody drives this robot any more; "": somebody does."""
-        if self._senses.ended:
-            return self._senses.ended
-        status = self._senses.status
+        """Return why the drive cannot go on; "": it can."""
+        if self._subscriber.ended:
+            return self._subscriber.ended
+        status = self._subscriber.status
         if status["mode"] != self._mode:
             return f"the mode is now {status['mode']}, it was {self._mode}"
         if self._mode == "live" and not status["armed"]:
@@ -218,7 +221,7 @@ class PolicyRun:
 
 
 def _finding_joints(refusal: Refused) -> list[tuple[str, str]]:
-    """Code and joint of each finding."""
+    """Return code and joint of each finding."""
     return [(str(each.get("code")), str(each.get("joint") or "")) for each in refusal.findings]
 
 

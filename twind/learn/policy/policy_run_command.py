@@ -25,9 +25,8 @@ from twind.command_line.verb import (
     operator,
     show,
 )
-from twind.learn.learning_tasks import LearningTask, task_of
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.control_timing import SystemClock
 from twind.learn.live.daemon_robot import (
     ANEW,
     RobotMismatch,
@@ -38,12 +37,14 @@ from twind.learn.live.daemon_robot import (
 )
 from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
-from twind.learn.plant_model import Plant
+from twind.learn.policy.onnx_session import limit_memory
 from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
 from twind.learn.policy.policy_run import RECENT, PolicyRun
-from twind.learn.reward import RewardFunction
+from twind.learn.task.learning_tasks import LearningTask, task_of
+from twind.learn.task.plant_model import Plant
+from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
 
@@ -74,7 +75,7 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         told = client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
     plant = _fitting(card, told, status, rate_hz)
-    pilot = PolicyController(
+    controller = PolicyController(
         policy,
         BaseEstimator(plant),
         RewardFunction(task, plant).fallen,
@@ -82,7 +83,8 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         _command(options, card, task),
         SystemClock().now,
     )
-    return _drive(options, pilot, card, rate_hz)
+    with policy.ending_long_inferences():
+        return _drive(options, controller, card, rate_hz)
 
 
 def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
@@ -112,10 +114,12 @@ def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) 
     return np.array(given, np.float64)
 
 
-def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCard, rate_hz: float) -> int:
-    senses = StateSubscriber(observer(options), card.joints, rate_hz)
+def _drive(
+    options: argparse.Namespace, controller: PolicyController, card: PolicyCard, rate_hz: float
+) -> int:
+    subscriber = StateSubscriber(observer(options), card.joints, rate_hz)
     try:
-        reins = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
+        session = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
         try:
             with catch_stop_signals() as stop, ProgressLine(options, "policy") as progress:
 
@@ -124,21 +128,27 @@ def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCar
                     print(f"twindctl: holds: {harmless(reason)}", file=sys.stderr, flush=True)
 
                 drive = PolicyRun(
-                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), print_reason
+                    controller,
+                    subscriber,
+                    session,
+                    card.shaping.period,
+                    1.0 / rate_hz,
+                    SystemClock(),
+                    print_reason,
                 )
-                good, why = _move_and_run(options, drive, reins, pilot, stop, progress)
+                good, why = _move_and_run(options, drive, session, controller, stop, progress)
         finally:
-            reins.drop()
+            session.drop()
     finally:
-        senses.close()
-    return _report(options, drive, pilot, good, why, senses.status)
+        subscriber.close()
+    return _report(options, drive, controller, good, why, subscriber.status)
 
 
 def _move_and_run(
     options: argparse.Namespace,
     drive: PolicyRun,
-    reins: SetpointSession,
-    pilot: PolicyController,
+    session: SetpointSession,
+    controller: PolicyController,
     stop: threading.Event,
     progress: ProgressLine,
 ) -> tuple[bool, str]:
@@ -150,20 +160,21 @@ def _move_and_run(
             raise _RunInterrupted
 
     try:
-        reins.go(pilot.shaper.default, check)
+        session.go(controller.shaper.default, check)
     except _RunInterrupted:
         return True, "stopped"
     except PoseNotReached as error:
         return False, str(error)
+    limit_memory()  # after all that a drive loads
     gc.collect()
     gc.freeze()  # what is here stays: no collection looks at it while it drives
 
     def print_state(drive: PolicyRun) -> None:
         if options.json:
-            told = {"phase": "running"} | drive.log.plain(pilot, drive.beat, RECENT)
+            told = {"phase": "running"} | drive.log.plain(controller, drive.timer, RECENT)
             print(json.dumps(told), flush=True)
         elif progress.live:
-            progress.update(_line(drive.log.plain(pilot, drive.beat, RECENT), pilot.holding))
+            progress.update(_line(drive.log.plain(controller, drive.timer, RECENT), controller.holding))
 
     return drive.run(options.seconds or inf, stop.is_set, print_state)
 
@@ -184,13 +195,13 @@ def _ms(value: float | None) -> str:
 def _report(
     options: argparse.Namespace,
     drive: PolicyRun,
-    pilot: PolicyController,
+    controller: PolicyController,
     good: bool,
     why: str,
     status: Mapping[str, Any],
 ) -> int:
     told: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
-        pilot, drive.beat
+        controller, drive.timer
     )
     lines = [why] if good else []
     lines += _figures(told) if told["late_max_ms"] is not None else []

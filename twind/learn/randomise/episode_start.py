@@ -1,4 +1,4 @@
-"""The state that an episode begins in, as drawn: standing on the floor, a little off its pose."""
+"""State that an episode begins in: the robot on the floor, a little off its pose, and histories of delays."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from twind.learn.randomise.episode_draw import EpisodeDraw
 from twind.learn.randomise.physics_randomiser import ModelAddresses
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, Ints
 from twind.twin.base_pose import touch_down, touching
 
 
@@ -47,3 +47,44 @@ class EpisodeStart:
         qpos[:] = self._qpos
         qpos[at.qpos] = joints + draw.encoder_zero
         return qpos, velocity
+
+
+_HEADER = 2  # of a buffer: what its user keeps, and the cursor; then the times, then the samples
+
+
+class DelayHistories:
+    """Where `mjData.history` of a model has the samples of its controls and sensors."""
+
+    def __init__(self, model: Any) -> None:
+        kept = zip(model.actuator_historyadr, model.actuator_history[:, 0], strict=True)
+        self._controls = [
+            (control, _slots(at, samples, 1)) for control, (at, samples) in enumerate(kept) if samples
+        ]
+        told = zip(
+            model.sensor_historyadr,
+            model.sensor_history[:, 0],
+            model.sensor_adr,
+            model.sensor_dim,
+            strict=True,
+        )
+        self._sensors = [
+            (slice(first, first + size), _slots(at, samples, size))
+            for at, samples, first, size in told
+            if samples
+        ]
+
+    def fill_controls(self, history: Floats, control: Floats) -> None:
+        """The controls were `control` (nu,) all along; `history` (nhistory,) is changed."""
+        for each, slots in self._controls:
+            history[slots] = control[each]
+
+    def fill_sensors(self, history: Floats, told: Floats) -> None:
+        """The sensors have told `told` (nsensordata,) all along: what a forward pass without delay tells."""
+        for of, slots in self._sensors:
+            history[slots] = told[of]
+
+
+def _slots(address: int, samples: int, size: int) -> Ints:
+    """(samples, size): the places in `history` of a buffer that begins at `address`."""
+    first = address + _HEADER + samples
+    return np.arange(first, first + samples * size, dtype=np.int64).reshape(samples, size)

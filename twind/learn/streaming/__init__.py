@@ -1,4 +1,4 @@
-"""What a robot does, sent to an HTTP endpoint while it happens: `twindctl stream`, `twindctl ingest`.
+"""Readings of a robot, sent to an HTTP endpoint while they happen: `twindctl stream`.
 
 A client of observe.sock. Standard library, numpy and msgspec: none of the learning extras.
 """

@@ -3,7 +3,7 @@
 A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and
 stays there until the endpoint has accepted it. An endpoint that keeps one message of each key has every
 sample once. If messages are too many or too old, the oldest are dropped and counted: their numbers are
-missing. `twindctl ingest` is a test endpoint.
+missing. docs/examples/ingest/ingest.py is an endpoint to try it with.
 """
 
 from __future__ import annotations

@@ -6,10 +6,14 @@ the first longer than it helps, and the simulations, which do use every core, wa
 
 import io
 from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from twind.learn.batch.batch_core import BatchCore
+from twind.learn.policy.policy_file import NetworkLayer, PolicyCard, save
 from twind.learn.training.training_settings import TrainingSettings
 
 FORMAT = "twind-checkpoint/1"
@@ -46,7 +50,7 @@ def _make_env(settings: TrainingSettings) -> Any:
     """One environment that ends by itself when its time is up."""
     from gymnasium.wrappers import TimeLimit
 
-    from twind.learn.robot_env import RobotEnv
+    from twind.learn.environment.robot_env import RobotEnv
 
     env = RobotEnv(settings.task, settings.robot, randomise=settings.profile)
     return TimeLimit(env, env.task.steps(env.shaping.period))
@@ -166,8 +170,8 @@ class PpoLearner:
 
     @property
     def _longest(self) -> int:
-        from twind.learn.action_shaping import ActionShaping
-        from twind.learn.learning_tasks import task_of
+        from twind.learn.task.action_shaping import ActionShaping
+        from twind.learn.task.learning_tasks import task_of
 
         return task_of(self.settings.task).steps(ActionShaping().period)
 
@@ -175,3 +179,46 @@ class PpoLearner:
 def _seed(seed: int, steps: int) -> int:
     """32 bits that no other pair of seed and steps is likely to have."""
     return int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
+
+
+def layers(policy: Any) -> list[NetworkLayer]:
+    """Return the layers of an `ActorCriticPolicy` with tanh.
+
+    They map the normalised observation to the mean of the actions.
+    """
+    from torch import nn
+
+    found = [_layer(each, "tanh") for each in policy.mlp_extractor.policy_net if isinstance(each, nn.Linear)]
+    return [*found, _layer(policy.action_net, "none")]
+
+
+def _layer(linear: Any, after: Any) -> NetworkLayer:
+    """A copy: the network goes on learning."""
+    weight, bias = (
+        each.detach().numpy().astype(np.float32, copy=True) for each in (linear.weight, linear.bias)
+    )
+    return NetworkLayer(weight, bias, after)
+
+
+def export(
+    path: Path, model: Any, settings: TrainingSettings, core: BatchCore, figures: Mapping[str, float]
+) -> None:
+    """Write the policy file of `model`, an SB3 PPO on a VecNormalize. Raises PolicyError, OSError."""
+    normal = model.get_vec_normalize_env()
+    mean = normal.obs_rms.mean.astype(np.float32)
+    std = np.sqrt(normal.obs_rms.var + normal.epsilon).astype(np.float32)
+    plant = core.plant
+    names = ("forward", "left", "turn")
+    card = PolicyCard.for_training(
+        settings.task,
+        plant.binding.robot.name,
+        plant.layout,
+        plant.binding.limits,
+        plant.default,
+        core.shaping,
+        command=dict(zip(names, core.task.command, strict=True)),
+        trained_steps=model.num_timesteps,
+        evaluation=dict(figures),
+        notes={"seed": str(settings.seed), "profile": settings.profile or "none"},
+    )
+    save(path, layers(model.policy), mean, std, float(normal.clip_obs), card)

@@ -20,7 +20,7 @@ from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 group = "learn"
 
-NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
+NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "onnxruntime", "matplotlib")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
 FIGURES: tuple[tuple[str, Any, str, str], ...] = (
     (
@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """What was said, and nothing that was not. Raises UsageError: no such task."""
-    from twind.learn.learning_tasks import task_of
+    from twind.learn.task.learning_tasks import task_of
 
     names = ("robot", "profile", "kind", "hidden", *(name for name, *_ in FIGURES))
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
@@ -132,8 +132,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _settings(given: dict[str, Any]) -> Any:
-    from twind.learn.training.training_origin import originated
-    from twind.learn.training.training_settings import make_settings
+    from twind.learn.training.training_settings import make_settings, originated
 
     try:
         settings = make_settings(given["task"], given)
@@ -147,8 +146,7 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
     from dataclasses import replace
 
     from twind.learn.training.training_folder import read_run
-    from twind.learn.training.training_origin import describe_changes
-    from twind.learn.training.training_settings import differences
+    from twind.learn.training.training_settings import describe_changes, differences
 
     settings, before = read_run(folder.path)
     wrong = differences(settings, given) + describe_changes(settings)

@@ -15,11 +15,10 @@ from typing import Any
 
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import Rejected
-from twind.learn.policy.policy_file import load
+from twind.learn.policy.policy_file import read
 from twind.learn.training import learning_curve
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score
-from twind.learn.training.policy_export import export
-from twind.learn.training.ppo_learner import THREADS, PpoLearner
+from twind.learn.training.ppo_learner import THREADS, PpoLearner, export
 from twind.learn.training.training_folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
 from twind.learn.training.training_reporter import TrainingReporter, bar
 from twind.learn.training.training_settings import TrainingSettings
@@ -144,7 +143,7 @@ class Trainer:
         progress.update(f"evaluating on {self._settings.episodes} episodes")
         core = self._trials.core
         export(path / CANDIDATE, learner.model, self._settings, core, {})
-        score = self._trials.judge(load(path / CANDIDATE).act)
+        score = self._trials.judge(read((path / CANDIDATE).read_bytes()).act)
         (path / CANDIDATE).unlink()
         figures.points.append((learner.steps, score))
         progress.clear()

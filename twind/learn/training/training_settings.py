@@ -1,8 +1,16 @@
-"""What a training is: task, robot, the figures of PPO. Kept with the run, compared by who resumes it."""
+"""Settings of a training: task, robot, the figures of PPO, and hashes of the files that they name.
 
+Kept with the run, and compared when it is resumed.
+"""
+
+import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
+
+from twind.config.robot_file import load_robot
+from twind.config.yaml_tree import read_text
+from twind.learn.randomise.randomisation_ranges import file_of
 
 KINDS = ("batch", "dummy", "subproc")  # how environments run: one batch, one after the other, a process each
 
@@ -14,7 +22,7 @@ class TrainingSettings:
     task: str
     robot: str = "h24"  # name or path of a robot file
     profile: str | None = None  # of the ranges of randomisation, or a file of them
-    # of robot file and MJCF, as they were when the training began (`training_origin.py`)
+    # of robot file and MJCF, as they were when the training began
     robot_sha256: str = ""
     profile_sha256: str = ""  # of the file of ranges
     seed: int = 0
@@ -89,3 +97,29 @@ def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]
 
 def _format_value(value: Any) -> str:
     return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)[:80]
+
+
+def originated(settings: TrainingSettings) -> TrainingSettings:
+    """Return the settings with the current hashes of their files.
+
+    These are the robot file with its MJCF (without meshes), and the file of ranges. Raises ConfigError.
+    """
+    robot = load_robot(settings.robot)
+    profile = settings.profile
+    ranges = "" if profile is None else _hash(read_text(file_of(profile)))
+    return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
+
+
+def describe_changes(settings: TrainingSettings) -> list[str]:
+    """Return a sentence for each file that has changed since the training began. Raises ConfigError."""
+    now = originated(settings)
+    found = []
+    if now.robot_sha256 != settings.robot_sha256:
+        found.append(f"the robot file {settings.robot} or its MJCF has changed since")
+    if now.profile_sha256 != settings.profile_sha256:
+        found.append(f"the ranges of {settings.profile} have changed since")
+    return found
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -8,16 +8,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.records import Attachment, Message
 from numpy.typing import NDArray
 
 from twind.observe.recording.joint_rows import JointRows
-from twind.observe.recording.mcap_records import (
-    McapAttachment,
-    McapMessage,
-    McapMetadata,
-    McapScanner,
-    NotMcap,
-)
+from twind.observe.recording.mcap_records import McapContent, McapScanner, NotMcap
 from twind.observe.recording.recording_columns import (
     Floats,
     ImuColumns,
@@ -117,27 +112,27 @@ class _McapContents:
         self.meta: dict[str, str] = {}
         self.start: int | None = None  # ns, of the first message
 
-    def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
+    def take(self, each: McapContent) -> None:
         """Store one message, attachment or metadata record. Raises CdrError, or one of FOREIGN."""
-        if isinstance(each, McapMessage):
-            topic = self.file.channels[each.channel].topic
+        if isinstance(each, Message):
+            topic = self.file.channels[each.channel_id].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
             if topic == INERTIAL:
                 self.felt.add(each.log_time, each.data)
             elif topic in SAID:
                 self.said.setdefault(topic, []).append(TopicMessage(each.log_time, each.data))
-            elif topic in self.states or self._is_state(each.channel):
+            elif topic in self.states or self._is_state(each.channel_id):
                 self.states.setdefault(topic, JointRows()).add(each.log_time, each.data)
-        elif isinstance(each, McapAttachment):
+        elif isinstance(each, Attachment):
             self.files[each.name] = each.data
         elif each.name == ABOUT:
-            self.meta |= each.data
+            self.meta |= each.metadata
 
     def _is_state(self, number: int) -> bool:
         channel = self.file.channels[number]
-        schema = self.file.schemas.get(channel.schema)
+        schema = self.file.schemas.get(channel.schema_id)
         names = (JOINT_STATE, JOINT_STATE.replace("/msg/", "/"))
-        return schema is not None and schema.name in names and channel.encoding == "cdr"
+        return schema is not None and schema.name in names and channel.message_encoding == "cdr"
 
 
 def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
@@ -215,7 +210,10 @@ def _damage(file: McapScanner) -> str:
     if not (file.cut or file.indexed):
         parts.append("it has no index: a full disk may have ended it, and what came then is not in it")
     if file.damaged:
-        parts.append(f"{file.damaged} chunks do not match their checksums, or are too large: left out")
+        first = f"the first at byte {file.damage}"
+        parts.append(
+            f"{file.damaged} chunks do not match their checksums, or are too large: left out, {first}"
+        )
     return "; ".join(parts)
 
 

@@ -1,77 +1,37 @@
-"""The records of an .mcap file one after the other, as far as they are whole: also of a file that was cut.
+"""Records of an .mcap file one after the other, as far as they are whole: also of a file that was cut.
 
-No index is used, so a file without its end gives all that was written of it.
+No index is used, so a file without its end gives all that was written of it. `mcap` parses every record but
+messages. Its stream reader is not used: it ends at a damaged chunk and at a record above its bound. It lets a
+field reach beyond its record, gives a chunk the memory that it claims, and takes 6 µs for a message, not 1.
 """
 
 import os
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, TypeAlias
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Metadata, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
-LARGEST = 64 << 20  # bytes of a record, and of what a chunk holds: whoever made the file wrote its sizes
+LARGEST = 64 << 20  # bytes of a record, and of the content of a chunk
 _HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_HEADER = 1
-_FOOTER = 2
-_SCHEMA = 3
-_CHANNEL = 4
-_MESSAGE_CODE = 5
-_CHUNK = 6
-_ATTACHMENT = 9
-_METADATA = 12
+_PARSERS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+}
 
-
-class McapMessage(NamedTuple):
-    """One message. Times in ns."""
-
-    channel: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class McapSchema:
-    """What the messages of a channel are."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class McapChannel:
-    """Where messages come from. `schema` is its number, 0: none."""
-
-    topic: str
-    encoding: str
-    schema: int
-    metadata: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class McapAttachment:
-    """A file in the file. Times in ns."""
-
-    name: str
-    media_type: str
-    log_time: int
-    create_time: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class McapMetadata:
-    """Words by name."""
-
-    name: str
-    data: dict[str, str]
+McapContent: TypeAlias = Message | Attachment | Metadata
 
 
 class NotMcap(Exception):
@@ -85,20 +45,24 @@ class McapScanner:
     """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
 
     After the pass: `cut`, why and where it ended too early (empty: it is whole), `kept` bytes up to there,
-    `indexed`: it has an index, which is written last; and `damaged`, how many chunks did not match their
-    checksum, or were larger than LARGEST, and were left out.
+    `indexed`: it has an index, which is written last; `damaged`, how many chunks were left out because they
+    did not match their checksum or were larger than LARGEST; and `damage`, the byte where the first begins.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.size = os.stat(path).st_size
-        self.profile = self.library = self.cut = ""
-        self.schemas: dict[int, McapSchema] = {}
-        self.channels: dict[int, McapChannel] = {}
-        self.kept = self.damaged = 0
+        self.profile = ""
+        self.library = ""
+        self.cut = ""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.kept = 0
+        self.damaged = 0
+        self.damage = 0
         self.indexed = False
 
-    def contents(self) -> Iterator[McapMessage | McapAttachment | McapMetadata]:
+    def contents(self) -> Iterator[McapContent]:
         """All that is whole, in the order of the file. Raises NotMcap, OSError."""
         with open(self.path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -106,12 +70,12 @@ class McapScanner:
             self.kept = len(MAGIC)
             for code, data in self._records(file):
                 try:
-                    yield from self._record(code, data)
+                    yield from self._take(code, data)
                 except (struct.error, UnicodeDecodeError):
                     self.cut = f"what stands at byte {self.kept} is no record"
                     return
                 self.kept = file.tell()
-                if code == _FOOTER:
+                if code == Opcode.FOOTER:
                     end = file.read()
                     self.cut = "" if end == MAGIC else "its last bytes are missing"
                     self.kept += len(end) if end == MAGIC else 0
@@ -129,79 +93,86 @@ class McapScanner:
                 self.cut = f"the record at byte {self.kept} is not whole"
                 return
             if length > LARGEST:
-                self.damaged += 1
+                self._leave_out()
                 file.seek(length, os.SEEK_CUR)
                 continue
             yield code, file.read(length)
 
-    def _record(self, code: int, data: bytes) -> Iterator[McapMessage | McapAttachment | McapMetadata]:
-        if code == _CHUNK:
-            yield from self._chunk(data)
-        elif code == _MESSAGE_CODE:
+    def _take(self, code: int, data: bytes) -> Iterator[McapContent]:
+        if code == Opcode.MESSAGE:
             yield _message(data, 0, len(data))
-        elif code == _METADATA:
-            source = _RecordFields(data)
-            yield McapMetadata(source.text(), source.table())
-        elif code == _ATTACHMENT:
-            source = _RecordFields(data)
-            log_time, create_time = source.numbers("QQ")
-            name, media_type, (size,) = source.text(), source.text(), source.numbers("Q")
-            yield McapAttachment(name, media_type, log_time, create_time, source.bytes(size))
-        elif code == _HEADER:
-            source = _RecordFields(data)
-            self.profile = source.text()
-            self.library = source.text()
-        elif code == _FOOTER:
-            start, *_ = _RecordFields(data).numbers("QQI")
-            self.indexed = start > 0
-        else:
-            self._described(code, data)
+            return
+        parser = _PARSERS.get(code)
+        record = None if parser is None else parser.read(ReadDataStream(_RecordBytes(data)))
+        if isinstance(record, Attachment | Metadata):
+            yield record
+        elif isinstance(record, Chunk):
+            yield from self._take_chunk(record)
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+        elif isinstance(record, Header):
+            self.profile = record.profile
+            self.library = record.library
+        elif isinstance(record, Footer):
+            self.indexed = record.summary_start > 0
 
-    def _described(self, code: int, data: bytes) -> None:
-        source = _RecordFields(data)
-        if code == _SCHEMA:
-            (number,) = source.numbers("H")
-            name, encoding, (size,) = source.text(), source.text(), source.numbers("I")
-            self.schemas[number] = McapSchema(name, encoding, source.bytes(size))
-        elif code == _CHANNEL:
-            number, schema = source.numbers("HH")
-            topic = source.text()
-            encoding = source.text()
-            self.channels[number] = McapChannel(topic, encoding, schema, source.table())
-
-    def _chunk(self, data: bytes) -> Iterator[McapMessage]:
-        source = _RecordFields(data)
-        *_, size, crc = source.numbers("QQQI")
-        compression, (length,) = source.text(), source.numbers("Q")
-        records = _unpacked(compression, source.bytes(length), size)
-        if records is None or len(records) != size or (crc and zlib.crc32(records) != crc):
-            self.damaged += 1
+    def _take_chunk(self, chunk: Chunk) -> Iterator[McapContent]:
+        records = _content(chunk)
+        if records is None:
+            self._leave_out()
             return
         at = 0
-        while at < size:
+        while at < len(records):
             code, length = _HEAD.unpack_from(records, at)
             at += _HEAD.size
-            if code == _MESSAGE_CODE:
+            if code == Opcode.MESSAGE:
                 yield _message(records, at, at + length)
-            else:
-                self._described(code, records[at : at + length])
+            elif code in (Opcode.SCHEMA, Opcode.CHANNEL):
+                yield from self._take(code, records[at : at + length])
             at += length
 
+    def _leave_out(self) -> None:
+        self.damage = self.damage or self.kept
+        self.damaged += 1
 
-def _message(data: bytes, at: int, end: int) -> McapMessage:
+
+class _RecordBytes(BytesIO):
+    """Bytes of one record. A read of more than there are raises struct.error."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        if size is not None and len(data) < size:
+            raise struct.error(f"{size} bytes, of which {len(data)} are there")
+        return data
+
+
+def _message(data: bytes, at: int, end: int) -> Message:
     channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
-    return McapMessage(channel, sequence, log_time, publish_time, data[at + _MESSAGE.size : end])
+    return Message(channel, log_time, data[at + _MESSAGE.size : end], publish_time, sequence)
+
+
+def _content(chunk: Chunk) -> bytes | None:
+    """The records of a chunk; None where they are damaged, or larger than LARGEST."""
+    size = chunk.uncompressed_size
+    records = _unpacked(chunk.compression, chunk.data, size) if size <= LARGEST else None
+    if records is None or len(records) != size:
+        return None
+    crc = chunk.uncompressed_crc
+    return None if crc and zlib.crc32(records) != crc else records
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
-    """What a chunk holds, of which its head says that it has `size` bytes; None where that cannot be had."""
-    if size > LARGEST:
-        return None
+    """Decompress at most `size` bytes (lz4: and one more); None where that fails."""
     if compression == "zstd":
         import zstandard
 
         try:
-            if zstandard.frame_content_size(data) not in (-1, size):  # this and not ours would be allocated
+            if zstandard.frame_content_size(data) not in (
+                -1,
+                size,
+            ):  # a frame's own size is what is allocated
                 return None
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         except zstandard.ZstdError:
@@ -215,33 +186,3 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
             return None
         return unpacked
     return data if compression == "" else None
-
-
-class _RecordFields:
-    """Fields of a record. Raises struct.error where they end too early."""
-
-    def __init__(self, data: bytes) -> None:
-        self._stream = BytesIO(data)
-
-    def numbers(self, letters: str) -> tuple[int, ...]:
-        form = struct.Struct(f"<{letters}")
-        return form.unpack(self._stream.read(form.size))
-
-    def bytes(self, size: int) -> bytes:
-        data = self._stream.read(size)
-        if len(data) != size:
-            raise struct.error(f"{size} bytes, of which {len(data)} are there")
-        return data
-
-    def text(self) -> str:
-        (size,) = self.numbers("I")
-        return self.bytes(size).decode()
-
-    def table(self) -> dict[str, str]:
-        (size,) = self.numbers("I")
-        end = self._stream.tell() + size
-        found = {}
-        while self._stream.tell() < end:
-            key = self.text()
-            found[key] = self.text()
-        return found

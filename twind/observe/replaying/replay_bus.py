@@ -5,7 +5,7 @@ bytes, noise, cuts and delays included; everything else by servos whose register
 """
 
 import heapq
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Callable
 from itertools import count
@@ -14,10 +14,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from twind.observe.replaying.device_timeline import BusTimeline
-from twind.observe.replaying.recorded_exchanges import FAST, RecordedExchange, asks, packets
-from twind.observe.replaying.replay_sensors import ReplaySensors
+from twind.observe.replaying.recorded_exchanges import FAST, DeviceReply, RecordedExchange, asks, packets
 from twind.observe.replaying.replay_servos import ReplayPosition, ReplayServos, specs, still
-from twind_drivers.dynamixel.packet import STATUS_OVERHEAD
+from twind_drivers.dynamixel.packet import STATUS_OVERHEAD, Instruction, status
 from twind_drivers.virtual.half_duplex_wire import BITS
 from twind_drivers.virtual.reading_history import ReadingHistory
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
@@ -255,3 +254,36 @@ class ReplayBus:
         moment = self._passage.moment(self._now())
         after = [at for at, _ in self._story.plugs if at > moment]
         return after[0] + self._passage.shift if after else inf
+
+
+AGO = 0.1  # s, since it was read last: for so long it tells the same, then it is silent as it was
+
+
+class ReplaySensors:
+    """Devices that never said a model number, and told blocks of registers. Times of the recording, s."""
+
+    def __init__(self, story: BusTimeline) -> None:
+        self._times: dict[int, list[float]] = {}
+        self._told: dict[int, list[DeviceReply]] = {}
+        for exchange in story.told:
+            for each in exchange.told:
+                if each.id not in story.models and each.data:
+                    self._times.setdefault(each.id, []).append(exchange.time)
+                    self._told.setdefault(each.id, []).append(each)
+
+    def answer(self, question: bytes, moment: float) -> bytes:
+        """The status of one of them to a read at that moment; empty: it is of nobody here, or silent then.
+
+        Before the recording begins all is as it was first read.
+        """
+        id = question[4]
+        if id not in self._told or question[7] != Instruction.READ:
+            return b""
+        address, size = (int.from_bytes(question[at : at + 2], "little") for at in (8, 10))
+        times = self._times[id]
+        place = max(0, bisect_right(times, moment) - 1)
+        each = self._told[id][place]
+        data = each.data[address - each.address :][:size] if address >= each.address else b""
+        if moment - times[place] > AGO or len(data) != size:
+            return b""
+        return status(id, each.error, data)

@@ -1,20 +1,25 @@
-"""What the channels of a recording hold: types of ROS, and JSON schemas of the interface's own types. Pure.
+"""Fixed contents of a recording: metadata of its clocks, attached files, schemas of its channels. Pure.
 
 A JSON channel has no schema record: rosbags opens no file with one that is not of ROS. Its JSON schema is in
 the channel's metadata.
 """
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
+from twind.client.clock_pair import ClockPair
 from twind.observe.recording.recording_topics import (
+    CALIBRATION,
     COMMANDS,
     EVENTS,
     INERTIAL,
     JOINTS,
     LATENCY,
     MEASURED,
+    MJCF,
     NOTES,
+    ROBOT,
     SIMULATED,
     STATUS,
     TRAJECTORY,
@@ -100,3 +105,28 @@ def _schema(kind: IdlType) -> dict[str, Any]:
         return {"type": "string", "enum": list(kind.words)}
     assert isinstance(kind, ScalarType)
     return {"type": _WORDS[kind.name]}
+
+
+def clock_words(clocks: ClockPair) -> dict[str, str]:
+    """Build the clock entries of the metadata: both clocks at one moment, and how they give log times."""
+    return {
+        "monotonic": repr(clocks.monotonic),
+        "wall_ns": str(clocks.wall_ns),
+        "clock": "log times are wall clock, ns since 1970: wall_ns + (CLOCK_MONOTONIC - monotonic)",
+    }
+
+
+def attachments(
+    robot: Mapping[str, Any], calibration: Mapping[str, Any] | None, mjcf: str | None
+) -> dict[str, tuple[str, bytes]]:
+    """Media type and bytes by name; what a robot has not is left out."""
+
+    def text(value: Any) -> bytes:
+        return json.dumps(value, ensure_ascii=False).encode()
+
+    found = {ROBOT: ("application/json", text(robot))}
+    if calibration:
+        found[CALIBRATION] = ("application/json", text(calibration))
+    if mjcf:
+        found[MJCF] = ("application/xml", mjcf.encode())
+    return found

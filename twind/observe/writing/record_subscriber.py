@@ -10,7 +10,7 @@ from twind.client import Client, ClientError
 from twind.client.clock_pair import ClockPair, clocks
 from twind.command_line.verb import observer
 from twind.observe.writing.record_encoder import RecordEncoder
-from twind.observe.writing.record_header import attachments
+from twind.observe.writing.record_schemas import attachments
 from twind.observe.writing.record_writer import RecordSession, RecordWriter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone

@@ -26,7 +26,7 @@ from twind.observe.recording.recording_topics import (
 from twind.observe.writing.record_encoder import RecordLine, note, shifted
 from twind.observe.writing.record_file import RecordFile
 from twind.observe.writing.record_folder import DiskQuota, free, fresh, make_room
-from twind.observe.writing.record_header import clock_words
+from twind.observe.writing.record_schemas import clock_words
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, INERTIAL, JOINTS, LATENCY, STATUS})

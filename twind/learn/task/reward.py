@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from twind.learn.learning_tasks import LearningTask
-from twind.learn.observation import BodyReading, columns
-from twind.learn.plant_model import Plant
+from twind.learn.task.learning_tasks import LearningTask
+from twind.learn.task.observation import BodyReading, columns
+from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 
 UPRIGHT = 0.5  # cosine of the tilt of the base beyond which the robot has fallen: 60 degrees

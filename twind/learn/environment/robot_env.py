@@ -10,17 +10,16 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from twind.config.robot_file import load_robot
-from twind.learn.action_shaping import ActionShaper, ActionShaping
-from twind.learn.camera_renderer import CameraRenderer
-from twind.learn.daemon_body import DaemonBody
-from twind.learn.learning_tasks import task_of
-from twind.learn.observation import BodyReading, ObservationBuilder
-from twind.learn.plant_model import Plant, plant_of
+from twind.learn.environment.camera_renderer import CameraRenderer
+from twind.learn.environment.daemon_body import DaemonBody
+from twind.learn.environment.sim_body import SimBody
+from twind.learn.randomise.disturbances import ReadingNoise
 from twind.learn.randomise.randomisation_ranges import RandomisationRanges, load_ranges
-from twind.learn.randomise.reading_noise import ReadingNoise
-from twind.learn.reset_options import command_in
-from twind.learn.reward import RewardFunction
-from twind.learn.sim_body import SimBody
+from twind.learn.task.action_shaping import ActionShaper, ActionShaping
+from twind.learn.task.learning_tasks import command_in, task_of
+from twind.learn.task.observation import BodyReading, ObservationBuilder
+from twind.learn.task.plant_model import Plant, plant_of
+from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
 
 BACKENDS = ("sim", "daemon")

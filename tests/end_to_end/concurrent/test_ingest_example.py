@@ -1,4 +1,4 @@
-"""`twindctl ingest`: each key once, also after a crash; whatever is sent to it, it goes on."""
+"""The example endpoint docs/examples/ingest/ingest.py: each key is kept once, also after a crash."""
 
 import gzip
 import json
@@ -7,33 +7,30 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.client import HTTPConnection
 from pathlib import Path
+from runpy import run_path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from twind.learn.streaming.ingest_server import (
-    LINES,
-    LONGEST,
-    IngestFaults,
-    IngestServer,
-    IngestStore,
-    ListenAddress,
-    address,
-)
+from tests.support.doc_pages_text import ROOT
 
+# Not imported: that leaves bytecode beside a page of the documents.
+ingest = SimpleNamespace(**run_path(str(ROOT / "docs" / "examples" / "ingest" / "ingest.py")))
 JSON = {"Content-Type": "application/json"}
 BODY = b'{"samples":[{"tick":1},{"tick":2}]}'
 
 
 def lines(folder: Path) -> list[dict[str, object]]:
-    return [json.loads(line) for line in (folder / LINES).read_text().splitlines()]
+    return [json.loads(line) for line in (folder / ingest.LINES).read_text().splitlines()]
 
 
 def test_a_key_is_kept_once_also_by_the_next_run(tmp_path: Path) -> None:
-    with IngestStore(tmp_path) as store:
+    with ingest.IngestStore(tmp_path) as store:
         assert store.keep("a-1", {"content-type": "application/json"}, BODY)
         assert not store.keep("a-1", {"content-type": "application/json"}, BODY)
         assert store.counts() == {"messages": 1, "samples": 2, "duplicates": 1, "failed": 0}
-    with IngestStore(tmp_path) as store:
+    with ingest.IngestStore(tmp_path) as store:
         assert not store.keep("a-1", {}, BODY)
         assert store.keep("a-2", {"content-type": "application/x-ndjson"}, b'{"head":1}\n{"tick":3}\n')
         assert store.keep("a-3", {"content-type": "image/jpeg"}, b"\xff\xd8")
@@ -44,27 +41,28 @@ def test_a_key_is_kept_once_also_by_the_next_run(tmp_path: Path) -> None:
 def test_a_line_that_a_crash_cut_off_is_taken_away_and_its_message_kept_when_it_comes_again(
     tmp_path: Path,
 ) -> None:
-    with IngestStore(tmp_path) as store:
+    with ingest.IngestStore(tmp_path) as store:
         store.keep("a-1", {"content-type": "application/json"}, BODY)
         store.keep("a-2", {"content-type": "application/json"}, BODY)
-    whole = (tmp_path / LINES).read_bytes()
+    whole = (tmp_path / ingest.LINES).read_bytes()
     for cut in (1, 7, len(whole) // 2 - 1):
-        (tmp_path / LINES).write_bytes(whole[:-cut])
-        with IngestStore(tmp_path) as store:
+        (tmp_path / ingest.LINES).write_bytes(whole[:-cut])
+        with ingest.IngestStore(tmp_path) as store:
             assert store.keep("a-2", {"content-type": "application/json"}, BODY)
         assert [each["key"] for each in lines(tmp_path)] == ["a-1", "a-2"]
 
 
 def test_two_do_not_write_into_one_folder(tmp_path: Path) -> None:
-    with IngestStore(tmp_path), pytest.raises(OSError):
-        IngestStore(tmp_path)
+    with ingest.IngestStore(tmp_path), pytest.raises(OSError):
+        ingest.IngestStore(tmp_path)
 
 
 def test_what_fails_fails_by_the_seed_and_ends() -> None:
-    faults = IngestFaults(fail=0.5, seed=3)
+    faults = ingest.IngestFaults(fail=0.5, seed=3)
     drawn = [[faults.draw(f"a-{n}", attempt) for attempt in range(1, 40)] for n in range(30)]
     assert drawn == [
-        [IngestFaults(fail=0.5, seed=3).draw(f"a-{n}", each) for each in range(1, 40)] for n in range(30)
+        [ingest.IngestFaults(fail=0.5, seed=3).draw(f"a-{n}", each) for each in range(1, 40)]
+        for n in range(30)
     ]
     assert all("" in each for each in drawn)
     assert {fault for each in drawn for fault in each} >= {
@@ -76,30 +74,32 @@ def test_what_fails_fails_by_the_seed_and_ends() -> None:
         "silent",
         "rubbish",
     }
-    refusing = IngestFaults(refuse=0.5)
+    refusing = ingest.IngestFaults(refuse=0.5)
     assert all(len({refusing.draw(f"a-{n}", attempt) for attempt in range(9)}) == 1 for n in range(30))
 
 
 @pytest.mark.parametrize("text", ["", "8000", "x:1", "127.0.0.1:x", "127.0.0.1:99999", "1.2.3:1"])
 def test_what_is_no_address_is_told(text: str) -> None:
     with pytest.raises(ValueError):
-        address(text)
+        ingest.address(text)
 
 
 def test_who_can_reach_an_address_is_known() -> None:
-    assert address("localhost:8000") == ListenAddress("127.0.0.1", 8000, local=True)
-    assert address("[::1]:1") == ListenAddress("::1", 1, local=True)
-    assert not address("0.0.0.0:1").local
+    assert ingest.address("localhost:8000") == ingest.ListenAddress("127.0.0.1", 8000, local=True)
+    assert ingest.address("[::1]:1") == ingest.ListenAddress("::1", 1, local=True)
+    assert not ingest.address("0.0.0.0:1").local
 
 
 # ------------------------------------------------------------------------------------------ on the wire
 
 
 @contextmanager
-def serving(folder: Path, faults: IngestFaults | None = None) -> Iterator[int]:
+def serving(folder: Path, faults: Any = None) -> Iterator[int]:
     """The port of a server."""
-    with IngestStore(folder) as store:
-        server = IngestServer(ListenAddress("127.0.0.1", 0, local=True), store, faults or IngestFaults())
+    with ingest.IngestStore(folder) as store:
+        server = ingest.IngestServer(
+            ingest.ListenAddress("127.0.0.1", 0, local=True), store, faults or ingest.IngestFaults()
+        )
         server.start()
         try:
             yield int(server.url.rpartition(":")[2].partition("/")[0])
@@ -132,7 +132,7 @@ def test_it_takes_a_message_once_whole_or_compressed_and_no_rubbish(tmp_path: Pa
         assert post(port, b"{", Idempotency_Key="a-3", **plain)[0] == 422
         assert post(port, packed[:-9], Idempotency_Key="a-4", **zipped)[0] == 422
         assert post(port, b"x", Idempotency_Key="a-5", **zipped)[0] == 422
-        bomb = gzip.compress(bytes(LONGEST + 1), 1)
+        bomb = gzip.compress(bytes(ingest.LONGEST + 1), 1)
         assert post(port, bomb, Idempotency_Key="a-6", **zipped)[0] == 422
         with socket.create_connection(("127.0.0.1", port)) as client:
             client.sendall(b"POST / HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n")

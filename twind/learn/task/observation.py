@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.observation_layout import BASE, ObservationLayout
+from twind.learn.task.observation_layout import BASE, ObservationLayout
 from twind.robot.arrays import Floats
 
 Observations = NDArray[np.float32]

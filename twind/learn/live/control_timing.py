@@ -1,11 +1,36 @@
-"""When the next control period begins: absolute deadlines, missed ones skipped and counted. Pure."""
+"""Time of control in real time: the clock, and the deadlines of its periods."""
 
+import time
 from collections.abc import Sequence
 from math import floor
+from typing import Protocol
 
 import numpy as np
 
 from twind.learn.live.state_message import StateMessage
+
+
+class ControlClock(Protocol):
+    """Time in s, monotonic."""
+
+    def now(self) -> float:
+        """The time now."""
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline`, or at once if it has passed."""
+
+
+class SystemClock:
+    """This machine's: the same that its daemon has."""
+
+    def now(self) -> float:
+        """The time now."""
+        return time.monotonic()
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline`, or at once if it has passed."""
+        time.sleep(max(0.0, deadline - time.monotonic()))
+
 
 MARGIN = 3e-4  # s after which a state that comes as usual is there
 
@@ -19,7 +44,7 @@ class RateTimer:
         self.missed = 0
 
     def advance(self, now: float) -> int:
-        """On to the next deadline that has not passed; how many were missed."""
+        """Go on to the next deadline that has not passed. Return how many were missed."""
         skipped = max(0, floor((now - self.deadline) / self.period))
         self.deadline += (skipped + 1) * self.period
         self.missed += skipped
@@ -27,7 +52,7 @@ class RateTimer:
 
 
 def in_step(states: Sequence[StateMessage], now: float, period: float, loop: float) -> RateTimer:
-    """A beat whose deadlines lie just after a state has come, so that what is sent meets the next tick.
+    """Return a timer whose deadlines lie just after a state has come: a setpoint then meets the next tick.
 
     `states`: of consecutive ticks, the newest last; `loop`: the loop's period, s. Both clocks are this
     machine's, and the loop keeps its phase, so it is found once.

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_file import RobotFile
-from twind.learn.observation import BodyReading, height_of
-from twind.learn.observation_layout import ObservationLayout
 from twind.learn.randomise.physics_randomiser import ModelAddresses
+from twind.learn.task.observation import BodyReading, height_of
+from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.twin.balance import Balance
 from twind.twin.base_pose import stand

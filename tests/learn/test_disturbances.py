@@ -1,12 +1,14 @@
-"""twind.learn.randomise.push_schedule: how hard, how long and how often something pushes the robot."""
+"""twind.learn.randomise.disturbances: pushes of the base, and noise on the readings."""
 
+from dataclasses import fields, replace
 from itertools import groupby
 
 import numpy as np
 import pytest
 
-from twind.learn.randomise.push_schedule import PushSchedule
-from twind.learn.randomise.randomisation_ranges import PushRanges
+from twind.learn.randomise.disturbances import PushSchedule, ReadingNoise
+from twind.learn.randomise.randomisation_ranges import NoiseRanges, PushRanges
+from twind.learn.task.observation import BodyReading
 from twind.robot.arrays import Floats
 
 MASS = 4.0
@@ -99,3 +101,64 @@ def test_pushes_without_force_keep_their_times_too() -> None:
     pushes = PushSchedule(soft, MASS, PERIOD)
     pushes.begin([0], rngs)
     assert [step for step in range(170) if pushes.step(rngs)] == [50, 55, 105, 110, 160, 165]
+
+
+JOINTS = 3
+
+
+def readings(count: int) -> BodyReading:
+    reading = BodyReading.empty(JOINTS, (count,))
+    reading.gravity[..., 2] = -1.0
+    return reading
+
+
+def generators(count: int, seed: int = 0) -> list[np.random.Generator]:
+    return [np.random.default_rng(seed + each) for each in range(count)]
+
+
+@pytest.mark.parametrize("quantity", [each.name for each in fields(NoiseRanges)])
+def test_noise_on_a_quantity_touches_nothing_else(quantity: str) -> None:
+    noise = ReadingNoise(replace(NoiseRanges(), **{quantity: 0.3}), JOINTS, 200)
+    reading = readings(200)
+    clean = readings(200)
+    noise.add(reading, generators(200))
+    for each in fields(NoiseRanges):
+        off = np.abs(getattr(reading, each.name) - getattr(clean, each.name))
+        if each.name != quantity:
+            assert not off.any(), each.name
+        elif quantity != "gravity":
+            assert 0.29 < off.max() <= 0.3
+        else:
+            assert 0.2 < off.max() < 0.6
+
+
+def test_gravity_stays_a_unit_vector() -> None:
+    reading = readings(50)
+    ReadingNoise(NoiseRanges(gravity=0.2), JOINTS, 50).add(reading, generators(50))
+    assert np.linalg.norm(reading.gravity, axis=-1) == pytest.approx(np.ones(50))
+
+
+def test_noise_lies_evenly_around_the_truth() -> None:
+    reading = readings(2000)
+    ReadingNoise(NoiseRanges(position=0.1), JOINTS, 2000).add(reading, generators(2000))
+    assert abs(reading.position.mean()) < 0.003
+    assert reading.position.std() == pytest.approx(0.1 / np.sqrt(3.0), rel=0.03)
+
+
+def test_one_robot_alone_has_the_noise_that_it_has_among_many() -> None:
+    ranges = NoiseRanges(position=0.1, gravity=0.1, sole_velocities=0.2)
+    many = readings(4)
+    alone = BodyReading.empty(JOINTS)
+    alone.gravity[2] = -1.0
+    ReadingNoise(ranges, JOINTS, 4).add(many, generators(4))
+    ReadingNoise(ranges, JOINTS).add(alone, generators(4)[2:3])
+    assert np.array_equal(many.values[2], alone.values)
+
+
+def test_no_noise_draws_no_random_number() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.bit_generator.state
+    reading = readings(1)
+    ReadingNoise(NoiseRanges(), JOINTS).add(reading, [rng])
+    assert rng.bit_generator.state == before
+    assert np.array_equal(reading.values, readings(1).values)

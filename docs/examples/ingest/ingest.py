@@ -1,12 +1,23 @@
-"""The server behind `twindctl ingest`: standard library, bounded in size, in connections and in time."""
+"""Example of an HTTP endpoint for `twindctl stream`: keeps each message once, as lines of JSON and images.
 
+    python docs/examples/ingest/ingest.py --out DIR
+
+Standard library only. It is bounded in size, in connections and in time, but has no password and no
+encryption. So it listens to this machine alone unless --listen names another address. --fail, --refuse and
+--slow make it misbehave, to try that nothing is lost. It prints a line of JSON at the start, and one with its
+counts at the end.
+"""
+
+import argparse
 import fcntl
 import gzip
 import json
 import os
 import random
 import re
+import signal
 import socket
+import sys
 import threading
 import time
 import zlib
@@ -24,6 +35,7 @@ PATIENCE = 15.0  # s that a connection may be silent
 MOST = 64  # connections at once
 KEY = re.compile(r"[A-Za-z0-9._-]{1,100}")
 LINES = "messages.ndjson"
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +85,17 @@ class IngestStore:
     """A folder with a line for each message: its key, when it came, its headers, and its body or its file."""
 
     def __init__(self, folder: Path) -> None:
-        """Goes on with what is there; a last line that a crash cut off is taken away. Raises OSError."""
+        """Continue the folder; a last line that a crash cut off is removed. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._lock = threading.Lock()
         self._file = os.open(folder / LINES, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # two would keep a message twice
         self._keys: set[str] = set()
-        self.messages = self.samples = self.duplicates = self.failed = 0
+        self.messages = 0
+        self.samples = 0
+        self.duplicates = 0
+        self.failed = 0
         whole = 0
         with (folder / LINES).open("rb") as file:
             for line in file:
@@ -99,7 +114,7 @@ class IngestStore:
         os.close(self._file)
 
     def keep(self, key: str, headers: Mapping[str, str], body: bytes) -> bool:
-        """Once for each key; False: it is here already. Afterwards a crash of ours loses nothing of it."""
+        """Keep a message once for each key; False: it is here already. No later crash loses it."""
         line: dict[str, Any] = {"key": key, "received": round(time.time(), 6), **headers}
         kind = headers.get("content-type", "")
         count = 0
@@ -134,14 +149,9 @@ class IngestStore:
             "failed": self.failed,
         }
 
-    def summary(self) -> str:
-        """Return the same counts as a text for people."""
-        lost = f", {self.failed} failed on purpose" if self.failed else ""
-        return f"{self.messages} messages, {self.samples} samples, {self.duplicates} came again{lost}"
-
 
 class IngestServer:
-    """Serves in threads of its own from `start` to `stop`."""
+    """Server with threads of its own from `start` to `stop`."""
 
     def __init__(self, where: ListenAddress, store: IngestStore, faults: IngestFaults) -> None:
         """Raises OSError."""
@@ -185,13 +195,13 @@ class IngestServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take nothing more."""
+        """Accept no more connections."""
         self._server.shutdown()
         self._server.server_close()
 
 
 class _IngestHandler(BaseHTTPRequestHandler):
-    """POST anywhere, with an Idempotency-Key."""
+    """Handler of one connection: POST to any path, with an Idempotency-Key."""
 
     store: IngestStore
     faults: IngestFaults
@@ -202,7 +212,7 @@ class _IngestHandler(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_POST(self) -> None:
-        """Keep it, and say so."""
+        """Keep the message, then answer."""
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdigit() and int(length) <= LONGEST):
             self.close_connection = True
@@ -274,4 +284,73 @@ class _IngestHandler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *given: Any) -> None:
-        """Nothing: the counts say it."""
+        """Log nothing: the counts are enough."""
+
+
+def parse(words: list[str]) -> argparse.Namespace:
+    """Parse the command line. Ends the process with 2 where it is wrong."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add(
+        "--listen",
+        type=address,
+        default="127.0.0.1:8000",
+        metavar="ADDRESS:PORT",
+        help="port 0: any free one",
+    )
+    add("--out", type=Path, default=Path("ingest"), metavar="DIR", help="folder of the messages")
+    add(
+        "--fail",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="of the messages: refused, cut off, not answered",
+    )
+    add(
+        "--refuse",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="of the messages: 422, so they are dead letters",
+    )
+    add("--slow", type=float, default=0.0, metavar="S", help="delay of each answer")
+    add("--seed", type=int, default=0, help="of what fails")
+    return parser.parse_args(words)
+
+
+def share(text: str) -> float:
+    """Parse a number from 0 to 1. Raises ValueError."""
+    value = float(text)
+    if not 0.0 <= value <= 1.0:
+        raise ValueError
+    return value
+
+
+def main(words: list[str]) -> int:
+    """Serve until SIGINT, SIGTERM or SIGHUP."""
+    options = parse(words)
+    stop = threading.Event()
+    for each in STOPS:
+        signal.signal(each, lambda *_: stop.set())
+    faults = IngestFaults(options.fail, options.refuse, options.slow, options.seed)
+    try:
+        store = IngestStore(options.out)
+        server = IngestServer(options.listen, store, faults)
+    except OSError as error:
+        print(f"ingest: {options.out}, {options.listen}: {error.strerror or error}", file=sys.stderr)
+        return 1
+    with store:
+        server.start()
+        print(json.dumps({"url": server.url, "out": str(options.out)}), flush=True)
+        if not options.listen.local:
+            print(f"ingest: all who reach {options.listen.host} can write here", file=sys.stderr, flush=True)
+        stop.wait()
+        server.stop()
+    print(json.dumps(store.counts()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""The beat of a control loop: no deadline is caught up, and a state has just come at each of them."""
+"""The timer of a control loop: no deadline is caught up, and a state has just come at each of them."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.learn.live.rate_timer import MARGIN, RateTimer, in_step
+from twind.learn.live.control_timing import MARGIN, RateTimer, in_step
 from twind.learn.live.state_message import StateMessage
 
 EMPTY = np.zeros(0)

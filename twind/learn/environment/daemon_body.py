@@ -3,16 +3,15 @@
 import numpy as np
 
 from twind.client import Client, Refused
-from twind.learn.action_shaping import ActionShaping
 from twind.learn.live.base_estimator import BaseEstimator
-from twind.learn.live.control_clock import SystemClock
+from twind.learn.live.control_timing import RateTimer, SystemClock, in_step
 from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
-from twind.learn.live.rate_timer import RateTimer, in_step
 from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_message import STALE
 from twind.learn.live.state_subscriber import StateSubscriber
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant
+from twind.learn.task.action_shaping import ActionShaping
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 
 
@@ -43,12 +42,12 @@ class DaemonBody:
         self.refused = 0  # setpoints, since the episode began
         self.missed = 0  # periods, since the episode began
         self.held = 0  # times that so many were missed that the gate held
-        self._beat: RateTimer | None = None
-        self._reins = SetpointSession(Client(socket), self._joints, self._period)
+        self._timer: RateTimer | None = None
+        self._session = SetpointSession(Client(socket), self._joints, self._period)
         try:
-            self._senses = StateSubscriber(Client(socket), self._joints, rate_hz)
+            self._subscriber = StateSubscriber(Client(socket), self._joints, rate_hz)
         except Exception:
-            self._reins.drop()
+            self._session.drop()
             raise
 
     @property
@@ -67,41 +66,41 @@ class DaemonBody:
 
         Raises NotThere, Stale, ClientError.
         """
-        self._reins.take()
-        self._reins.go(self.plant.default)
-        states = self._senses.next_states()
+        self._session.take()
+        self._session.go(self.plant.default)
+        states = self._subscriber.next_states()
         if not states:
-            raise StaleState(self._senses.ended or "no states are heard")
-        self._beat = in_step(states, self._clock.now(), self._period, self._loop)
+            raise StaleState(self._subscriber.ended or "no states are heard")
+        self._timer = in_step(states, self._clock.now(), self._period, self._loop)
         self.refused = self.missed = self.held = 0
-        return self._read(self._beat)
+        return self._read(self._timer)
 
     def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """Send, and wait for the end of the period. A refusal is counted in the next, and moves nothing.
 
         Raises Stale, ClientError.
         """
-        assert self._beat is not None, "reset first"
+        assert self._timer is not None, "reset first"
         try:
-            self._reins.send(target - velocity * self._period, velocity)
+            self._session.send(target - velocity * self._period, velocity)
         except Refused:
             self.refused += 1
-            self._reins.keep()
-        missed = self._beat.advance(self._clock.now())
+            self._session.keep()
+        missed = self._timer.advance(self._clock.now())
         self.missed += missed
-        self.held += self._reins.lapses(missed)
-        return self._read(self._beat)
+        self.held += self._session.lapses(missed)
+        return self._read(self._timer)
 
     def close(self) -> None:
         """Stop, give the lease back, hang up: the robot holds."""
-        self._reins.drop()
-        self._senses.close()
+        self._session.drop()
+        self._subscriber.close()
 
-    def _read(self, beat: RateTimer) -> BodyReading:
+    def _read(self, timer: RateTimer) -> BodyReading:
         """At the deadline."""
-        self._clock.sleep_until(beat.deadline)
-        heard = self._senses.newest
-        why = self._senses.ended or (
+        self._clock.sleep_until(timer.deadline)
+        heard = self._subscriber.newest
+        why = self._subscriber.ended or (
             "no state has come" if heard is None else heard.stale(self._clock.now(), STALE, self._joints)
         )
         if heard is None or why:

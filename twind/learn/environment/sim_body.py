@@ -7,14 +7,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind.learn.observation import BodyReading
-from twind.learn.plant_model import Plant, fill
-from twind.learn.randomise.delay_histories import DelayHistories
+from twind.learn.randomise.disturbances import PushSchedule
 from twind.learn.randomise.episode_draw import DrawSampler
-from twind.learn.randomise.episode_start import EpisodeStart
+from twind.learn.randomise.episode_start import DelayHistories, EpisodeStart
 from twind.learn.randomise.physics_randomiser import PhysicsRandomiser, SingleModelWriter
-from twind.learn.randomise.push_schedule import PushSchedule
 from twind.learn.randomise.randomisation_ranges import RandomisationRanges
+from twind.learn.task.observation import BodyReading
+from twind.learn.task.plant_model import Plant, fill
 from twind.robot.arrays import Floats
 from twind.twin.simulation import hush
 

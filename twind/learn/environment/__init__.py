@@ -1,0 +1,1 @@
+"""Environments of one robot for Gymnasium: in simulation, or through the daemon."""
