@@ -1,23 +1,28 @@
 """docs/configuration.md names every key of settings and robot file, and no other; with the right defaults."""
 
 import re
+from dataclasses import is_dataclass
 from pathlib import Path
-
-import pytest
+from typing import get_args
 
 from tests.support.doc_pages_text import ROOT, table
-from twind.config import config_section
 from twind.config.actuator_types import CanType, ServoType
-from twind.config.daemon_settings import load_settings
-from twind.config.robot_file import read_robot
+from twind.config.bus_config import CanBusKeys, SerialBusKeys
+from twind.config.can_type import CanSlotKeys, CanTypeKeys
+from twind.config.collision_config import CollisionKeys
+from twind.config.config_reader import ConfigStruct, keys_of
+from twind.config.daemon_settings import SettingsKeys, load_settings
+from twind.config.imu_config import SensorKeys
+from twind.config.joint_config import OF_DEFAULTS, JointKeys
+from twind.config.robot_file import RobotKeys, read_robot
+from twind.config.servo_type import ServoSlotKeys, ServoTypeKeys
+from twind.config.transmission_config import DifferentialKeys, LinkageKeys
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
 HEADING = ("key", "value", "default", "what")
 SETTINGS, ROBOT = (
     table(part, *HEADING) for part in TEXT.split("\n## CAN buses\n")[0].split("\n## Robot file\n")
 )
-NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE", "actuators": "ACTUATOR"}
-NAMES |= {"transmissions": "TRANSMISSION"}
 
 FILE = """\
 format: twind-robot/1
@@ -53,7 +58,7 @@ def described(folder: Path) -> None:
     (folder / "toe.csv").write_text("b_rad,toe_rad\n-1.0,-0.5\n1.0,0.5\n")
 
 
-def keys_of(cell: str) -> list[str]:
+def keys_in(cell: str) -> list[str]:
     """Keys of a first cell; one that begins with a dot has the section of the first."""
     keys = re.findall(r"`([^`]+)`", cell)
     section_of_first = keys[0].rpartition(".")[0]
@@ -61,57 +66,51 @@ def keys_of(cell: str) -> list[str]:
 
 
 def documented(rows: list[list[str]]) -> set[str]:
-    return {key for cell, *_ in rows for key in keys_of(cell)}
+    return {key for cell, *_ in rows for key in keys_in(cell)}
 
 
 def defaults(rows: list[list[str]]) -> dict[str, str]:
     """Default by key."""
-    return {key: usual for cell, _, usual, _ in rows for key in keys_of(cell)}
+    return {key: usual for cell, _, usual, _ in rows for key in keys_in(cell)}
 
 
-def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
-    """Every key that is asked for, as the page spells it, while `read` reads a file."""
+def keys_below(prefix: str, *shapes: type) -> set[str]:
+    """Keys of the shapes as the page spells them; of a section its own keys."""
     found: set[str] = set()
-    given = config_section.ConfigSection._given
-
-    def spy(self: config_section.ConfigSection, key: str) -> str | None:
-        found.add(f"{self.path}.{key}".strip("."))
-        return given(self, key)
-
-    monkeypatch.setattr(config_section.ConfigSection, "_given", spy)
-    read()  # type: ignore[operator]
-    return {_spelled(path) for path in found if not path.endswith(".")}
+    for shape in shapes:
+        for key, field in keys_of(shape).items():
+            section = next((each for each in (field.kind, *get_args(field.kind)) if is_shape(each)), None)
+            found |= keys_below(f"{prefix}{key}.", section) if section else {prefix + key}
+    return found
 
 
-def _spelled(path: str) -> str:
-    parts = path.split(".")
-    if parts[0] in NAMES and len(parts) > 1:
-        parts[1] = NAMES[parts[0]]
-    if parts[0] == "poses" and len(parts) == 3:
-        parts[2] = "JOINT"
-    if parts[0] == "transmissions" and parts[2:3] == ["joints"]:
-        parts[3:] = ["JOINT"] * len(parts[3:])
-    if "registers" in parts[:-1]:
-        parts[-1] = "REGISTER"
-    return ".".join(parts)
+def is_shape(kind: object) -> bool:
+    return isinstance(kind, type) and (issubclass(kind, ConfigStruct) or is_dataclass(kind))
 
 
-def _leaves(keys: set[str]) -> set[str]:
-    """Without the sections that hold others."""
-    return {key for key in keys if not any(other.startswith(f"{key}.") for other in keys)}
+def test_every_key_of_the_settings_is_on_the_page() -> None:
+    assert keys_below("", SettingsKeys) == documented(SETTINGS)
 
 
-def test_every_key_of_the_settings_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "twind.yaml"
-    file.write_text("mode: sim\n")
-    keys = asked(monkeypatch, lambda: load_settings(file, {}, 1000))
-    assert _leaves(keys) == documented(SETTINGS)
-
-
-def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    described(tmp_path)
-    keys = asked(monkeypatch, lambda: read_robot(tmp_path / "one.yaml"))
-    assert _leaves(keys) == documented(ROBOT)
+def test_every_key_of_the_robot_file_is_on_the_page() -> None:
+    slot = keys_below("", ServoSlotKeys, CanSlotKeys)
+    joint = keys_below("", JointKeys)
+    linked = keys_below("transmissions.TRANSMISSION.", DifferentialKeys, LinkageKeys)
+    read_elsewhere = {"buses", "types", "defaults", "joints", "actuators", "transmissions", "poses"}
+    keys = keys_below("", RobotKeys) - read_elsewhere - {"collision", "sensors"}
+    keys |= keys_below("buses.BUS.", SerialBusKeys, CanBusKeys)
+    keys |= keys_below("types.TYPE.", ServoTypeKeys, CanTypeKeys) - {"types.TYPE.registers"}
+    keys |= {f"defaults.{key}" for key in OF_DEFAULTS}
+    keys |= {
+        f"{entry}.{key}" for entry in ("joints.JOINT", "actuators.ACTUATOR") for key in slot - {"registers"}
+    }
+    keys |= {f"joints.JOINT.{key}" for key in joint}
+    keys |= {f"{entry}.registers.REGISTER" for entry in ("types.TYPE", "joints.JOINT", "actuators.ACTUATOR")}
+    keys |= linked - {"transmissions.TRANSMISSION.joints"} | {"transmissions.TRANSMISSION.joints.JOINT"}
+    keys |= (
+        keys_below("collision.", CollisionKeys) | keys_below("sensors.", SensorKeys) | {"poses.POSE.JOINT"}
+    )
+    assert keys == documented(ROBOT)
 
 
 def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
