@@ -1,28 +1,18 @@
-"""docs/configuration.md names every key of settings and robot file, and no other; with the right defaults."""
+"""Tables of keys in docs/configuration.md are those of the code; defaults without a type are right."""
 
 import re
-from dataclasses import is_dataclass
 from pathlib import Path
-from typing import get_args
+
+import pytest
 
 from tests.support.doc_pages_text import ROOT, table
-from twind.config.actuator_types import CanType, ServoType
-from twind.config.bus_config import CanBusKeys, SerialBusKeys
-from twind.config.can_type import CanSlotKeys, CanTypeKeys
-from twind.config.collision_config import CollisionKeys
-from twind.config.config_reader import ConfigStruct, keys_of
-from twind.config.daemon_settings import SettingsKeys, load_settings
-from twind.config.imu_config import SensorKeys
-from twind.config.joint_config import OF_DEFAULTS, JointKeys
-from twind.config.robot_file import RobotKeys, read_robot
-from twind.config.servo_type import ServoSlotKeys, ServoTypeKeys
-from twind.config.transmission_config import DifferentialKeys, LinkageKeys
+from twind.config.actuator_types import CanType
+from twind.config.collision_config import Clearance
+from twind.config.keys_page import renew_page
+from twind.config.robot_file import read_robot
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
-HEADING = ("key", "value", "default", "what")
-SETTINGS, ROBOT = (
-    table(part, *HEADING) for part in TEXT.split("\n## CAN buses\n")[0].split("\n## Robot file\n")
-)
+ROBOT = table(TEXT.partition("\n## Robot file\n")[2].partition("\n## ")[0], "key", "value", "default", "what")
 
 FILE = """\
 format: twind-robot/1
@@ -52,106 +42,48 @@ sensors:
 
 
 def described(folder: Path) -> None:
-    """A robot in which every key may stand."""
+    """A robot with an actuator of each kind."""
     (folder / "one.xml").write_text("<mujoco/>")
     (folder / "one.yaml").write_text(FILE)
     (folder / "toe.csv").write_text("b_rad,toe_rad\n-1.0,-0.5\n1.0,0.5\n")
 
 
-def keys_in(cell: str) -> list[str]:
-    """Keys of a first cell; one that begins with a dot has the section of the first."""
-    keys = re.findall(r"`([^`]+)`", cell)
-    section_of_first = keys[0].rpartition(".")[0]
-    return [section_of_first + key if key.startswith(".") else key for key in keys]
+def test_the_tables_of_the_page_are_made_of_the_structs() -> None:
+    assert renew_page(TEXT) == TEXT, "run: python -m twind.config.keys_page docs/configuration.md"
 
 
-def documented(rows: list[list[str]]) -> set[str]:
-    return {key for cell, *_ in rows for key in keys_in(cell)}
+def test_a_page_without_its_markers_is_refused() -> None:
+    with pytest.raises(ValueError, match="keys of settings"):
+        renew_page("# Settings\n")
 
 
-def defaults(rows: list[list[str]]) -> dict[str, str]:
-    """Default by key."""
-    return {key: usual for cell, _, usual, _ in rows for key in keys_in(cell)}
+def test_every_table_names_a_key_once() -> None:
+    keys = re.findall(r"`([^`]+)`", " ".join(row[0] for row in ROBOT))
+    whole = [key for key in keys if not key.startswith(".")]
+    assert len(whole) == len(set(whole))
 
 
-def keys_below(prefix: str, *shapes: type) -> set[str]:
-    """Keys of the shapes as the page spells them; of a section its own keys."""
-    found: set[str] = set()
-    for shape in shapes:
-        for key, field in keys_of(shape).items():
-            section = next((each for each in (field.kind, *get_args(field.kind)) if is_shape(each)), None)
-            found |= keys_below(f"{prefix}{key}.", section) if section else {prefix + key}
-    return found
-
-
-def is_shape(kind: object) -> bool:
-    return isinstance(kind, type) and (issubclass(kind, ConfigStruct) or is_dataclass(kind))
-
-
-def test_every_key_of_the_settings_is_on_the_page() -> None:
-    assert keys_below("", SettingsKeys) == documented(SETTINGS)
-
-
-def test_every_key_of_the_robot_file_is_on_the_page() -> None:
-    slot = keys_below("", ServoSlotKeys, CanSlotKeys)
-    joint = keys_below("", JointKeys)
-    linked = keys_below("transmissions.TRANSMISSION.", DifferentialKeys, LinkageKeys)
-    read_elsewhere = {"buses", "types", "defaults", "joints", "actuators", "transmissions", "poses"}
-    keys = keys_below("", RobotKeys) - read_elsewhere - {"collision", "sensors"}
-    keys |= keys_below("buses.BUS.", SerialBusKeys, CanBusKeys)
-    keys |= keys_below("types.TYPE.", ServoTypeKeys, CanTypeKeys) - {"types.TYPE.registers"}
-    keys |= {f"defaults.{key}" for key in OF_DEFAULTS}
-    keys |= {
-        f"{entry}.{key}" for entry in ("joints.JOINT", "actuators.ACTUATOR") for key in slot - {"registers"}
-    }
-    keys |= {f"joints.JOINT.{key}" for key in joint}
-    keys |= {f"{entry}.registers.REGISTER" for entry in ("types.TYPE", "joints.JOINT", "actuators.ACTUATOR")}
-    keys |= linked - {"transmissions.TRANSMISSION.joints"} | {"transmissions.TRANSMISSION.joints.JOINT"}
-    keys |= (
-        keys_below("collision.", CollisionKeys) | keys_below("sensors.", SensorKeys) | {"poses.POSE.JOINT"}
-    )
-    assert keys == documented(ROBOT)
-
-
-def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
+def test_defaults_that_no_type_tells_are_those_of_the_code(tmp_path: Path) -> None:
     described(tmp_path)
     robot = read_robot(tmp_path / "one.yaml")
-    page = defaults(ROBOT)
-    bus = robot.buses[0]
-    kind = robot.joints[0].type
-    joint = robot.joints[0]
-    assert page["support"] == f"`{robot.support}`"
-    assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
-    assert page["loop.command_timeout_ms"] == f"{robot.command_timeout_ms:g}"
-    assert page["buses.BUS.baud"] == f"{bus.baud}"
-    assert page["buses.BUS.bitrate"] == f"{robot.buses[1].baud}"
+    page = {re.findall(r"`([^`]+)`", cell)[0]: usual for cell, _, usual, _ in ROBOT}
     knee = robot.joints[1]
     assert isinstance(knee.type, CanType)
-    assert page["types.TYPE.watchdog"] == f"`{knee.type.watchdog}`"
+    assert page["types.TYPE.mode"] == f"`{robot.joints[0].type.mode}`; CAN: `{knee.type.mode}`"
     assert page["types.TYPE.torque_limit_nm"] == "`ranges.torque_nm`"
     assert knee.type.torque_limit_nm == knee.type.ranges.torque_nm
     assert page["joints.JOINT.feedback_id"] == f"`id` + {(knee.feedback_id or 0) - knee.id}"
-    assert page["buses.BUS.latency_timer_ms"] == f"{bus.latency_timer_ms}"
-    assert page["buses.BUS.one_write"] == f"`{str(bus.one_write).lower()}`"
-    assert page["types.TYPE.mode"] == f"`{kind.mode}`; CAN: `{knee.type.mode}`"
-    assert isinstance(kind, ServoType)
-    assert page["types.TYPE.return_delay_us"] == f"{kind.return_delay_us}"
-    assert page["types.TYPE.velocity_limit_rad_s"] == f"{kind.velocity_limit_rad_s:g}"
-    assert page["types.TYPE.acceleration_limit_rad_s2"] == f"{kind.acceleration_limit_rad_s2:g}"
-    assert (page["defaults.sign"], page["defaults.ratio"]) == (f"{joint.sign}", f"{joint.ratio:g}")
-    assert page["gate.on_velocity"] == f"`{robot.gate.on_velocity}`"
-    assert page["gate.on_torque"] == f"`{robot.gate.on_torque}`"
-    assert robot.imu is not None
-    assert page["sensors.imu.return_delay_us"] == f"{robot.imu.return_delay_us:g}"
-    assert page["sensors.imu.quaternion.zero"] == f"{robot.imu.gyro.zero:g}"
-    assert robot.imu.quaternion is not None
-    assert page["sensors.imu.quaternion.order"] == f"`{robot.imu.quaternion.order}`"
-    clearance = robot.gate.collision
-    for key, value in (("block", clearance.block), ("warn", clearance.warn), ("world", clearance.world)):
-        assert page[f"collision.{key}_m"] == f"{value:g}"
-    usual = defaults(SETTINGS)
-    settings = load_settings(None, {"HOME": str(tmp_path)}, 1000)
-    for key in ("mode", "robot", "log_level"):
-        assert usual[key] == f"`{getattr(settings, key)}`"
-    for key in ("latency_warn_ms", "latency_block_ms"):
-        assert usual[f"thresholds.{key}"] == f"{getattr(settings, key):g}"
+    assert page["poses.POSE.JOINT"] == f"{robot.poses['rest']['elbow']:g}"
+    assert page["collision.warn_m"] == f"{Clearance().warn:g}"
+    supply = robot.joints[0].type.supply
+    heat = robot.joints[0].type.heat
+    for key, bound in (("warn", supply.warn), ("settle", supply.settle), ("fault", supply.fault)):
+        assert page[f"types.TYPE.supply.{key}_v"] == f"the model's: {bound:g}"
+    for key, bound in (
+        ("warn", heat.warn),
+        ("slow", heat.slow),
+        ("settle", heat.settle),
+        ("cool", heat.cool),
+    ):
+        assert page[f"types.TYPE.heat.{key}_c"] == f"the model's: {bound:g}"
+    assert page["types.TYPE.heat.continuous"] == f"{heat.continuous:g}"

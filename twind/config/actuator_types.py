@@ -100,8 +100,11 @@ class GainSettings:
     """Position loop gains as register counts; they are written before torque and read back."""
 
     p: Gain
+    """register counts, written before torque"""
     i: Gain
+    """register counts, written before torque"""
     d: Gain
+    """register counts, written before torque"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +172,9 @@ class Impedance:
     """How stiff and how damped a CAN actuator holds its goal, at its output."""
 
     kp: Annotated[float, Meta(ge=0.0)]  # N·m/rad
+    """0 to the field's maximum, mostly 500 | | CAN: stiffness, N·m/rad"""
     kd: Annotated[float, Meta(ge=0.0)]  # N·m·s/rad
+    """0 to the field's maximum, mostly 5 | | CAN: damping, N·m·s/rad. A moving joint lags by `kd`/`kp` s"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,21 +17,27 @@ class BusKeys(ConfigStruct):
     """Entry of `buses`, of either kind."""
 
     kind: Literal["dynamixel2", "can"]
+    """servos or CAN actuators"""
     port: Text | None = None
+    """port | | as `ports` of the settings, which override it"""
 
 
 class SerialBusKeys(BusKeys):
     """Entry of a serial bus."""
 
     baud: Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 1_000_000
+    """9600–4500000, a servo rate | | baud rate of the servos"""
     latency_timer_ms: Annotated[int, Meta(ge=0, le=255)] = 1
+    """of the USB adapter, for the bus budget only; 0: no USB adapter"""
     one_write: bool = True
+    """`false` for adapters or servos that lose back-to-back packets"""
 
 
 class CanBusKeys(BusKeys):
     """Entry of a CAN bus. The bit rates are those that slcan has a command for (S4 to S8)."""
 
     bitrate: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000] = 1_000_000
+    """CAN: bit/s"""
 
 
 def buses(section: ConfigReader) -> tuple[BusSpec, ...]:

@@ -33,27 +33,39 @@ class RangeKeys(ConfigStruct):
     """Section `ranges` of a CAN type: what the fields of its frames span, both ways."""
 
     position_rad: Range | None = None
+    """3.14–1000 | the model's | CAN: range of the field, both ways. A wrong range gives wrong positions"""
     velocity_rad_s: Range | None = None
+    """>0 | the model's | CAN: ranges of those fields"""
     torque_nm: Range | None = None
+    """>0 | the model's | CAN: ranges of those fields"""
 
 
 class CanSlotKeys(SlotKeys, kw_only=True):
     """Keys of what turns by a CAN actuator."""
 
     id: int  # bounds depend on the family
+    """0–252; CAN: 1–127, ODrive: 0–63 | | on its bus"""
     mode: Literal["impedance"] = IMPEDANCE
+    """as of a type | of `defaults`, else its type's |"""
     feedback_id: Annotated[int, Meta(ge=1, le=MAX_FEEDBACK)] | None = None
+    """| `id` + 16 | Damiao: master id (register 7). All ids of a bus differ"""
 
 
 class CanTypeKeys(TypeKeys, kw_only=True):
     """Entry of `types` for CAN actuators."""
 
     mode: Literal["impedance"] = IMPEDANCE
+    """`position`, `extended_position`, `current_based_position`; CAN: `impedance` | `position`; CAN:
+    `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
     ranges: RangeKeys
     gains: Impedance
     velocity_limit_rad_s: Annotated[float, Meta(gt=0.0)] = 2.0
+    """>0, ≤100 | | of the motor shaft"""
     torque_limit_nm: Annotated[float, Meta(gt=0.0)] | None = None
+    """>0, ≤ `ranges.torque_nm` | `ranges.torque_nm` | CAN: a path that needs more is reported. Only RobStride
+    enforces it"""
     watchdog: Literal["device", "unverified"] = "device"
+    """CAN: `device` is read back before torque, `unverified` cannot be; see [CAN buses](#can-buses)"""
 
 
 def can_type(name: str, section: ConfigReader) -> CanType:

@@ -37,11 +37,18 @@ class CollisionKeys(ConfigStruct):
     """Section `collision`: distances in m; pairs of names."""
 
     block_m: Distance = 0.002
+    """smallest clearance between two bodies; less is refused"""
     warn_m: Distance | None = None
+    """> `block_m`, ≤0.5 | 0.01 | below: warned and slowed; at least `block_m` + 8 mm by default"""
     world_m: Distance = 0.02
+    """as `block_m`, between robot and surroundings"""
     world: bool | None = None
+    """| `true` with `support: fixed` | judge floor and walls. On a gantry only with the true base pose; never
+    with `free`"""
     allow: Pairs = ()
+    """pairs of names | | bodies or geoms that may touch: `[[l_hand, l_thigh]]`"""
     pairs: Pairs | None = None
+    """pairs of names | all | judge only these"""
 
 
 def clearance(section: ConfigReader, support: str) -> Clearance:

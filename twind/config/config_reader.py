@@ -22,10 +22,16 @@ from twind.config.yaml_tree import ConfigError, FilePosition, Node, YamlMapping,
 T = TypeVar("T")
 Plain = str | int | float | bool | None | list["Plain"] | dict[str, "Plain"]
 Text = Annotated[str, Meta(min_length=1)]
-Name = Annotated[Text, Meta(pattern=r"^[a-z0-9_-]{1,64}\Z", description="use 1 to 64 of a-z, 0-9, _ and -")]
+Name = Annotated[
+    Text,
+    Meta(
+        pattern=r"^[a-z0-9_-]{1,64}\Z",
+        title="1–64 of a-z, 0-9, `_`, `-`",
+        description="use 1 to 64 of a-z, 0-9, _ and -",
+    ),
+]
 
 _LOOKS_NUMERIC = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|0[ox]?[0-9a-fA-F]+")
-_INDEX = re.compile(r"\[(\d+)\]")
 _KINDS = {str: "text", bool: "a truth value", int: "a whole number", float: "a number", type(None): "nothing"}
 _WANTED = _KINDS | {bool: "true or false", tuple: "a list", dict: "a mapping"}
 
@@ -114,15 +120,9 @@ class ConfigReader:
             raise self.refuse(key, _explain(node, plain, kind))
         try:
             return msgspec.convert(plain, kind, strict=True)
-        except msgspec.ValidationError as error:
-            path = owner._join(given)
-            for index in _INDEX.findall(str(error).rpartition(" - at ")[2]):
-                assert isinstance(node, YamlSequence)
-                node = node.items[int(index)]
-                plain = plain[int(index)]
-                kind = _item_kind(kind, int(index))
-                path += f"[{index}]"
-            raise ConfigError(owner.file, node.mark, path, _explain(node, plain, kind)) from None
+        except msgspec.ValidationError:
+            path, node, reason = _find_fault(owner._join(given), node, plain, kind)
+            raise ConfigError(owner.file, node.mark, path, reason) from None
 
     def choice(self, key: str, known: Iterable[str]) -> str:
         """One of the names `known`."""
@@ -168,14 +168,15 @@ class ConfigReader:
     # ---------------------------------------------------------------------------------- inside
 
     def _field(self, key: str, kind: Any) -> Any:
-        base, _ = _parts(kind)
+        base, _ = type_parts(kind)
+        shape = shape_of(kind)
         if base is ConfigReader:
             return self.section(key)
+        if shape is not None:
+            return self.section(key).read(shape)
         if get_origin(base) is dict:
             section = self.section(key)
             return {name: section._field(name, get_args(base)[1]) for name in section}
-        if isinstance(base, type) and (issubclass(base, msgspec.Struct) or is_dataclass(base)):
-            return self.section(key).read(base)
         return self.value(key, kind)
 
     def _owner(self, key: str) -> "ConfigReader":
@@ -204,6 +205,7 @@ class FileKey(NamedTuple):
 
     kind: Any
     required: bool
+    default: Any
 
 
 @cache
@@ -211,7 +213,14 @@ def keys_of(shape: type) -> dict[str, FileKey]:
     """The keys of a Struct or dataclass, in order."""
     kinds = get_type_hints(shape, include_extras=True)
     declared = msgspec.inspect.type_info(shape).fields  # type: ignore[attr-defined]  # of a Struct or dataclass
-    return {each.name: FileKey(kinds[each.name], each.required) for each in declared}
+    return {each.name: FileKey(kinds[each.name], each.required, each.default) for each in declared}
+
+
+def shape_of(kind: Any) -> type | None:
+    """The Struct or dataclass that a type is; None: it is another one."""
+    base, _ = type_parts(kind)
+    is_shape = isinstance(base, type) and (issubclass(base, msgspec.Struct) or is_dataclass(base))
+    return base if is_shape else None
 
 
 def bounds_text(limits: Iterable[Meta]) -> str:
@@ -221,26 +230,34 @@ def bounds_text(limits: Iterable[Meta]) -> str:
     return " and ".join(f"{sign} {bound:g}" for sign, bound in found if bound is not None)
 
 
-def _parts(kind: Any) -> tuple[Any, tuple[Meta, ...]]:
+def type_parts(kind: Any) -> tuple[Any, tuple[Meta, ...]]:
     """The type without bounds and `| None`, and its bounds."""
     if get_origin(kind) is Annotated:
         base, *limits = get_args(kind)
-        inner, more = _parts(base)
+        inner, more = type_parts(base)
         return inner, (*limits, *more)
     if isinstance(kind, UnionType) or get_origin(kind) is Union:
-        return _parts(next(each for each in get_args(kind) if each is not type(None)))
+        return type_parts(next(each for each in get_args(kind) if each is not type(None)))
     return kind, ()
 
 
-def _item_kind(kind: Any, index: int) -> Any:
-    """The type of an item of a tuple type."""
-    items = get_args(_parts(kind)[0])
-    return items[0] if items[-1] is ... else items[index]
+def _find_fault(path: str, node: Node, value: Any, kind: Any) -> tuple[str, Node, str]:
+    """Where a value is not of `kind` and why: an item of a list, where that alone is wrong."""
+    kinds = get_args(type_parts(kind)[0])
+    if isinstance(node, YamlSequence) and kinds:
+        count = len(node.items)
+        wanted = kinds[:1] * count if kinds[-1] is ... else kinds
+        for index in range(count if len(wanted) == count else 0):
+            try:
+                msgspec.convert(value[index], wanted[index], strict=True)
+            except msgspec.ValidationError:
+                return _find_fault(f"{path}[{index}]", node.items[index], value[index], wanted[index])
+    return path, node, _explain(node, value, kind)
 
 
 def _explain(node: Node, value: Any, kind: Any) -> str:
     """Return why a value is not of `kind`: the value, the bound and the remedy."""
-    base, limits = _parts(kind)
+    base, limits = type_parts(kind)
     remedy = next((f"; {each.description}" for each in limits if each.description), "")
     if get_origin(base) is Literal and type(value) is type(get_args(base)[0]):
         return none_of(value, get_args(base)) + remedy

@@ -35,23 +35,37 @@ class ThresholdKeys(ConfigStruct):
     """Section `thresholds` of the settings: latencies in ms."""
 
     latency_warn_ms: Annotated[float, Meta(gt=0.0, le=LATENCY_WARN_MS)] = LATENCY_WARN_MS
+    """a higher latency is reported"""
     latency_block_ms: Annotated[float, Meta(gt=0.0, le=LATENCY_BLOCK_MS)] = LATENCY_BLOCK_MS
+    """≥ `latency_warn_ms`, ≤100 | | a higher latency refuses motion and arming"""
 
 
 class SettingsKeys(ConfigStruct):
     """Keys of the settings file. A path is relative to the file, but for `sockets` and `state_dir`."""
 
     mode: Mode = "mirror"
+    """see [safety](safety.md#modes); no mode arms by itself"""
     robot: Text = "h24"
+    """name or file | | searched in `robots/` beside the settings, then among the built-in robots"""
     individual: Name | None = None
+    """| the robot's name | name of this robot; selects its calibration"""
     calibration: Text | None = None
+    """file | the individual's | calibration to load instead"""
     ports: dict[str, Text] = msgspec.field(default_factory=dict)
+    """`BUS: PORT` | | port of each bus: a serial path or a [CAN port](#can-buses). Prefer
+    `/dev/serial/by-id/…`"""
     rate_hz: Annotated[float, Meta(ge=10.0, le=1000.0)] | None = None
+    """| the robot file's | ticks per second; arming needs at least 20"""
     sockets: Text | None = None
+    """folder | `/run/twind`, else `$XDG_RUNTIME_DIR/twind` | folder of the control sockets"""
     state_dir: Text | None = None
+    """folder | `/var/lib/twind`, else `~/.local/state/twind` | calibrations, and [flight
+    recordings](observe.md) in `flight/`"""
     thresholds: ThresholdKeys = msgspec.field(default_factory=ThresholdKeys)
     log_level: Level = "info"
+    """lowest level in the log"""
     cpu: Annotated[int, Meta(ge=0, le=1023)] | None = None
+    """| any | CPU core of the loop"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,9 @@ class JointEndstops:
     """Joint angles (rad) at which the mechanism ends; None: not described."""
 
     lower: float | None = None
+    """≤ the lower limit | | angle of the mechanical endstop, from the drawing"""
     upper: float | None = None
+    """≥ the upper limit | | likewise"""
 
     def endstop_of_side(self, side: str) -> float | None:
         """The one of that side: `lower` or `upper`."""
@@ -45,8 +47,11 @@ class HomingKeys(ConfigStruct, kw_only=True):
 
     method: Literal["endstop"] = "endstop"
     side: Literal["lower", "upper"]
+    """which endstop; needs its `stop_rad`"""
     current_a: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
+    """| 12 % of `current_limit_a` | maximum current; accepted: 3–15 %"""
     speed_rad_s: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    """| 0.2 | accepted: 0.02–0.5"""
 
 
 def require_stops(entry: ConfigReader, stops: JointEndstops, lower: float, upper: float) -> None:

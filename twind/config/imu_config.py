@@ -24,26 +24,32 @@ class RegistersKeys(ConfigStruct):
     """Registers of one quantity: value = (raw - zero) * lsb."""
 
     type: Literal["int8", "uint8", "int16", "uint16", "int32", "float32"]
+    """little-endian"""
     address: Annotated[int, Meta(ge=0, le=65535)]
+    """first of adjacent registers: x, y, z; of the optional `quaternion` four, to the world's axes"""
     zero: float = 0.0
+    """number | | raw value that means 0"""
 
 
 class GyroKeys(RegistersKeys):
     """Section `gyro`."""
 
     lsb_rad_s: Lsb | None = None
+    """| 1 for `float32`, else required | rad/s or m/s² per count"""
 
 
 class AccelerationKeys(RegistersKeys):
     """Section `acceleration`."""
 
     lsb_m_s2: Lsb | None = None
+    """| 1 for `float32`, else required | rad/s or m/s² per count"""
 
 
 class QuaternionKeys(RegistersKeys):
     """Section `quaternion`."""
 
     lsb: Lsb | None = None
+    """| 1 for `float32`, else required | 1 per count"""
     order: Literal["wxyz", "xyzw"] = "wxyz"
 
 
@@ -51,10 +57,15 @@ class ImuKeys(ConfigStruct, kw_only=True):
     """Section `sensors.imu`."""
 
     bus: Text
+    """bus | required with `sensors.imu` | servo bus of [the IMU](#an-imu-on-a-bus)"""
     id: Annotated[int, Meta(ge=0, le=252)]
+    """unused by servos of that bus"""
     site: Text
+    """site | | site on the model's base body"""
     rotation: tuple[float, float, float, float] | None = None
+    """w, x, y, z | the site's | from the device's axes to the base's"""
     return_delay_us: Annotated[float, Meta(ge=0.0, le=508.0)] = 500.0
+    """longest time from request to answer"""
     gyro: GyroKeys
     acceleration: AccelerationKeys
     quaternion: QuaternionKeys | None = None

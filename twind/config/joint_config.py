@@ -43,9 +43,13 @@ class JointKeys(ConfigStruct, kw_only=True):
     """Keys of a joint, beside those of its slot."""
 
     limits_rad: tuple[float, float]
+    """lower, upper | | accepted range, inclusive; at most one motor turn"""
     model_joint: Text | None = None
+    """joint of the model | its own name |"""
     velocity_limit_rad_s: Speed = math.inf
+    """as of a type | its type's | the tighter limit applies"""
     acceleration_limit_rad_s2: Acceleration = math.inf
+    """as of a type | its type's | the tighter limit applies"""
     stop_rad: JointEndstops
     homing: HomingKeys | None = None
 

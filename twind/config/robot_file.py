@@ -34,46 +34,63 @@ class ModelKeys(ConfigStruct):
     """Section `model`."""
 
     mjcf: Text
+    """file, ≤8 MiB | | MuJoCo model: `<compiler angle="radian"/>`, a free joint on the base, one
+    `<position>` actuator per driven joint; [bounds](#numbers-of-the-model)"""
     base: Text
+    """body | | body with the free joint"""
 
 
 class LoopKeys(ConfigStruct):
     """Section `loop`."""
 
     rate_hz: Annotated[float, Meta(ge=10.0, le=1000.0)] = 100.0
+    """ticks per second"""
     command_timeout_ms: Annotated[float, Meta(ge=20.0, le=100.0)] = 100.0
+    """oldest setpoint of a stream"""
 
 
 class GateKeys(ConfigStruct):
     """Section `gate`."""
 
     on_velocity: Literal["reject", "retime"] = "reject"
+    """too fast: refuse, or slow down"""
     on_position: Annotated[
         Literal["reject"], Meta(description="a position outside the limits cannot be retimed")
     ] = "reject"
     on_torque: Literal["warn", "reject"] = "warn"
+    """a path beyond a joint's torque"""
 
 
 class RobotKeys(ConfigStruct, kw_only=True):
     """Keys of a robot file. Files are named relative to it."""
 
     format: Text
+    """`twind-robot/1` |  |"""
     name: Name
     model: ModelKeys
+    support: Literal["fixed", "gantry", "free"] = "free"
+    """what carries the robot; decides how a fault ends, see [safety](safety.md#reactions). Unless `free`, the
+    base's free joint is removed"""
     loop: LoopKeys
     buses: ConfigReader
     types: ConfigReader
     defaults: ConfigReader
+    """as of a joint | none | for joints without their own value"""
     joints: ConfigReader
     actuators: ConfigReader
+    """as of a joint | as of a joint | actuator of a [transmission](#transmissions). `ratio`: motor turns per
+    turn of the input shaft"""
     transmissions: ConfigReader
-    support: Literal["fixed", "gantry", "free"] = "free"
     passive: tuple[str, ...] = ()
+    """joints of the model | | joints without a motor"""
     legs: tuple[str, ...] | None = None
+    """joints | all | joints that carry a `free` robot: it falls where one loses torque"""
     poses: ConfigReader
+    """rad, within the limits | 0 | named poses. `poses.rest`, where torque may go off, is required"""
     gate: GateKeys
     collision: ConfigReader
     motions: Text = "motions"
+    """folder | | folder of `twindctl play NAME`"""
     sensors: ConfigReader
 
 

@@ -48,8 +48,12 @@ class TypeKeys(ConfigStruct, kw_only=True):
     """Entry of `types`, of any kind."""
 
     device: Text
+    """model name | | such as XM430-W350, DM4340"""
     mode: Any = None  # a text; `read_mode` explains a number
+    """`position`, `extended_position`, `current_based_position`; CAN: `impedance` | `position`; CAN:
+    `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
     acceleration_limit_rad_s2: Acceleration = 10.0
+    """of the motor shaft"""
     supply: SupplyKeys
     heat: HeatKeys
 
@@ -58,31 +62,47 @@ class SlotKeys(ConfigStruct, kw_only=True):
     """Keys of a joint or actuator that say how it is turned; `defaults` may have all but `id`."""
 
     type: Text
+    """type | of `defaults` |"""
     bus: Text
+    """bus | of `defaults` |"""
     sign: Literal[1, -1] = 1
+    """| of `defaults`, else 1 | -1: the motor turns the other way"""
     ratio: Annotated[float, Meta(gt=0.0, le=1000.0)] = 1.0
+    """| of `defaults`, else 1 | motor turns per joint turn"""
     mode: Any = None
+    """as of a type | of `defaults`, else its type's |"""
 
 
 class ServoSlotKeys(SlotKeys, kw_only=True):
     """Keys of what turns by a servo."""
 
     id: Annotated[int, Meta(ge=0, le=252)]  # e-manual, "ID (7)"
+    """0–252; CAN: 1–127, ODrive: 0–63 | | on its bus"""
     registers: ConfigReader
+    """number | its type's |"""
 
 
 class ServoTypeKeys(TypeKeys, kw_only=True):
     """Entry of `types` for serial servos."""
 
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500  # factory setting: 250 units of 2 µs
+    """0–508, even | | twice register 9"""
     gains: GainSettings
     velocity_limit_rad_s: Speed = 2.0
+    """of the motor shaft"""
     torque_constant_nm_per_a: Annotated[float, Meta(gt=0.0, le=1e3)] = math.nan
+    """>0 | unknown | without it effort is unknown"""
     current_limit_a: Annotated[float, Meta(gt=0.0, le=1e3)] = math.nan
+    """>0 | unknown | written as goal current by `current_based_position`, which requires it; XM430-W350: at
+    most 3.209 A"""
     ticks_per_turn: Annotated[int, Meta(ge=256, le=2**24)] | None = None
+    """| the model's | only where the model's value is ambiguous"""
     velocity_lsb_rad_s: UnitOfCount | None = None
+    """| the model's | rad/s per count; likewise"""
     current_lsb_a: UnitOfCount | None = None
+    """| the model's | A per count, if measured"""
     registers: ConfigReader
+    """number | none | required content; compared, never written"""
 
 
 def servo_type(name: str, section: ConfigReader) -> ServoType:

@@ -64,19 +64,29 @@ class SupplyKeys(ConfigStruct):
     """Section `supply` of a type, V."""
 
     warn_v: Volts | None = None
+    """| the model's: 11.1 | V; at or below: warning. Defaults: XM430; XL330: 4.4, 4, 3.8, 6.4, P series:
+    19.9, 18.1, 16.5, 31.3"""
     settle_v: Volts | None = None
+    """≤ `warn_v` | the model's: 10.5 | V; at or below: the robot settles"""
     fault_v: Volts | None = None
+    """≤ `settle_v` | the model's: 10 | V; at or below: no pose can be held"""
     high_v: Volts | None = None
+    """≥ `warn_v` | the model's: 14.8 | V; above: warning"""
 
 
 class HeatKeys(ConfigStruct):
     """Section `heat` of a type, °C and a share."""
 
     warn_c: Celsius | None = None
+    """≤ the servo's limit | the model's: 60 | °C; warning: 20 below shutdown"""
     slow_c: Celsius | None = None
+    """≥ `warn_c`, ≤ the servo's limit | the model's: 65 | °C; motions slow down: 15 below shutdown"""
     settle_c: Celsius | None = None
+    """≥ `slow_c`, ≤ the servo's limit | the model's: 70 | °C; the robot settles: 10 below shutdown"""
     cool_c: Celsius | None = None
+    """≤ `settle_c` | the model's: 55 | °C; below: arming is possible again"""
     continuous: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    """| 0.35 | share of the current limit that it bears permanently"""
 
 
 def supply(section: ConfigReader, given: SupplyKeys, usual: SupplyLimits) -> SupplyLimits:

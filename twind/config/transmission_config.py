@@ -22,19 +22,23 @@ class TransmissionKeys(ConfigStruct):
 
     kind: Literal["differential", "linkage_table"]
     actuators: tuple[str, ...]
+    """actuators | | as many as joints"""
 
 
 class DifferentialKeys(TransmissionKeys):
     """Entry of a differential: of each joint its rad per rad of each actuator."""
 
     joints: ConfigReader
+    """numbers | | `differential`: joint rad per rad of each actuator"""
 
 
 class LinkageKeys(TransmissionKeys):
     """Entry of a linkage that a table describes."""
 
     joints: tuple[str, ...]
+    """joints | | `linkage_table`: as many as actuators"""
     table: Text
+    """CSV file | | `linkage_table` only"""
 
 
 def transmissions(
