@@ -37,12 +37,15 @@ class DerivedTableKeys(SampleTableKeys):
 
 
 def test_cells_come_from_the_type_unless_the_text_gives_them() -> None:
-    assert key_table(DerivedTableKeys) == HEAD + (
-        "| `rate` |  | 1000000 | |\n"
-        "| `mode` | `sim`, `live` | `sim` | as `mode` of the daemon |\n"
-        "| `inner.p`, `.i` | 0–9 | required | gain |\n"
-        "| `share` | >0, ≤0.5 | the model's | what it bears |\n"
-        "| `flag` | `true`, `false` | `true` | |\n"
+    assert key_table(DerivedTableKeys) == "\n".join(
+        (
+            HEAD,
+            "| `rate` |  | 1000000 | |",
+            "| `mode` | `sim`, `live` | `sim` | as `mode` of the daemon |",
+            "| `inner.p`, `.i` | 0–9 | required | gain |",
+            "| `share` | >0, ≤0.5 | the model's | what it bears |",
+            "| `flag` | `true`, `false` | `true` | |",
+        )
     )
 
 

@@ -20,14 +20,15 @@ from twind.config.can_type import CanSlotKeys, CanTypeKeys
 from twind.config.collision_config import CollisionKeys
 from twind.config.config_reader import ConfigReader, FileKey, keys_of, shape_of, type_parts
 from twind.config.daemon_settings import SettingsKeys
+from twind.config.doc_pages import renew_tables
 from twind.config.imu_config import SensorKeys
 from twind.config.joint_config import OF_DEFAULTS, JointKeys
 from twind.config.robot_file import RobotKeys
 from twind.config.servo_type import ServoSlotKeys, ServoTypeKeys
 from twind.config.transmission_config import DifferentialKeys, LinkageKeys
 
-TABLES: Mapping[str, type] = {"settings": SettingsKeys, "robot": RobotKeys}
-HEAD = "| key | value | default | what |\n|---|---|---|---|\n"
+TABLES: Mapping[str, type] = {"keys of settings": SettingsKeys, "keys of the robot file": RobotKeys}
+HEAD = "| key | value | default | what |\n|---|---|---|---|"
 
 # Sections whose entries are read one by one: what stands for an entry's name, and its shapes.
 _ENTRIES: Mapping[str, tuple[str, tuple[type, ...]]] = {
@@ -59,20 +60,13 @@ def key_table(shape: type) -> str:
             row.keys.append(key)
         else:
             rows.append(KeyRow([key], cells))
-    return HEAD + "".join(f"| {_listed(row.keys)} | {' | '.join(row.cells).rstrip()} |\n" for row in rows)
+    lines = (f"| {_listed(row.keys)} | {' | '.join(row.cells).rstrip()} |" for row in rows)
+    return "\n".join((HEAD, *lines))
 
 
-def renew_page(text: str) -> str:
+def renew_page(page: str) -> str:
     """The page with its tables made anew. Raises ValueError: a marker is missing."""
-    for name, shape in TABLES.items():
-        begin = f"<!-- keys of {name}: made by twind.config.keys_page -->\n"
-        end = f"<!-- end of keys of {name} -->\n"
-        head, _, rest = text.partition(begin)
-        _, found, tail = rest.partition(end)
-        if not found:
-            raise ValueError(f"the page has no {begin.strip()} with {end.strip()} behind it: add both lines")
-        text = head + begin + key_table(shape) + end + tail
-    return text
+    return renew_tables(page, {name: key_table(shape) for name, shape in TABLES.items()})
 
 
 def value_text(kind: Any) -> str:
@@ -166,6 +160,12 @@ def _listed(keys: list[str]) -> str:
     return ", ".join((f"`{keys[0]}`", *rest))
 
 
+def main(arguments: list[str]) -> int:
+    """Write the named page. Exit code 0."""
+    path = Path(arguments[0])
+    path.write_text(renew_page(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
 if __name__ == "__main__":
-    page = Path(sys.argv[1])
-    page.write_text(renew_page(page.read_text()))
+    sys.exit(main(sys.argv[1:]))
