@@ -85,7 +85,11 @@ def refused(text: str) -> ConfigError:
         ("text:", "text is expected, found nothing"),
         ("mode: mirrow", "'mirrow' is none of sim, mirror; nearest: mirror"),
         ("mode: 1", "text is expected, found a whole number (1); quote it"),
+        ("mode: [sim]", "text is expected, found a list"),
         ("sign: 2", "2 is none of 1, -1"),
+        ("sign: [1]", "a whole number is expected, found a list"),
+        ("id: [1]", "a whole number is expected, found a list"),
+        ("name: {a: 1}", "text is expected, found a mapping"),
         ("sign: true", "a whole number is expected, found a truth value"),
         ("flag: 1", "true or false is expected, found a whole number"),
         ("limits_rad: 3", "a list is expected, found a whole number"),
@@ -192,6 +196,8 @@ def test_a_choice_names_what_there_is() -> None:
     assert reader("bus: leg").choice("bus", ["leg", "arm"]) == "leg"
     with pytest.raises(ConfigError, match="'legs' is none of leg, arm; nearest: leg"):
         reader("bus: legs").choice("bus", ["leg", "arm"])
+    with pytest.raises(ConfigError, match="'leg' is none of"):
+        reader("bus: leg").choice("bus", [])
 
 
 def test_another_format_is_refused_before_any_key() -> None:

@@ -243,8 +243,9 @@ def type_parts(kind: Any) -> tuple[Any, tuple[Meta, ...]]:
 
 def _find_fault(path: str, node: Node, value: Any, kind: Any) -> tuple[str, Node, str]:
     """Where a value is not of `kind` and why: an item of a list, where that alone is wrong."""
-    kinds = get_args(type_parts(kind)[0])
-    if isinstance(node, YamlSequence) and kinds:
+    base, _ = type_parts(kind)
+    if isinstance(node, YamlSequence) and get_origin(base) is tuple:
+        kinds = get_args(base)
         count = len(node.items)
         wanted = kinds[:1] * count if kinds[-1] is ... else kinds
         for index in range(count if len(wanted) == count else 0):
