@@ -82,9 +82,8 @@ class ConfigReader:
     def require_known(self, keys: Iterable[str]) -> None:
         """Every key is one of `keys`, or the `_deg` twin of one. Raises ConfigError for the first other."""
         known = dict.fromkeys(name for key in keys for name in (key, _twin(key)))
-        for key in known:
-            self._given(key)
         for key in self._table.items:
+            self._given(key.replace("_deg", "_rad"))
             if key not in known:
                 near = difflib.get_close_matches(key, known, 1)
                 hint = f"nearest: {near[0]}" if near else f"known: {', '.join(known) or 'none'}"
@@ -193,11 +192,14 @@ class ConfigReader:
 
     def _given(self, key: str) -> str | None:
         """The key as it is written in the file. Raises when it is given in rad and in deg."""
+        items = self._table.items
         twin = _twin(key)
-        if twin != key and key in self._table.items and twin in self._table.items:
+        if key not in items:
+            return twin if twin in items else None
+        if twin != key and twin in items:
             mark = self._table.keys[twin]
             raise ConfigError(self.file, mark, self._join(twin), f"{key} is given too: keep one of them")
-        return next((name for name in (key, twin) if name in self._table.items), None)
+        return key
 
 
 class FileKey(NamedTuple):
@@ -216,6 +218,7 @@ def keys_of(shape: type) -> dict[str, FileKey]:
     return {each.name: FileKey(kinds[each.name], each.required, each.default) for each in declared}
 
 
+@cache
 def shape_of(kind: Any) -> type | None:
     """The Struct or dataclass that a type is; None: it is another one."""
     base, _ = type_parts(kind)
@@ -230,6 +233,7 @@ def bounds_text(limits: Iterable[Meta]) -> str:
     return " and ".join(f"{sign} {bound:g}" for sign, bound in found if bound is not None)
 
 
+@cache
 def type_parts(kind: Any) -> tuple[Any, tuple[Meta, ...]]:
     """The type without bounds and `| None`, and its bounds."""
     if get_origin(kind) is Annotated:
@@ -288,6 +292,8 @@ def _unfit(node: Node, wanted: type) -> str:
 def none_of(value: object, known: Iterable[object]) -> str:
     """A choice that is not there: the choices, and the nearest."""
     names = [str(each) for each in known]
+    if not names:
+        return f"{value!r} is not described: the file describes none"
     near = difflib.get_close_matches(str(value), names, 1)
     hint = f"; nearest: {near[0]}" if near else ""
     return f"{value!r} is none of {', '.join(names)}{hint}"
