@@ -36,6 +36,7 @@ from twind_drivers.dynamixel.control_tables import number_of, table
 SPEED = "velocity_limit_rad_s"
 PULL = "acceleration_limit_rad_s2"
 OF_ACTUATORS = ("bus", "id", "type", "sign", "ratio", "mode", "registers", "feedback_id")
+OF_OWN_ACTUATORS = ("homing", "stop_rad", "stop_deg")  # what asks for an actuator of its own
 OF_DEFAULTS = ("type", "bus", "sign", "ratio", "mode", SPEED, PULL)
 
 
@@ -115,7 +116,7 @@ class _SlotRegistry:
         return slot
 
     def _read(self, name: str, entry: ConfigReader, beside: tuple[type, ...]) -> ActuatorSlot:
-        entry.read(SlotKeys, ServoSlotKeys, CanSlotKeys, *beside)
+        entry.read(SlotKeys, ServoSlotKeys, CanSlotKeys, *beside)  # a misspelt key before a missing one
         kind = self._types[entry.choice("type", self._types)]
         bus = entry.choice("bus", self._lines)
         if self._lines[bus] != kind.BUS:
@@ -174,13 +175,11 @@ def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots
 def _refuse_own(entry: ConfigReader, seat: _TransmissionSlot) -> None:
     """A joint of a transmission has no actuator of its own. Raises ConfigError where it has keys of one."""
     turned = f"driven through transmission {seat.transmission.name}"
-    own = tuple(entry)
-    for key in (*OF_ACTUATORS, "homing", "stop_rad", "stop_deg"):
-        if key in own:
-            message = f"{key} stands with its actuator {seat.actuator}"
-            if key not in OF_ACTUATORS:
-                message = "no actuator drives it alone to a stop"
-            raise entry.refuse(key, f"{turned}: {message}; remove it")
+    for key in entry:
+        if key in OF_ACTUATORS:
+            raise entry.refuse(key, f"{turned}: {key} stands with its actuator {seat.actuator}; remove it")
+        if key in OF_OWN_ACTUATORS:
+            raise entry.refuse(key, f"{turned}: no actuator drives it alone to a stop; remove it")
 
 
 def _once_each(joints: Sequence[JointSpec], section: ConfigReader) -> None:
