@@ -22,7 +22,7 @@ from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.bridge.ros.ros_endpoints import SERVICES, RosTopic
 from twind.bridge.ros.ros_transport import TransportError
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 from twind.ros import JOINT_STATE, STRING
 
 OUT = RosTopic("/out", STRING, out=True)

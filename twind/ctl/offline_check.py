@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from twind.client.errors import CallError
+from twind.command_line.verb import UsageError
 from twind.config.robot_file import RobotFile
-from twind.ctl.verb import UsageError
 from twind.front import trajectory_submission
 from twind.front.joint_naming import JointNames
 from twind.front.state_cache import encode

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from twind.client import Client, NoDaemon
+from twind.command_line.verb import UsageError
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.config_files import CommandLineError as Unfit
@@ -15,7 +16,6 @@ from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import UsageError
 from twind_calibration.doctor.can_bus_inspector import CanBusInspector
 from twind_calibration.doctor.check import CheckUnavailable
 from twind_calibration.doctor.check_context import CheckContext

@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
-from twind.ctl.verb import lease
+from twind.command_line.verb import lease
 from twind_drivers.clock import Clock
 
 # s: on each way, and until it leaves again

@@ -18,7 +18,7 @@ from twind.bridge.zenoh.zenoh_session import (
     open_now,
     open_session,
 )
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.bridge.ros.ros_transport import TransportError
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with no other
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
