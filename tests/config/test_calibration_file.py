@@ -18,7 +18,7 @@ from twind.config.calibration_file import (
     text_hash,
     turn_band,
 )
-from twind.config.config_section import Plain
+from twind.config.config_reader import Plain
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
 from twind_drivers.bus import IdentifiedDevice
@@ -105,7 +105,7 @@ def test_a_file_cut_short_is_refused(length: int) -> None:
         ("twind-calibration/1", "twind-calibration/2", "is not twind-calibration/1"),
         ('robot: "h24"', 'robot: "kid20"', ":2:8: robot: made for robot 'kid20', not for 'h24'"),
         (ROBOT.description_sha256, "00", "joints, ids, signs or ratios changed since: calibrate again"),
-        ('created: "2026-11-21T09:14:03Z"', 'created: "yesterday"', "is not a time as 2026-11-21T09:14:03Z"),
+        ('created: "2026-11-21T09:14:03Z"', 'created: "yesterday"', "write a time as 2026-11-21T09:14:03Z"),
         (
             'method_default: "import"',
             'method_default: "guess"',

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from twind.config.collision_config import Clearance, clearance
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError, parse
 
 
 def read(text: str, support: str = "gantry") -> Clearance:
-    return clearance(ConfigSection("robot.yaml", parse(text, "robot.yaml")), support)
+    return clearance(ConfigReader("robot.yaml", parse(text, "robot.yaml")), support)
 
 
 def test_what_is_not_given_has_its_default() -> None:
@@ -47,13 +47,13 @@ def test_a_larger_block_takes_the_default_warning_with_it() -> None:
         ("{warn_m: .nan}", "not a finite number"),
         ("{block_m: 0.6}", "is outside >= 0 and <= 0.5"),
         ("{blocks_m: 1}", "unknown key; nearest: block_m"),
-        ("{allow: torso}", "a list of pairs is expected"),
-        ("{allow: null}", "a list of pairs is expected"),
-        ("{allow: [[torso]]}", "is no pair of names"),
-        ("{allow: [torso, l_hand]}", "is no pair of names"),
-        ("{allow: [[a, b, c]]}", "is no pair of names"),
-        ("{allow: [[a, 3]]}", "both are names"),
-        ("{allow: [[a, '']]}", "both are names"),
+        ("{allow: torso}", "write pairs of names, as [[l_hand, torso]"),
+        ("{allow: null}", "found nothing; write pairs of names"),
+        ("{allow: [[torso]]}", "allow[0]: needs 2 values, found 1; write pairs"),
+        ("{allow: [torso, l_hand]}", "allow[0]: a list is expected"),
+        ("{allow: [[a, b, c]]}", "allow[0]: needs 2 values, found 3"),
+        ("{allow: [[a, 3]]}", "allow[0][1]: text is expected"),
+        ("{allow: [[a, '']]}", "allow[0][1]: must not be empty"),
         ("{allow: [[a, a]]}", "no distance from itself"),
         ("{allow: [[a, b], [b, a]]}", "stands there twice"),
         ("{pairs: []}", "judges nothing"),

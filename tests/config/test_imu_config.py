@@ -52,7 +52,7 @@ def test_a_robot_without_sensors_has_none(tmp_path: Path) -> None:
         (", lsb_m_s2: 0.0047884", "", "sensors.imu.acceleration.lsb_m_s2: is required and missing"),
         ("address: 28", "address: 400", "sensors.imu: registers 16..407 are 392 bytes, at most 128"),
         ("site: imu", "site: imu\n    rotation: [1, 1, 0, 0]", "w x y z has length 1, this one 1.414"),
-        ("site: imu", "site: imu\n    rotation: [1, 0, 0]", "needs 4 numbers, found 3"),
+        ("site: imu", "site: imu\n    rotation: [1, 0, 0]", "needs 4 values, found 3"),
         ("delay_us: 10\n    gyro", "delay_us: 600\n    gyro", "return_delay_us: 600 is outside"),
         ("  imu:\n    bus", "  lidar: {}\n  imu:\n    bus", "sensors.lidar: unknown key; nearest"),
         ("lsb: 0.00006103515625", "lsb: 0.00006, order: zyxw", "'zyxw' is none of wxyz, xyzw"),

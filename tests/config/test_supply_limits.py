@@ -6,25 +6,35 @@ from pathlib import Path
 import pytest
 
 from tests.support.doc_pages_text import ROOT
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader
 from twind.config.robot_file import load_robot, read_robot
-from twind.config.supply_limits import SupplyLimits, ThermalLimits, full_counts, heat, supply
+from twind.config.supply_limits import (
+    HeatKeys,
+    SupplyKeys,
+    SupplyLimits,
+    ThermalLimits,
+    full_counts,
+    heat,
+    heat_limit,
+    supply,
+    usual_heat,
+    usual_supply,
+)
 from twind.config.yaml_tree import ConfigError, parse
 from twind.twin.binding import bind
 from twind_drivers.dynamixel.control_tables import models, number_of, table
 from twind_drivers.dynamixel.factory_defaults import FACTORY
 
 
-def section(text: str = "{}") -> ConfigSection:
-    return ConfigSection("robot.yaml", parse(text, "robot.yaml"))
-
-
 def of(text: str, device: str = "XM430-W350") -> SupplyLimits:
-    return supply(section(f"supply: {text}"), device)
+    section = ConfigReader("robot.yaml", parse(f"supply: {text}", "robot.yaml")).section("supply")
+    return supply(section, section.read(SupplyKeys), usual_supply(device))
 
 
 def warmth(text: str, device: str = "XM430-W350") -> ThermalLimits:
-    return heat(section(f"heat: {text}"), device)
+    section = ConfigReader("robot.yaml", parse(f"heat: {text}", "robot.yaml")).section("heat")
+    limit = heat_limit(device)
+    return heat(section, section.read(HeatKeys), usual_heat(limit), limit)
 
 
 def test_a_12_v_servo_has_the_bounds_of_12_v_and_80_degrees() -> None:

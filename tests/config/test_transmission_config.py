@@ -112,7 +112,7 @@ def test_check_robot_tells_condition_numbers_and_worked_examples(robot: RobotFil
             "waist_a: {sign: -1}",
             "actuators.waist_a.id: is required and missing",
         ),
-        ("id: 3, sign: -1", "id: 3, sign: 2", "actuators.waist_a.sign: 2 is neither 1 nor -1"),
+        ("id: 3, sign: -1", "id: 3, sign: 2", "actuators.waist_a.sign: 2 is none of 1, -1"),
         ("ratio: 1.2", "ratio: 0", "actuators.waist_b.ratio: 0 is outside > 0"),
         ("ratio: 1.2", "ration: 1.2", "actuators.waist_b.ration: unknown key; nearest: ratio"),
         ("ratio: 1.2", "limits_rad: [0, 1]", "actuators.waist_b.limits_rad: unknown key"),
@@ -139,7 +139,8 @@ def test_check_robot_tells_condition_numbers_and_worked_examples(robot: RobotFil
         ("[0.3, 0.3]", "[-0.3, 0.301]", "nearly singular: condition number"),
         ("waist:\n    kind", "waist:\n    table: a.csv\n    kind", "waist.table: unknown key"),
         ("table: ankle.csv", "table: ankel.csv", "ankel.csv: cannot be read"),
-        ("table: ankle.csv", "matrix: ankle.csv", "ankle.table: is required and missing"),
+        ("table: ankle.csv", "matrix: ankle.csv", "ankle.matrix: unknown key; known: kind"),
+        (",\n          table: ankle.csv", "", "ankle.table: is required and missing"),
         ("[ankle_pitch, ankle_roll]", "[ankle_pitch, waist_roll]", "waist_roll stands in transmission waist"),
         ("[ank_in, ank_out]", "[ank_in, waist_a]", "waist_a stands in transmission waist already"),
         (

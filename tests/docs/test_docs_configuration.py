@@ -1,4 +1,4 @@
-"""docs/configuration.md names every key of settings and robot file, and no other; with the right defaults."""
+"""Tables of keys in docs/configuration.md are those of the code; defaults without a type are right."""
 
 import re
 from pathlib import Path
@@ -6,18 +6,13 @@ from pathlib import Path
 import pytest
 
 from tests.support.doc_pages_text import ROOT, table
-from twind.config import config_section
-from twind.config.actuator_types import CanType, ServoType
-from twind.config.daemon_settings import load_settings
+from twind.config.actuator_types import CanType
+from twind.config.collision_config import Clearance
+from twind.config.keys_page import renew_page
 from twind.config.robot_file import read_robot
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
-HEADING = ("key", "value", "default", "what")
-SETTINGS, ROBOT = (
-    table(part, *HEADING) for part in TEXT.split("\n## CAN buses\n")[0].split("\n## Robot file\n")
-)
-NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE", "actuators": "ACTUATOR"}
-NAMES |= {"transmissions": "TRANSMISSION"}
+ROBOT = table(TEXT.partition("\n## Robot file\n")[2].partition("\n## ")[0], "key", "value", "default", "what")
 
 FILE = """\
 format: twind-robot/1
@@ -47,112 +42,48 @@ sensors:
 
 
 def described(folder: Path) -> None:
-    """A robot in which every key may stand."""
+    """A robot with an actuator of each kind."""
     (folder / "one.xml").write_text("<mujoco/>")
     (folder / "one.yaml").write_text(FILE)
     (folder / "toe.csv").write_text("b_rad,toe_rad\n-1.0,-0.5\n1.0,0.5\n")
 
 
-def keys_of(cell: str) -> list[str]:
-    """Keys of a first cell; one that begins with a dot has the section of the first."""
-    keys = re.findall(r"`([^`]+)`", cell)
-    section_of_first = keys[0].rpartition(".")[0]
-    return [section_of_first + key if key.startswith(".") else key for key in keys]
+def test_the_tables_of_the_page_are_made_of_the_structs() -> None:
+    assert renew_page(TEXT) == TEXT, "run: python -m twind.config.keys_page docs/configuration.md"
 
 
-def documented(rows: list[list[str]]) -> set[str]:
-    return {key for cell, *_ in rows for key in keys_of(cell)}
+def test_a_page_without_its_markers_is_refused() -> None:
+    with pytest.raises(ValueError, match="keys of settings"):
+        renew_page("# Settings\n")
 
 
-def defaults(rows: list[list[str]]) -> dict[str, str]:
-    """Default by key."""
-    return {key: usual for cell, _, usual, _ in rows for key in keys_of(cell)}
+def test_every_table_names_a_key_once() -> None:
+    keys = re.findall(r"`([^`]+)`", " ".join(row[0] for row in ROBOT))
+    whole = [key for key in keys if not key.startswith(".")]
+    assert len(whole) == len(set(whole))
 
 
-def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
-    """Every key that is asked for, as the page spells it, while `read` reads a file."""
-    found: set[str] = set()
-    given = config_section.ConfigSection._given
-
-    def spy(self: config_section.ConfigSection, key: str) -> str | None:
-        found.add(f"{self.path}.{key}".strip("."))
-        return given(self, key)
-
-    monkeypatch.setattr(config_section.ConfigSection, "_given", spy)
-    read()  # type: ignore[operator]
-    return {_spelled(path) for path in found if not path.endswith(".")}
-
-
-def _spelled(path: str) -> str:
-    parts = path.split(".")
-    if parts[0] in NAMES and len(parts) > 1:
-        parts[1] = NAMES[parts[0]]
-    if parts[0] == "poses" and len(parts) == 3:
-        parts[2] = "JOINT"
-    if parts[0] == "transmissions" and parts[2:3] == ["joints"]:
-        parts[3:] = ["JOINT"] * len(parts[3:])
-    if "registers" in parts[:-1]:
-        parts[-1] = "REGISTER"
-    return ".".join(parts)
-
-
-def _leaves(keys: set[str]) -> set[str]:
-    """Without the sections that hold others."""
-    return {key for key in keys if not any(other.startswith(f"{key}.") for other in keys)}
-
-
-def test_every_key_of_the_settings_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "twind.yaml"
-    file.write_text("mode: sim\n")
-    keys = asked(monkeypatch, lambda: load_settings(file, {}, 1000))
-    assert _leaves(keys) == documented(SETTINGS)
-
-
-def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    described(tmp_path)
-    keys = asked(monkeypatch, lambda: read_robot(tmp_path / "one.yaml"))
-    assert _leaves(keys) == documented(ROBOT)
-
-
-def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
+def test_defaults_that_no_type_tells_are_those_of_the_code(tmp_path: Path) -> None:
     described(tmp_path)
     robot = read_robot(tmp_path / "one.yaml")
-    page = defaults(ROBOT)
-    bus = robot.buses[0]
-    kind = robot.joints[0].type
-    joint = robot.joints[0]
-    assert page["support"] == f"`{robot.support}`"
-    assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
-    assert page["loop.command_timeout_ms"] == f"{robot.command_timeout_ms:g}"
-    assert page["buses.BUS.baud"] == f"{bus.baud}"
-    assert page["buses.BUS.bitrate"] == f"{robot.buses[1].baud}"
+    page = {re.findall(r"`([^`]+)`", cell)[0]: usual for cell, _, usual, _ in ROBOT}
     knee = robot.joints[1]
     assert isinstance(knee.type, CanType)
-    assert page["types.TYPE.watchdog"] == f"`{knee.type.watchdog}`"
+    assert page["types.TYPE.mode"] == f"`{robot.joints[0].type.mode}`; CAN: `{knee.type.mode}`"
     assert page["types.TYPE.torque_limit_nm"] == "`ranges.torque_nm`"
     assert knee.type.torque_limit_nm == knee.type.ranges.torque_nm
     assert page["joints.JOINT.feedback_id"] == f"`id` + {(knee.feedback_id or 0) - knee.id}"
-    assert page["buses.BUS.latency_timer_ms"] == f"{bus.latency_timer_ms}"
-    assert page["buses.BUS.one_write"] == f"`{str(bus.one_write).lower()}`"
-    assert page["types.TYPE.mode"] == f"`{kind.mode}`; CAN: `{knee.type.mode}`"
-    assert isinstance(kind, ServoType)
-    assert page["types.TYPE.return_delay_us"] == f"{kind.return_delay_us}"
-    assert page["types.TYPE.velocity_limit_rad_s"] == f"{kind.velocity_limit_rad_s:g}"
-    assert page["types.TYPE.acceleration_limit_rad_s2"] == f"{kind.acceleration_limit_rad_s2:g}"
-    assert (page["defaults.sign"], page["defaults.ratio"]) == (f"{joint.sign}", f"{joint.ratio:g}")
-    assert page["gate.on_velocity"] == f"`{robot.gate.on_velocity}`"
-    assert page["gate.on_torque"] == f"`{robot.gate.on_torque}`"
-    assert robot.imu is not None
-    assert page["sensors.imu.return_delay_us"] == f"{robot.imu.return_delay_us:g}"
-    assert page["sensors.imu.quaternion.zero"] == f"{robot.imu.gyro.zero:g}"
-    assert robot.imu.quaternion is not None
-    assert page["sensors.imu.quaternion.order"] == f"`{robot.imu.quaternion.order}`"
-    clearance = robot.gate.collision
-    for key, value in (("block", clearance.block), ("warn", clearance.warn), ("world", clearance.world)):
-        assert page[f"collision.{key}_m"] == f"{value:g}"
-    usual = defaults(SETTINGS)
-    settings = load_settings(None, {"HOME": str(tmp_path)}, 1000)
-    for key in ("mode", "robot", "log_level"):
-        assert usual[key] == f"`{getattr(settings, key)}`"
-    for key in ("latency_warn_ms", "latency_block_ms"):
-        assert usual[f"thresholds.{key}"] == f"{getattr(settings, key):g}"
+    assert page["poses.POSE.JOINT"] == f"{robot.poses['rest']['elbow']:g}"
+    assert page["collision.warn_m"] == f"{Clearance().warn:g}"
+    supply = robot.joints[0].type.supply
+    heat = robot.joints[0].type.heat
+    for key, bound in (("warn", supply.warn), ("settle", supply.settle), ("fault", supply.fault)):
+        assert page[f"types.TYPE.supply.{key}_v"] == f"the model's: {bound:g}"
+    for key, bound in (
+        ("warn", heat.warn),
+        ("slow", heat.slow),
+        ("settle", heat.settle),
+        ("cool", heat.cool),
+    ):
+        assert page[f"types.TYPE.heat.{key}_c"] == f"the model's: {bound:g}"
+    assert page["types.TYPE.heat.continuous"] == f"{heat.continuous:g}"

@@ -69,11 +69,15 @@ def test_pushes_and_noise_are_read() -> None:
     [
         ("{mas: [0.9, 1.1]}", "profiles.default.mas", "unknown key; nearest: mass"),
         ("{mass: [1.1, 0.9]}", "profiles.default.mass", "1.1 to 0.9 is empty: the lower end comes first"),
-        ("{mass: [0.0, 1.1]}", "profiles.default.mass", "0 is outside >= 0.1 and <= 10"),
+        ("{mass: [0.0, 1.1]}", "profiles.default.mass[0]", "0 is outside >= 0.1 and <= 10"),
         ("{mass: 1.1}", "profiles.default.mass", "a list is expected, found a number (1.1)"),
-        ("{mass: [1.0, 1.1, 1.2]}", "profiles.default.mass", "needs 2 numbers, found 3"),
-        ("{action_delay_s: [0.0, 0.3]}", "profiles.default.action_delay_s", "0.3 is outside >= 0 and <= 0.2"),
-        ("{imu_delay_s: [-0.1, 0.1]}", "profiles.default.imu_delay_s", "-0.1 is outside >= 0 and <= 0.2"),
+        ("{mass: [1.0, 1.1, 1.2]}", "profiles.default.mass", "needs 2 values, found 3"),
+        (
+            "{action_delay_s: [0.0, 0.3]}",
+            "profiles.default.action_delay_s[1]",
+            "0.3 is outside >= 0 and <= 0.2",
+        ),
+        ("{imu_delay_s: [-0.1, 0.1]}", "profiles.default.imu_delay_s[0]", "-0.1 is outside >= 0 and <= 0.2"),
         (
             "{noise: {gyro_rad_s: -0.1}}",
             "profiles.default.noise.gyro_rad_s",
@@ -83,7 +87,7 @@ def test_pushes_and_noise_are_read() -> None:
         ("{pushes: {every_s: [1.0, 2.0]}}", "profiles.default.pushes.speed_m_s", "is required and missing"),
         (
             "{pushes: {every_s: [0.0, 2.0], speed_m_s: [0.1, 0.2], for_s: [0.1, 0.2]}}",
-            "profiles.default.pushes.every_s",
+            "profiles.default.pushes.every_s[0]",
             "0 is outside >= 0.02 and <= 3600",
         ),
     ],

@@ -75,8 +75,8 @@ def test_a_file_says_what_the_dataclass_says(tmp_path: Path) -> None:
     [
         ("joints: {l_kne: {sign: 1}}", "joints.l_kne: unknown key; nearest: l_knee"),
         ("joints: {l_knee: {zero: 1}}", "joints.l_knee.zero: unknown key"),
-        ("joints: {l_knee: {sign: 0}}", "0 is neither 1 nor -1"),
-        ("joints: {l_knee: {sign: 2}}", "2 is outside"),
+        ("joints: {l_knee: {sign: 0}}", "0 is none of 1, -1"),
+        ("joints: {l_knee: {sign: 2}}", "2 is none of 1, -1"),
         ("joints: {l_knee: {zero_ticks: 1.5}}", "a whole number is expected"),
         ("joints: {l_knee: {friction_nm: -0.1}}", "-0.1 is outside"),
         ("joints: {l_knee: {friction_nm: .nan}}", ".nan is not a finite number"),

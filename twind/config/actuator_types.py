@@ -8,7 +8,9 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar, Final
+
+from msgspec import Meta
 
 from twind.config.supply_limits import SupplyLimits, ThermalLimits, full_counts
 from twind_drivers.can.can_units import COUNT, EFFORT
@@ -25,9 +27,13 @@ OPERATING_MODES: Mapping[str, int] = {
     "current_based_position": 5,
 }
 MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
-IMPEDANCE = "impedance"  # torque = kp (goal - position) - kd velocity: how every CAN family here is driven
+IMPEDANCE: Final = (
+    "impedance"  # torque = kp (goal - position) - kd velocity: how every CAN family here is driven
+)
 NO_EFFORT = ("odrive",)  # families that tell a current and no torque
 TAKES_COMMANDS = 1  # what a CAN bus says as operating mode of an actuator that takes these commands
+MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
+Gain = Annotated[int, Meta(ge=0, le=MOST_GAIN)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +99,12 @@ class TypeSpec(ABC):
 class GainSettings:
     """Position loop gains as register counts; they are written before torque and read back."""
 
-    p: int
-    i: int
-    d: int
+    p: Gain
+    """register counts, written before torque"""
+    i: Gain
+    """register counts, written before torque"""
+    d: Gain
+    """register counts, written before torque"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +171,10 @@ class ServoType(TypeSpec):
 class Impedance:
     """How stiff and how damped a CAN actuator holds its goal, at its output."""
 
-    kp: float  # N·m/rad
-    kd: float  # N·m·s/rad
+    kp: Annotated[float, Meta(ge=0.0)]  # N·m/rad
+    """0 to the field's maximum, mostly 500 | | CAN: stiffness, N·m/rad"""
+    kd: Annotated[float, Meta(ge=0.0)]  # N·m·s/rad
+    """0 to the field's maximum, mostly 5 | | CAN: damping, N·m·s/rad. A moving joint lags by `kd`/`kp` s"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from twind.config.config_section import file_error
+from twind.config.config_reader import file_error
 from twind_drivers.clock import MonotonicClock
 
 PATIENCE = 30.0  # s to wait for another program that saves there

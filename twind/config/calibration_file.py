@@ -7,32 +7,38 @@ Raw counts are integers, so that a round trip is exact. The hash is of the file'
 import hashlib
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 from twind.config.atomic_save import FileOwnership, save_text
-from twind.config.config_section import ConfigSection, Plain
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
 from twind.config.counts import ticks_of, turn_start
 from twind.config.device_record import (
-    MAX_TICKS,
     DeviceRecord,
+    Ticks,
     device_entries,
     make_device_record,
     read_device,
+    require_sweep,
 )
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind_drivers.bus import IdentifiedDevice
 
 FORMAT = "twind-calibration/1"
-METHODS = ("jig", "endstop", "sweep", "gravity", "import")
 HISTORY = 20  # earlier files kept beside the current one
 SWEEP_MARGIN = 0.08  # rad, travel of a fitting calibration beyond the described limits
 
-_STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
+Method = Literal["jig", "endstop", "sweep", "gravity", "import"]
+Stamp = Annotated[
+    str,
+    Meta(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ\Z", description="write a time as 2026-11-21T09:14:03Z"),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,18 +46,18 @@ class JointCalibration:
     """One actuator. Counts are in the frame of Present Position as read with the recorded settings."""
 
     name: str
-    bus: str
-    id: int
+    bus: Text
+    id: Annotated[int, Meta(ge=0, le=252)]
     device: DeviceRecord
-    zero_ticks: int  # count at angle 0
-    zero_sigma_ticks: float
-    captures: int
+    zero_ticks: Ticks  # count at angle 0
+    zero_sigma_ticks: Annotated[float, Meta(ge=0.0)]
+    captures: Annotated[int, Meta(ge=1, le=100_000)]
     sign: int
     sweep_ticks: tuple[int, int]  # travel seen, unwrapped
     seam_margin_ticks: int
     turn_band_ticks: tuple[int, int]  # half-open, one turn wide
-    method: str
-    proof: Plain = None
+    method: Method
+    proof: Any = None  # a `Plain` value
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,25 @@ class Calibration:
     def by_name(self) -> Mapping[str, JointCalibration]:
         """Name of the actuator (the joint's, where it turns no other) -> its calibration."""
         return {joint.name: joint for joint in self.joints}
+
+
+class DeviceEntry(ConfigStruct):
+    """Key of a joint under which its device stands."""
+
+    device: ConfigReader
+
+
+class CalibrationKeys(ConfigStruct):
+    """Keys of a calibration file."""
+
+    format: Text
+    sha256: Text
+    robot: Text
+    robot_description_sha256: Text
+    created: Stamp
+    tool: Text
+    method_default: Method
+    joints: ConfigReader
 
 
 def turn_band(sweep: tuple[int, int], ticks_per_turn: int) -> tuple[int, int]:
@@ -105,38 +130,34 @@ def load_calibration(path: Path, robot: RobotFile) -> Calibration:
 
 def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
     """The calibration that `text` holds; `file` is what messages call it. Raises ConfigError."""
-    top = ConfigSection(file, parse(text, file))
-    if top.text("format") != FORMAT:
-        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    stated = top.text("sha256")
+    top = ConfigReader(file, parse(text, file))
+    top.require_format(FORMAT)
+    stated = top.value("sha256", Text)
     actual = text_hash(text)
     if stated != actual:
         remedy = "it was changed after it was written: calibrate again, or put the earlier file back"
         raise top.refuse("sha256", f"{stated} is not the hash of this file, {actual}; {remedy}")
-    if (name := top.text("robot")) != robot.name:
-        raise top.refuse("robot", f"made for robot {name!r}, not for {robot.name!r}")
-    if (made_for := top.text("robot_description_sha256")) != robot.description_sha256:
-        message = f"{made_for} is not that of {robot.path}, {robot.description_sha256}"
+    given = top.read(CalibrationKeys)
+    if given.robot != robot.name:
+        raise top.refuse("robot", f"made for robot {given.robot!r}, not for {robot.name!r}")
+    if given.robot_description_sha256 != robot.description_sha256:
+        message = f"{given.robot_description_sha256} is not that of {robot.path}, {robot.description_sha256}"
         remedy = "joints, ids, signs or ratios changed since: calibrate again"
         raise top.refuse("robot_description_sha256", f"{message}; {remedy}")
-    created = top.text("created")
-    if not _STAMP.fullmatch(created):
-        raise top.refuse("created", f"{created!r} is not a time as 2026-11-21T09:14:03Z")
-    method = top.text("method_default", None, METHODS)
-    section = top.section("joints")
     specs = {joint.actuator: joint for joint in robot.joints}
-    section.close(also=specs)
-    calibration = Calibration(
-        robot=name,
-        robot_description_sha256=made_for,
-        created=created,
-        tool=top.text("tool"),
-        method_default=method,
-        joints=tuple(_joint(section.section(name), specs[name], method) for name in section),
+    given.joints.require_known(specs)
+    return Calibration(
+        robot=given.robot,
+        robot_description_sha256=given.robot_description_sha256,
+        created=given.created,
+        tool=given.tool,
+        method_default=given.method_default,
+        joints=tuple(
+            _joint(section, specs[name], given.method_default)
+            for name, section in given.joints.sections().items()
+        ),
         sha256=stated,
     )
-    top.close()
-    return calibration
 
 
 def text_hash(text: str) -> str:
@@ -146,46 +167,28 @@ def text_hash(text: str) -> str:
     return hashlib.sha256(kept.encode()).hexdigest()
 
 
-def _joint(section: ConfigSection, joint: JointSpec, method: str) -> JointCalibration:
+def _joint(section: ConfigReader, joint: JointSpec, usual: str) -> JointCalibration:
+    """The calibration of an actuator by the method `usual`, where it says no other. Raises ConfigError."""
     turn = joint.type.ticks_per_turn
-    if (bus := section.text("bus")) != joint.bus:
-        raise section.refuse("bus", f"{bus} is not the bus of the robot file, {joint.bus}")
-    if (id := section.integer("id", least=0, most=252)) != joint.id:
-        raise section.refuse("id", f"{id} is not the id of the robot file, {joint.id}")
-    if (sign := section.integer("sign")) != joint.sign:
+    method = {} if section.has("method") else {"method": usual}
+    device = read_device(section.section("device"))
+    found = section.read(JointCalibration, DeviceEntry, name=joint.actuator, device=device, **method)
+    if found.bus != joint.bus:
+        raise section.refuse("bus", f"{found.bus} is not the bus of the robot file, {joint.bus}")
+    if found.id != joint.id:
+        raise section.refuse("id", f"{found.id} is not the id of the robot file, {joint.id}")
+    if found.sign != joint.sign:
         remedy = "neither wins: find out which is true, then correct the other"
-        raise section.refuse("sign", f"{sign} is not the sign of the robot file, {joint.sign}; {remedy}")
-    sweep = _pair(section, "sweep_ticks")
-    _derived(section, "turn_band_ticks", _pair(section, "turn_band_ticks"), turn_band(sweep, turn))
-    margin = section.integer("seam_margin_ticks")
-    _derived(section, "seam_margin_ticks", margin, seam_margin(sweep, turn, turn_start(joint.type)))
-    calibration = JointCalibration(
-        name=joint.actuator,
-        bus=bus,
-        id=id,
-        device=read_device(section.section("device")),
-        zero_ticks=section.integer("zero_ticks", least=-MAX_TICKS, most=MAX_TICKS),
-        zero_sigma_ticks=section.number("zero_sigma_ticks", least=0.0),
-        captures=section.integer("captures", least=1, most=100_000),
-        sign=sign,
-        sweep_ticks=sweep,
-        seam_margin_ticks=margin,
-        turn_band_ticks=turn_band(sweep, turn),
-        method=section.text("method", method, METHODS),
-        proof=section.plain("proof"),
-    )
-    section.close()
-    return calibration
+        message = f"{found.sign} is not the sign of the robot file, {joint.sign}; {remedy}"
+        raise section.refuse("sign", message)
+    require_sweep(section, found.sweep_ticks)
+    _derived(section, "turn_band_ticks", found.turn_band_ticks, turn_band(found.sweep_ticks, turn))
+    margin = seam_margin(found.sweep_ticks, turn, turn_start(joint.type))
+    _derived(section, "seam_margin_ticks", found.seam_margin_ticks, margin)
+    return found
 
 
-def _pair(section: ConfigSection, key: str) -> tuple[int, int]:
-    first, last = section.integers(key, 2)
-    if not -MAX_TICKS <= first < last <= MAX_TICKS:
-        raise section.refuse(key, f"{first} is not below {last}, or out of 32 bits")
-    return first, last
-
-
-def _derived(section: ConfigSection, key: str, given: object, computed: object) -> None:
+def _derived(section: ConfigReader, key: str, given: object, computed: object) -> None:
     if given != computed:
         raise section.refuse(key, f"{given} does not follow from sweep_ticks, which give {computed}")
 

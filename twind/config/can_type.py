@@ -4,13 +4,17 @@ Ranges come from the model; what public sources disagree about belongs into the 
 what the device tells.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf, isfinite, isnan
+from typing import Annotated, Literal
+
+from msgspec import Meta
 
 from twind.config.actuator_types import IMPEDANCE, CanType, FrameRanges, Impedance
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader, ConfigStruct
 from twind.config.robot_spec import ActuatorSlot
-from twind.config.supply_limits import SupplyLimits, ThermalLimits, own_heat, own_supply, usual_heat
+from twind.config.servo_type import SlotKeys, TypeKeys
+from twind.config.supply_limits import SupplyLimits, heat, supply, usual_heat
 from twind_drivers.can.can_models import MODELS, CanActuatorModel
 from twind_drivers.can.can_units import COUNT, TURN
 
@@ -19,57 +23,95 @@ MAX_ID = 127
 MAX_ODRIVE = 63
 MAX_FEEDBACK = 0x7FE  # 11 bits; 7FF carries the register requests of Damiao
 FEEDBACK = 0x10  # Damiao: master id beyond the command id, where the file gives none
-WATCHDOGS = ("device", "unverified")
 TELL_VOLTAGE = ("robstride", "odrive")  # families with a register or message for it
 MUTE = ("cubemars", "odrive")  # families whose watchdog cannot be read back over the bus
 
+Range = Annotated[float, Meta(gt=0.0, le=1e4)]
 
-def can_type(name: str, section: ConfigSection) -> CanType:
+
+class RangeKeys(ConfigStruct):
+    """Section `ranges` of a CAN type: what the fields of its frames span, both ways."""
+
+    position_rad: Range | None = None
+    """3.14–1000 | the model's | CAN: range of the field, both ways. A wrong range gives wrong positions"""
+    velocity_rad_s: Range | None = None
+    """>0 | the model's | CAN: ranges of those fields"""
+    torque_nm: Range | None = None
+    """>0 | the model's | CAN: ranges of those fields"""
+
+
+class CanSlotKeys(SlotKeys, kw_only=True):
+    """Keys of what turns by a CAN actuator."""
+
+    id: int  # bounds depend on the family
+    """0–252; CAN: 1–127, ODrive: 0–63 | | on its bus"""
+    mode: Literal["impedance"] = IMPEDANCE
+    """as of a type | of `defaults`, else its type's |"""
+    feedback_id: Annotated[int, Meta(ge=1, le=MAX_FEEDBACK)] | None = None
+    """| `id` + 16 | Damiao: master id (register 7). All ids of a bus differ"""
+
+
+class CanTypeKeys(TypeKeys, kw_only=True):
+    """Entry of `types` for CAN actuators."""
+
+    mode: Literal["impedance"] = IMPEDANCE
+    """`position`, `extended_position`, `current_based_position`; CAN: `impedance` | `position`; CAN:
+    `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
+    ranges: RangeKeys
+    gains: Impedance
+    velocity_limit_rad_s: Annotated[float, Meta(gt=0.0)] = 2.0
+    """>0, ≤100 | | of the motor shaft"""
+    torque_limit_nm: Annotated[float, Meta(gt=0.0)] | None = None
+    """>0, ≤ `ranges.torque_nm` | `ranges.torque_nm` | CAN: a path that needs more is reported. Only RobStride
+    enforces it"""
+    watchdog: Literal["device", "unverified"] = "device"
+    """CAN: `device` is read back before torque, `unverified` cannot be; see [CAN buses](#can-buses)"""
+
+
+def can_type(name: str, section: ConfigReader) -> CanType:
     """One kind of CAN actuator. Raises ConfigError."""
-    model = MODELS[section.text("device")]
-    ranges = _ranges(section.section("ranges"), model)
-    spec = CanType(
+    given = section.read(CanTypeKeys)
+    model = MODELS[given.device]
+    ranges = _ranges(section.section("ranges"), given.ranges, model)
+    section.check("velocity_limit_rad_s", Annotated[float, Meta(gt=0.0, le=ranges.velocity_rad_s)])
+    section.check("torque_limit_nm", Annotated[float, Meta(gt=0.0, le=ranges.torque_nm)])
+    _require_gains(section.section("gains"), given.gains, model)
+    _require_provable(section, given.watchdog, model)
+    hottest = inf if model.heat is None else model.heat
+    return CanType(
         name=name,
         device=model.name,
-        mode=section.text("mode", IMPEDANCE, (IMPEDANCE,)),
+        mode=given.mode,
         ticks_per_turn=TURN,
         velocity_lsb_rad_s=COUNT,
-        velocity_limit_rad_s=section.number(
-            "velocity_limit_rad_s", 2.0, above=0.0, most=ranges.velocity_rad_s
-        ),
-        acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
+        velocity_limit_rad_s=given.velocity_limit_rad_s,
+        acceleration_limit_rad_s2=given.acceleration_limit_rad_s2,
         registers={},
-        supply=_supply(section, model),
-        heat=_heat(section, model),
+        supply=supply(section.section("supply"), given.supply, SupplyLimits()),
+        heat=heat(section.section("heat"), given.heat, usual_heat(hottest), hottest),
         family=model.family,
-        gains=_gains(section.section("gains"), model),
+        gains=given.gains,
         ranges=ranges,
-        torque_limit_nm=section.number("torque_limit_nm", ranges.torque_nm, above=0.0, most=ranges.torque_nm),
-        watchdog=_watchdog(section, model),
+        torque_limit_nm=given.torque_limit_nm or ranges.torque_nm,
+        watchdog=given.watchdog,
     )
-    section.close()
-    return spec
 
 
-def can_joint(
-    source: Callable[[str], ConfigSection], entry: ConfigSection, kind: CanType
-) -> tuple[int, str, int | None]:
-    """Id, mode and feedback id of a joint that an actuator of `kind` drives. Raises ConfigError."""
-    most = MAX_ODRIVE if kind.family == "odrive" else MAX_ID
-    id = entry.integer("id", least=0 if kind.family == "odrive" else 1, most=most)
-    mode = source("mode").text("mode", kind.mode, (IMPEDANCE,))
-    given = entry.has("feedback_id")
+def require_can_ids(entry: ConfigReader, given: CanSlotKeys, kind: CanType) -> int | None:
+    """The feedback id of an actuator of `kind`. Raises ConfigError for ids that it cannot have."""
+    least, most = (0, MAX_ODRIVE) if kind.family == "odrive" else (1, MAX_ID)
+    entry.check("id", Annotated[int, Meta(ge=least, le=most)])
     if kind.family != "damiao":
-        if given:
+        if given.feedback_id is not None:
             raise entry.refuse("feedback_id", f"a {kind.device} has none: remove it")
-        return id, mode, None
-    feedback = entry.integer("feedback_id", least=1, most=MAX_FEEDBACK) if given else id + FEEDBACK
-    if feedback == id:
+        return None
+    feedback = given.id + FEEDBACK if given.feedback_id is None else given.feedback_id
+    if feedback == given.id:
         raise entry.refuse("feedback_id", f"{feedback} is its own command id: give it another")
-    return id, mode, feedback
+    return feedback
 
 
-def refuse_clash(joint: ActuatorSlot, others: Sequence[ActuatorSlot], entry: ConfigSection) -> None:
+def refuse_clash(joint: ActuatorSlot, others: Sequence[ActuatorSlot], entry: ConfigReader) -> None:
     """Raises ConfigError where two of one bus would take, or answer with, the same frames."""
     mine = _frames(joint)
     for other in others:
@@ -98,53 +140,33 @@ def _frames(joint: ActuatorSlot) -> Mapping[int, str]:
     return ids
 
 
-def _ranges(section: ConfigSection, model: CanActuatorModel) -> FrameRanges:
-    keys = ("position_rad", "velocity_rad_s", "torque_nm")
-    usual = (model.position, model.velocity, model.torque)
-    found = []
-    for key, own in zip(keys, usual, strict=True):
-        if isnan(own) and not section.has(key):
+def _ranges(section: ConfigReader, given: RangeKeys, model: CanActuatorModel) -> FrameRanges:
+    usual = {"position_rad": model.position, "velocity_rad_s": model.velocity, "torque_nm": model.torque}
+    found = {key: getattr(given, key) or own for key, own in usual.items()}
+    for key, span in found.items():
+        if isnan(span):
             raise section.refuse(key, f"missing: no source gives that of a {model.name}; say what yours has")
-        found.append(section.number(key, own, above=0.0, most=1e4))
-    section.close()
-    if found[0] > 1e3 or found[0] < TURN / 2 * COUNT:
-        raise section.refuse("position_rad", f"{found[0]:g} is not one of half a turn, 3.14, to 1000 rad")
-    return FrameRanges(*found)
+    ranges = FrameRanges(**found)
+    if not TURN / 2 * COUNT <= ranges.position_rad <= 1e3:
+        message = f"{ranges.position_rad:g} is not one of half a turn, 3.14, to 1000 rad"
+        raise section.refuse("position_rad", message)
+    return ranges
 
 
-def _gains(section: ConfigSection, model: CanActuatorModel) -> Impedance:
-    stiff, damped = (bound if isfinite(bound) else 1e4 for bound in (model.kp, model.kd))
-    gains = Impedance(
-        kp=section.number("kp", least=0.0, most=stiff), kd=section.number("kd", least=0.0, most=damped)
-    )
+def _require_gains(section: ConfigReader, gains: Impedance, model: CanActuatorModel) -> None:
+    for key, bound in (("kp", model.kp), ("kd", model.kd)):
+        section.check(key, Annotated[float, Meta(ge=0.0, le=bound if isfinite(bound) else 1e4)])
     if model.family == "odrive" and gains.kd == 0.0:
         raise section.refuse("kd", "an ODrive's stiffness works through its damping: give more than 0")
-    section.close()
-    return gains
 
 
-def _supply(section: ConfigSection, model: CanActuatorModel) -> SupplyLimits:
-    """Only where it tells its voltage: what is never read would keep everybody from arming."""
+def _require_provable(section: ConfigReader, watchdog: str, model: CanActuatorModel) -> None:
+    """Raises ConfigError for what the device cannot show: a voltage (it would never arm), a watchdog."""
     if section.has("supply") and model.family not in TELL_VOLTAGE:
         raise section.refuse("supply", f"a {model.name} does not tell its voltage: remove it")
-    return own_supply(section, SupplyLimits())
-
-
-def _heat(section: ConfigSection, model: CanActuatorModel) -> ThermalLimits:
-    """Below what the vendor advises for the winding; where no source says, the file must."""
-    own = inf if model.heat is None else model.heat
-    return own_heat(section, usual_heat(own), own)
-
-
-def _watchdog(section: ConfigSection, model: CanActuatorModel) -> str:
-    wanted = section.text("watchdog", "device", WATCHDOGS)
-    if wanted == "device" and model.family in MUTE:
+    if watchdog == "device" and model.family in MUTE:
         raise section.refuse(
             "watchdog",
             f"a {model.name} cannot show over the bus that its watchdog is armed: set it by the vendor's "
             "tool, then say watchdog: unverified; every arming warns of it",
         )
-    return wanted
-
-
-__all__ = ["can_joint", "can_type", "refuse_clash"]

@@ -4,14 +4,16 @@ Knows the file alone: whether the model has these names is found out where it is
 (`twin/collision_model.py`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
-from twind.config.config_section import ConfigSection, Plain
+from msgspec import Meta
 
-Pairs = tuple[tuple[str, str], ...]
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 
-MOST = 0.5  # m: more than that between two bodies is no clearance
+AsPairs = Meta(description="write pairs of names, as [[l_hand, torso], [r_hand, torso]]")
+Pairs = Annotated[tuple[Annotated[tuple[Text, Text], AsPairs], ...], AsPairs]
+Distance = Annotated[float, Meta(ge=0.0, le=0.5)]  # m: more than that between two bodies is no clearance
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,56 +33,56 @@ class Clearance:
         return self.warn - self.block
 
 
-def clearance(section: ConfigSection, support: str) -> Clearance:
+class CollisionKeys(ConfigStruct):
+    """Section `collision`: distances in m; pairs of names."""
+
+    block_m: Distance = 0.002
+    """smallest clearance between two bodies; less is refused"""
+    warn_m: Distance | None = None
+    """> `block_m`, ≤0.5 | 0.01 | below: warned and slowed; at least `block_m` + 8 mm by default"""
+    world_m: Distance = 0.02
+    """as `block_m`, between robot and surroundings"""
+    world: bool | None = None
+    """| `true` with `support: fixed` | judge floor and walls. On a gantry only with the true base pose; never
+    with `free`"""
+    allow: Pairs = ()
+    """pairs of names | | bodies or geoms that may touch: `[[l_hand, l_thigh]]`"""
+    pairs: Pairs | None = None
+    """pairs of names | all | judge only these"""
+
+
+def clearance(section: ConfigReader, support: str) -> Clearance:
     """The section, checked. `support` is the robot file's: a free base has no known place in the world.
 
     Raises ConfigError.
     """
-    usual = Clearance()
-    block = section.number("block_m", usual.block, least=0.0, most=MOST)
-    warn = section.number("warn_m", max(usual.warn, block + 0.008), least=0.0, most=MOST)
-    if not block < warn:
-        raise section.refuse("warn_m", f"{warn:g} is not above block_m, {block:g}")
-    world = section.flag("world", support == "fixed")
-    if world and support == "free":
-        raise section.refuse("world", "support: free has no known place in the world: only false")
+    given = section.read(CollisionKeys)
+    usual = max(Clearance().warn, given.block_m + 0.008)
     found = Clearance(
-        block=block,
-        warn=warn,
-        world=section.number("world_m", usual.world, least=0.0, most=MOST),
-        judge_world=world,
-        allow=_pairs(section, "allow"),
-        pairs=_pairs(section, "pairs") if section.has("pairs") else None,
+        block=given.block_m,
+        warn=usual if given.warn_m is None else given.warn_m,
+        world=given.world_m,
+        judge_world=support == "fixed" if given.world is None else given.world,
+        allow=given.allow,
+        pairs=given.pairs,
     )
+    if not found.block < found.warn:
+        raise section.refuse("warn_m", f"{found.warn:g} is not above block_m, {found.block:g}")
+    if found.judge_world and support == "free":
+        raise section.refuse("world", "support: free has no known place in the world: only false")
     if found.pairs is not None and not found.pairs:
         raise section.refuse("pairs", "an empty list judges nothing: leave it out to judge all pairs")
-    section.close()
+    _require_distinct(section, "allow", found.allow)
+    _require_distinct(section, "pairs", found.pairs or ())
     return found
 
 
-def _pairs(section: ConfigSection, key: str) -> Pairs:
-    """A list of pairs of names, each once, in either order."""
-    given = section.plain(key)
-    if not isinstance(given, list):
-        if not section.has(key):
-            return ()
-        raise section.refuse(key, "a list of pairs is expected, as [[l_hand, torso], [r_hand, torso]]")
-    found = [_pair(section, key, entry) for entry in given]
+def _require_distinct(section: ConfigReader, key: str, pairs: Pairs) -> None:
+    """Raises ConfigError unless each pair is of two names and stands there once, in either order."""
     known: set[frozenset[str]] = set()
-    for pair in found:
-        if frozenset(pair) in known:
-            raise section.refuse(key, f"[{pair[0]}, {pair[1]}] stands there twice")
-        known.add(frozenset(pair))
-    return tuple(found)
-
-
-def _pair(section: ConfigSection, key: str, entry: Plain) -> tuple[str, str]:
-    names: Sequence[Plain] = entry if isinstance(entry, list) else ()
-    if len(names) != 2:
-        raise section.refuse(key, f"{entry!r} is no pair of names, as [l_hand, torso]")
-    a, b = names
-    if not (isinstance(a, str) and isinstance(b, str) and a and b):
-        raise section.refuse(key, f"{entry!r}: both are names of geoms or bodies")
-    if a == b:
-        raise section.refuse(key, f"[{a}, {b}]: one body has no distance from itself")
-    return a, b
+    for a, b in pairs:
+        if a == b:
+            raise section.refuse(key, f"[{a}, {b}]: one body has no distance from itself")
+        if frozenset((a, b)) in known:
+            raise section.refuse(key, f"[{a}, {b}] stands there twice")
+        known.add(frozenset((a, b)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from twind.config.actuator_types import CAN, CanType, ServoType
-from twind.config.config_section import file_error
+from twind.config.config_reader import file_error
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind_drivers.can import can_cycle_budget as can
 from twind_drivers.dynamixel.control_tables import number_of, table

@@ -8,22 +8,64 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
 
-from twind.config.config_section import ConfigSection, file_error
+import msgspec
+from msgspec import Meta
+
+from twind.config.config_reader import ConfigReader, ConfigStruct, Name, Text, file_error
 from twind.config.port_names import wrong_port
 from twind.config.yaml_tree import parse, read_text
 from twind.protocol.socket_paths import own_folder
 
-MODES = ("sim", "mirror", "live")
-LEVELS = ("debug", "info", "warning", "error")
-# design 6.4; a file may only tighten them
+Mode = Literal["sim", "mirror", "live"]
+Level = Literal["debug", "info", "warning", "error"]
+MODES: tuple[str, ...] = get_args(Mode)
+LEVELS: tuple[str, ...] = get_args(Level)
+# A file may only tighten them.
 LATENCY_WARN_MS = 50.0
 LATENCY_BLOCK_MS = 100.0
 COMMAND_LINE = "command line"
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
 _PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)")
+
+
+class ThresholdKeys(ConfigStruct):
+    """Section `thresholds` of the settings: latencies in ms."""
+
+    latency_warn_ms: Annotated[float, Meta(gt=0.0, le=LATENCY_WARN_MS)] = LATENCY_WARN_MS
+    """a higher latency is reported"""
+    latency_block_ms: Annotated[float, Meta(gt=0.0, le=LATENCY_BLOCK_MS)] = LATENCY_BLOCK_MS
+    """≥ `latency_warn_ms`, ≤100 | | a higher latency refuses motion and arming"""
+
+
+class SettingsKeys(ConfigStruct):
+    """Keys of the settings file. A path is relative to the file, but for `sockets` and `state_dir`."""
+
+    mode: Mode = "mirror"
+    """see [safety](safety.md#modes); no mode arms by itself"""
+    robot: Text = "h24"
+    """name or file | | searched in `robots/` beside the settings, then among the built-in robots"""
+    individual: Name | None = None
+    """| the robot's name | name of this robot; selects its calibration"""
+    calibration: Text | None = None
+    """file | the individual's | calibration to load instead"""
+    ports: dict[str, Text] = msgspec.field(default_factory=dict)
+    """`BUS: PORT` | | port of each bus: a serial path or a [CAN port](#can-buses). Prefer
+    `/dev/serial/by-id/…`"""
+    rate_hz: Annotated[float, Meta(ge=10.0, le=1000.0)] | None = None
+    """| the robot file's | ticks per second; arming needs at least 20"""
+    sockets: Text | None = None
+    """folder | `/run/twind`, else `$XDG_RUNTIME_DIR/twind` | folder of the control sockets"""
+    state_dir: Text | None = None
+    """folder | `/var/lib/twind`, else `~/.local/state/twind` | calibrations, and [flight
+    recordings](observe.md) in `flight/`"""
+    thresholds: ThresholdKeys = msgspec.field(default_factory=ThresholdKeys)
+    log_level: Level = "info"
+    """lowest level in the log"""
+    cpu: Annotated[int, Meta(ge=0, le=1023)] | None = None
+    """| any | CPU core of the loop"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +185,7 @@ def load_settings(
     where = places(os.environ if environ is None else environ, os.geteuid() if uid is None else uid)
     usual = where.config / "twind.yaml"
     if path is None and not _is_there(usual, "--config FILE"):
-        return _defaults(where)
+        return _settings(SettingsKeys(), where)
     file = usual if path is None else path
     return _read(read_text(file), str(file), where)
 
@@ -161,67 +203,46 @@ def _is_there(path: Path, option: str) -> bool:
     return True
 
 
-def _defaults(where: InstallationPaths) -> DaemonSettings:
-    return DaemonSettings(
-        mode="mirror",
-        robot="h24",
-        individual=None,
-        calibration=None,
-        ports={},
-        rate_hz=None,
-        socket_dir=where.sockets,
-        state_dir=where.state,
-        robot_folders=(where.config / "robots",),
-        latency_warn_ms=LATENCY_WARN_MS,
-        latency_block_ms=LATENCY_BLOCK_MS,
-        log_level="info",
-    )
-
-
 def _read(text: str, file: str, where: InstallationPaths) -> DaemonSettings:
-    top = ConfigSection(file, parse(text, file))
-    usual = _defaults(where)
+    top = ConfigReader(file, parse(text, file))
+    given = top.read(SettingsKeys)
+    limits = given.thresholds
+    if limits.latency_block_ms < limits.latency_warn_ms:
+        message = f"{limits.latency_block_ms:g} is below latency_warn_ms, {limits.latency_warn_ms:g}"
+        raise top.section("thresholds").refuse("latency_block_ms", message)
+    for bus, port in given.ports.items():
+        if (wrong := wrong_port(None, port)) is not None:
+            raise top.section("ports").refuse(bus, wrong)
     folder = Path(file).parent
-    if top.has("individual") and not _NAME.fullmatch(top.text("individual")):
-        raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")
-    ports = top.section("ports")
-    thresholds = top.section("thresholds")
-    warn = thresholds.number("latency_warn_ms", LATENCY_WARN_MS, above=0.0, most=LATENCY_WARN_MS)
-    block = thresholds.number("latency_block_ms", LATENCY_BLOCK_MS, above=0.0, most=LATENCY_BLOCK_MS)
-    if block < warn:
-        raise thresholds.refuse("latency_block_ms", f"{block:g} is below latency_warn_ms, {warn:g}")
-    thresholds.close()
-    settings = DaemonSettings(
-        mode=top.text("mode", usual.mode, MODES),
-        robot=_robot(top.text("robot", usual.robot), folder),
-        individual=top.text("individual") if top.has("individual") else None,
-        calibration=folder / top.text("calibration") if top.has("calibration") else None,
-        ports={bus: _port(ports, bus) for bus in ports},
-        rate_hz=top.number("rate_hz", least=10.0, most=1000.0) if top.has("rate_hz") else None,
-        socket_dir=Path(top.text("sockets", str(usual.socket_dir))),
-        state_dir=Path(top.text("state_dir", str(usual.state_dir))),
-        robot_folders=tuple(dict.fromkeys((folder / "robots", *usual.robot_folders))),
-        latency_warn_ms=warn,
-        latency_block_ms=block,
-        log_level=top.text("log_level", usual.log_level, LEVELS),
-        cpu=top.integer("cpu", least=0, most=1023) if top.has("cpu") else None,
+    keys = [*(key for key in top if key != "thresholds"), *top.section("thresholds")]
+    settings = _settings(given, where)
+    return replace(
+        settings,
+        robot=given.robot if _NAME.fullmatch(given.robot) else str(folder / given.robot),
+        calibration=None if given.calibration is None else folder / given.calibration,
+        robot_folders=tuple(dict.fromkeys((folder / "robots", *settings.robot_folders))),
         source=file,
-        origins=dict.fromkeys([*(key for key in top if key != "thresholds"), *thresholds], file),
+        origins=dict.fromkeys(keys, file),
     )
-    top.close()
-    return settings
 
 
-def _robot(name: str, folder: Path) -> str:
-    """A name stays; the path of a file is meant beside the settings."""
-    return name if _NAME.fullmatch(name) else str(folder / name)
-
-
-def _port(section: ConfigSection, bus: str) -> str:
-    port = section.text(bus)
-    if (wrong := wrong_port(None, port)) is not None:
-        raise section.refuse(bus, wrong)
-    return port
+def _settings(given: SettingsKeys, where: InstallationPaths) -> DaemonSettings:
+    """The settings of these keys in this installation; files beside the settings are not yet resolved."""
+    return DaemonSettings(
+        mode=given.mode,
+        robot=given.robot,
+        individual=given.individual,
+        calibration=None,
+        ports=given.ports,
+        rate_hz=given.rate_hz,
+        socket_dir=Path(given.sockets or where.sockets),
+        state_dir=Path(given.state_dir or where.state),
+        robot_folders=(where.config / "robots",),
+        latency_warn_ms=given.thresholds.latency_warn_ms,
+        latency_block_ms=given.thresholds.latency_block_ms,
+        log_level=given.log_level,
+        cpu=given.cpu,
+    )
 
 
 def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:

@@ -5,8 +5,8 @@ Registers are compared and named, never written. What is not known refuses, but 
 
 from collections.abc import Iterator, Mapping
 
-from twind.config import can_check, servo_check
-from twind.config.actuator_types import CanType, ServoType
+from twind.config import servo_check
+from twind.config.actuator_types import TAKES_COMMANDS, CanType, ServoType
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.device_record import STAMPED, DeviceRecord
@@ -17,6 +17,13 @@ from twind_drivers.bus import IdentifiedDevice
 
 Devices = Mapping[tuple[str, int], IdentifiedDevice]
 
+# setting of a CAN device, its range in thousandths -> key of the robot file, unit
+RANGES = {
+    "pmax_milli": ("position_rad", "rad"),
+    "vmax_milli": ("velocity_rad_s", "rad/s"),
+    "tmax_milli": ("torque_nm", "N·m"),
+}
+SAME_RANGE = 1  # thousandths: how far a range may be off by rounding
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
 # register in `Device.settings` -> field of the record
@@ -73,8 +80,33 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
 def _unfit(joint: JointSpec, device: IdentifiedDevice) -> Iterator[str]:
     """What makes this actuator unusable for this joint, whatever the calibration says."""
     if isinstance(joint.type, CanType):
-        return can_check.unfit(joint.type, device)
+        return _find_can_faults(joint.type, device)
     return servo_check.unfit(joint, device)
+
+
+def _find_can_faults(kind: CanType, device: IdentifiedDevice) -> Iterator[str]:
+    """What makes a CAN actuator unusable for a joint of `kind`.
+
+    Many cannot report their model; their ranges are compared instead. A wrong range is a wrong position.
+    """
+    if device.model_name is not None and device.model_name != kind.device:
+        number = f"model number {device.model_number}"
+        yield f"is {device.model_name} ({number}), the robot file says {kind.device}"
+    mode = device.settings.get("operating_mode")
+    if mode != TAKES_COMMANDS:
+        yield (
+            f"its operating mode is {mode}: it does not take the commands of the {kind.family} family; "
+            "set that mode by the vendor's tool, or by its register with torque off"
+        )
+    for setting, (key, unit) in RANGES.items():
+        value = device.settings.get(setting)
+        described = getattr(kind.ranges, key)
+        if value is not None and abs(value - round(1e3 * described)) > SAME_RANGE:
+            yield (
+                f"its frames span {value / 1e3:g} {unit}, the robot file says {described:g}: "
+                f"a wrong range is a wrong reading; correct ranges.{key} of type {kind.name}, "
+                "or the register of the device"
+            )
 
 
 def _doubts(joint: JointSpec, device: IdentifiedDevice) -> Iterator[ServoWarning]:

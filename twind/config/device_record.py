@@ -1,11 +1,18 @@
 """What a calibration keeps of a device: who it was and what was set when its joint was measured."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from twind.config.config_section import ConfigSection, Plain
+from msgspec import Meta
+from msgspec.structs import asdict
+
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
 from twind_drivers.bus import IdentifiedDevice
 
 MAX_TICKS = 2**31 - 1
+Ticks = Annotated[int, Meta(ge=-MAX_TICKS, le=MAX_TICKS)]
+Byte = Annotated[int, Meta(ge=0, le=255)]
+Tag = Annotated[int, Meta(ge=0, le=1023)]
 STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
 
 
@@ -22,6 +29,26 @@ class DeviceRecord:
     min_ticks: int
     max_ticks: int
     tag: int | None = None
+
+
+class EepromKeys(ConfigStruct):
+    """Section `eeprom` of a device."""
+
+    homing_offset_ticks: Ticks
+    drive_mode: Byte
+    operating_mode: Byte
+    min_ticks: Ticks
+    max_ticks: Ticks
+
+
+class DeviceKeys(ConfigStruct, kw_only=True):
+    """Section `device` of a calibrated joint; `unique_id` and `tag` may be null."""
+
+    model_number: Annotated[int, Meta(ge=0, le=MAX_TICKS)]
+    firmware: Byte
+    unique_id: Text | None = None
+    tag: Tag | None = None
+    eeprom: EepromKeys
 
 
 def make_device_record(device: IdentifiedDevice, *, tagged: bool = False) -> DeviceRecord:
@@ -43,25 +70,19 @@ def make_device_record(device: IdentifiedDevice, *, tagged: bool = False) -> Dev
     )
 
 
-def read_device(section: ConfigSection) -> DeviceRecord:
+def read_device(section: ConfigReader) -> DeviceRecord:
     """The record under `device:`. Raises ConfigError."""
-    eeprom = section.section("eeprom")
-    number = {"least": -MAX_TICKS, "most": MAX_TICKS}
-    byte = {"least": 0, "most": 255}
-    record = DeviceRecord(
-        model_number=section.integer("model_number", least=0, most=MAX_TICKS),
-        firmware=section.integer("firmware", **byte),
-        unique_id=None if section.plain("unique_id") is None else section.text("unique_id"),
-        homing_offset_ticks=eeprom.integer("homing_offset_ticks", **number),
-        drive_mode=eeprom.integer("drive_mode", **byte),
-        operating_mode=eeprom.integer("operating_mode", **byte),
-        min_ticks=eeprom.integer("min_ticks", **number),
-        max_ticks=eeprom.integer("max_ticks", **number),
-        tag=None if section.plain("tag") is None else section.integer("tag", least=0, most=1023),
+    given = section.drop_nulls("unique_id", "tag").read(DeviceKeys)
+    return DeviceRecord(
+        given.model_number, given.firmware, given.unique_id, **asdict(given.eeprom), tag=given.tag
     )
-    eeprom.close()
-    section.close()
-    return record
+
+
+def require_sweep(section: ConfigReader, sweep: tuple[int, int]) -> None:
+    """Raises ConfigError unless `sweep_ticks` is a travel within 32 bits."""
+    first, last = sweep
+    if not -MAX_TICKS <= first < last <= MAX_TICKS:
+        raise section.refuse("sweep_ticks", f"{first} is not below {last}, or out of 32 bits")
 
 
 def device_entries(device: DeviceRecord) -> dict[str, Plain]:

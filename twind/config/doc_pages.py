@@ -1,6 +1,6 @@
-"""Where a page of the documentation lies on this machine, for messages that send there."""
+"""Pages of the documentation: where one lies on this machine, and tables in it that the code makes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 SOURCES = Path(__file__).parent.parent.parent
@@ -20,3 +20,19 @@ def page(
         if (folder / name).is_file():
             return str(folder / name)
     return f"{name} of twind's sources"
+
+
+def renew_tables(page: str, tables: Mapping[str, str]) -> str:
+    """The page with each table between its lines `<!-- begin NAME -->` and `<!-- end NAME -->`.
+
+    Raises ValueError without these lines.
+    """
+    for name, table in tables.items():
+        begin = f"<!-- begin {name} -->"
+        end = f"<!-- end {name} -->"
+        before, found, rest = page.partition(begin)
+        _, closed, after = rest.partition(end)
+        if not found or not closed:
+            raise ValueError(f"the page has no {begin} … {end}: add both lines")
+        page = f"{before}{begin}\n\n{table}\n\n{end}{after}"
+    return page

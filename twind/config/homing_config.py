@@ -6,10 +6,11 @@ A stop is where the mechanism ends, known from its drawing. It lies outside of t
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from twind.config.config_section import ConfigSection
+from msgspec import Meta
 
-SIDES = ("lower", "upper")
+from twind.config.config_reader import ConfigReader, ConfigStruct
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +18,9 @@ class JointEndstops:
     """Joint angles (rad) at which the mechanism ends; None: not described."""
 
     lower: float | None = None
+    """≤ the lower limit | | angle of the mechanical endstop, from the drawing"""
     upper: float | None = None
+    """≥ the upper limit | | likewise"""
 
     def endstop_of_side(self, side: str) -> float | None:
         """The one of that side: `lower` or `upper`."""
@@ -39,35 +42,40 @@ class HomingSettings:
     speed: float | None = None  # rad/s of the joint; None: the usual
 
 
-def stops(entry: ConfigSection, lower: float, upper: float) -> JointEndstops:
-    """`stop_rad` of a joint with limits `lower`, `upper` (rad). Raises ConfigError: inside the limits."""
-    degrees = "stop_deg" in tuple(entry)
-    section = entry.section("stop_rad")
-    unit = math.radians(1.0) if degrees else 1.0
-    found = {side: section.number(side) * unit for side in SIDES if section.has(side)}
-    section.close(also=SIDES)
-    if entry.has("stop_rad") and not found:
+class HomingKeys(ConfigStruct, kw_only=True):
+    """Section `homing` of a joint."""
+
+    method: Literal["endstop"] = "endstop"
+    side: Literal["lower", "upper"]
+    """which endstop; needs its `stop_rad`"""
+    current_a: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
+    """| 12 % of `current_limit_a` | maximum current; accepted: 3–15 %"""
+    speed_rad_s: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    """| 0.2 | accepted: 0.02–0.5"""
+
+
+def require_stops(entry: ConfigReader, stops: JointEndstops, lower: float, upper: float) -> None:
+    """Raises ConfigError for a `stop_rad` inside of the limits `lower`, `upper` (rad), or far beyond."""
+    if entry.has("stop_rad") and not stops.endstops_by_side:
         raise entry.refuse("stop_rad", "names no stop: give lower, upper or both")
     for side, bound, way in (("lower", lower, -1.0), ("upper", upper, 1.0)):
-        if side in found and not (found[side] - bound) * way >= 0.0:
-            where = f"{found[side]:g} rad lies inside the limits, which end at {bound:g}"
-            raise section.refuse(side, f"{where}: a stop is where the mechanism ends, outside of them")
-        if side in found and not abs(found[side] - bound) <= math.pi:
-            where = f"{found[side]:g} rad is more than half a turn from the limit {bound:g}"
-            raise section.refuse(side, f"{where}: degrees by mistake?")
-    return JointEndstops(found.get("lower"), found.get("upper"))
+        stop = stops.endstop_of_side(side)
+        if stop is None:
+            continue
+        if not (stop - bound) * way >= 0.0:
+            where = f"{stop:g} rad lies inside the limits, which end at {bound:g}"
+            message = f"{where}: a stop is where the mechanism ends, outside of them"
+            raise entry.section("stop_rad").refuse(side, message)
+        if not abs(stop - bound) <= math.pi:
+            where = f"{stop:g} rad is more than half a turn from the limit {bound:g}"
+            raise entry.section("stop_rad").refuse(side, f"{where}: degrees by mistake?")
 
 
-def homing(entry: ConfigSection, described: JointEndstops) -> HomingSettings | None:
-    """`homing` of a joint whose stops are `described`; None: not given. Raises ConfigError."""
-    if not entry.has("homing"):
+def homing(entry: ConfigReader, given: HomingKeys | None, stops: JointEndstops) -> HomingSettings | None:
+    """`homing` of a joint with these stops; None: not given. Raises ConfigError."""
+    if given is None:
         return None
-    section = entry.section("homing")
-    section.text("method", "endstop", ("endstop",))
-    side = section.text("side", None, SIDES)
-    if described.endstop_of_side(side) is None:
-        raise section.refuse("side", f"stop_rad of this joint has no {side}: nobody knows where that stop is")
-    current = section.number("current_a", 0.0, above=0.0, most=100.0) if section.has("current_a") else None
-    speed = section.number("speed_rad_s", 0.0, above=0.0, most=1.0) if section.has("speed_rad_s") else None
-    section.close(also=("current_a", "speed_rad_s"))
-    return HomingSettings(side, current, speed)
+    if stops.endstop_of_side(given.side) is None:
+        message = f"stop_rad of this joint has no {given.side}: it is not known where that stop is"
+        raise entry.section("homing").refuse("side", message)
+    return HomingSettings(given.side, given.current_a, given.speed_rad_s)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
 from typing import Any
 
-from twind.config.actuator_types import GainSettings, Impedance, ServoType, TypeSpec
+from twind.config.actuator_types import MOST_GAIN, GainSettings, Impedance, ServoType, TypeSpec
 from twind.config.daemon_settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, DaemonSettings
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN, of_robot
 from twind.config.robot_spec import JointSpec, RobotFile
@@ -33,7 +33,6 @@ HOT: Mapping[str, str] = {
 LIMITS = "limits_rad"
 VELOCITY = "velocity_limit_rad_s"
 ACCELERATION = "acceleration_limit_rad_s2"
-MOST_GAIN = 16383  # of a servo's gain registers (e-manual, addresses 80 to 84)
 STRICT = "reject"
 
 # Field of the settings -> key of the file, where they differ; what is not told apart by it is None.

@@ -4,8 +4,8 @@ Every joint is driven once, by an actuator of its own or by one transmission; ev
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
@@ -14,74 +14,45 @@ import numpy as np
 
 from twind.config.actuator_types import CanType, ServoType, TypeSpec
 from twind.config.bus_config import NAME
-from twind.config.can_type import can_joint, can_type, refuse_clash
-from twind.config.config_section import ConfigSection
-from twind.config.homing_config import homing, stops
+from twind.config.can_type import CanSlotKeys, can_type, refuse_clash, require_can_ids
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.homing_config import HomingKeys, JointEndstops, homing, require_stops
 from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
-from twind.config.servo_type import servo_joint, servo_type
+from twind.config.servo_type import (
+    Acceleration,
+    ServoSlotKeys,
+    SlotKeys,
+    Speed,
+    read_mode,
+    read_registers,
+    require_mode,
+    servo_type,
+)
 from twind.config.transmission_config import transmissions
 from twind.robot.transmission import back, fair, span
 from twind_drivers.can.can_models import MODELS as CAN_MODELS
-from twind_drivers.dynamixel.control_tables import number_of
+from twind_drivers.dynamixel.control_tables import number_of, table
 
 SPEED = "velocity_limit_rad_s"
 PULL = "acceleration_limit_rad_s2"
 OF_ACTUATORS = ("bus", "id", "type", "sign", "ratio", "mode", "registers", "feedback_id")
-OF_OWN_ACTUATORS = ("homing", "stop_rad")  # what asks for an actuator that turns this joint alone
+OF_OWN_ACTUATORS = ("homing", "stop_rad", "stop_deg")  # what asks for an actuator of its own
+OF_DEFAULTS = ("type", "bus", "sign", "ratio", "mode", SPEED, PULL)
 
 
-@dataclass(frozen=True, slots=True)
-class _EntryContext:
-    """What entries refer to."""
+class JointKeys(ConfigStruct, kw_only=True):
+    """Keys of a joint, beside those of its slot."""
 
-    defaults: ConfigSection
-    kinds: ConfigSection
-    types: Mapping[str, TypeSpec]
-    lines: Mapping[str, str]  # bus -> its kind
-
-    def source(self, entry: ConfigSection) -> Callable[[str], ConfigSection]:
-        """Where a key of an entry stands: with the entry, else under `defaults`."""
-
-        def source(key: str) -> ConfigSection:
-            common = self.defaults.has(key)  # asked in any case, so that the key is known
-            return self.defaults if common and not entry.has(key) else entry
-
-        return source
-
-
-def described_joints(
-    top: ConfigSection, wires: tuple[BusSpec, ...], folder: Path
-) -> tuple[tuple[JointSpec, ...], tuple[TransmissionSpec, ...]]:
-    """Joints in the order of the file, and what turns several of them. Raises ConfigError.
-
-    `folder`: where the tables of linkages are sought.
-    """
-    kinds = top.section("types")
-    types = {name: _type(name, kinds) for name in kinds}
-    kinds.close()
-    ground = _EntryContext(top.section("defaults"), kinds, types, {bus.name: bus.kind for bus in wires})
-    section = top.section("joints")
-    others = top.section("actuators")
-    if not list(section):
-        raise section.refuse("", "a robot needs at least one joint")
-    slots = _SlotRegistry(ground)
-    for name in others:
-        if name in tuple(section):
-            raise others.refuse(name, "is the name of a joint too: a calibration could not tell them apart")
-        entry = others.section(name)
-        slots.add(name, entry)
-        entry.close()
-    others.close()
-    made = {each.name: each for each in slots.taken}
-    driven = transmissions(top.section("transmissions"), made, others, section, folder)
-    seats = {
-        joint: _TransmissionSlot(each, place) for each in driven for place, joint in enumerate(each.joints)
-    }
-    joints = [_joint(name, section.section(name), seats.get(name), slots, ground) for name in section]
-    _once_each(joints, section)
-    section.close()
-    ground.defaults.close()
-    return tuple(_together(joints, driven, section)), driven
+    limits_rad: tuple[float, float]
+    """lower, upper | | accepted range, inclusive; at most one motor turn"""
+    model_joint: Text | None = None
+    """joint of the model | its own name |"""
+    velocity_limit_rad_s: Speed = math.inf
+    """as of a type | its type's | the tighter limit applies"""
+    acceleration_limit_rad_s2: Acceleration = math.inf
+    """as of a type | its type's | the tighter limit applies"""
+    stop_rad: JointEndstops
+    homing: HomingKeys | None = None
 
 
 class _TransmissionSlot(NamedTuple):
@@ -95,74 +66,93 @@ class _TransmissionSlot(NamedTuple):
         return self.transmission.actuators[self.place]
 
 
+def described_joints(
+    top: ConfigReader, wires: tuple[BusSpec, ...], folder: Path
+) -> tuple[tuple[JointSpec, ...], tuple[TransmissionSpec, ...]]:
+    """Joints in the order of the file, and what turns several of them. Raises ConfigError.
+
+    `folder`: where the tables of linkages are sought.
+    """
+    defaults = top.section("defaults")
+    defaults.require_known(OF_DEFAULTS)
+    section = top.section("joints")
+    entries = {name: each.inherit(defaults, OF_DEFAULTS) for name, each in section.sections().items()}
+    others = top.section("actuators")
+    if not entries:
+        raise section.refuse("", "a robot needs at least one joint")
+    slots = _SlotRegistry(top.section("types"), {bus.name: bus.kind for bus in wires})
+    for name, entry in others.sections().items():
+        if name in entries:
+            raise others.refuse(name, "is the name of a joint too: a calibration could not tell them apart")
+        slots.add(name, entry.inherit(defaults, OF_DEFAULTS))
+    driven = transmissions(top.section("transmissions"), dict(slots.taken), others, section, folder)
+    seats = {
+        joint: _TransmissionSlot(each, place) for each in driven for place, joint in enumerate(each.joints)
+    }
+    joints = [_joint(name, entry, seats.get(name), slots) for name, entry in entries.items()]
+    _once_each(joints, section)
+    return tuple(_together(joints, driven, section)), driven
+
+
 class _SlotRegistry:
-    """The actuators read so far: no two of one bus share an id, or a frame."""
+    """The actuators read so far, by name: no two of one bus share an id, or a frame."""
 
-    def __init__(self, ground: _EntryContext) -> None:
-        self._ground = ground
-        self.taken: list[ActuatorSlot] = []
+    def __init__(self, types: ConfigReader, lines: Mapping[str, str]) -> None:
+        self._kinds = types.sections()
+        self._types = {name: _type(name, each) for name, each in self._kinds.items()}
+        self._lines = lines  # bus -> its kind
+        self.taken: dict[str, ActuatorSlot] = {}
 
-    def add(self, name: str, entry: ConfigSection) -> ActuatorSlot:
-        """The actuator that an entry describes. Raises ConfigError."""
+    def add(self, name: str, entry: ConfigReader, *beside: type) -> ActuatorSlot:
+        """The actuator of an entry, which may have the keys of `beside` too. Raises ConfigError."""
         if not NAME.fullmatch(name):
             raise entry.refuse("", f"{name!r}: use 1 to 64 letters, digits, _ . and -")
-        slot = _slot(name, entry, self._ground)
-        for other in self.taken:
+        slot = self._read(name, entry, beside)
+        for other in self.taken.values():
             if (other.bus, other.id) == (slot.bus, slot.id):
                 raise entry.refuse("id", f"id {slot.id} on bus {slot.bus} is that of {other.name} already")
-        refuse_clash(slot, self.taken, entry)
-        self.taken.append(slot)
+        refuse_clash(slot, list(self.taken.values()), entry)
+        self.taken[name] = slot
         return slot
 
-    def find_slot(self, name: str) -> ActuatorSlot:
-        """One that was read. Raises KeyError."""
-        return {slot.name: slot for slot in self.taken}[name]
-
-
-def _slot(name: str, entry: ConfigSection, ground: _EntryContext) -> ActuatorSlot:
-    source = ground.source(entry)
-    kind = ground.types[source("type").text("type", None, tuple(ground.types))]
-    sign = source("sign").integer("sign", 1)
-    if sign not in (1, -1):
-        raise source("sign").refuse("sign", f"{sign} is neither 1 nor -1")
-    ratio = source("ratio").number("ratio", 1.0, above=0.0, most=1000.0)
-    bus = source("bus").text("bus", None, tuple(ground.lines))
-    if ground.lines[bus] != kind.BUS:
-        device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
-        raise entry.refuse("bus", f"{device}; bus {bus} is of kind {ground.lines[bus]}")
-    registers: Mapping[str, int] = {}
-    feedback: int | None = None
-    if isinstance(kind, CanType):
-        id, mode, feedback = can_joint(source, entry, kind)
-    else:
+    def _read(self, name: str, entry: ConfigReader, beside: tuple[type, ...]) -> ActuatorSlot:
+        entry.read(SlotKeys, ServoSlotKeys, CanSlotKeys, *beside)  # a misspelt key before a missing one
+        kind = self._types[entry.choice("type", self._types)]
+        bus = entry.choice("bus", self._lines)
+        if self._lines[bus] != kind.BUS:
+            device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
+            raise entry.refuse("bus", f"{device}; bus {bus} is of kind {self._lines[bus]}")
+        if isinstance(kind, CanType):
+            can = entry.read(CanSlotKeys, *beside)
+            feedback = require_can_ids(entry, can, kind)
+            return ActuatorSlot(name, bus, can.id, kind, can.sign, can.ratio, {}, can.mode, feedback)
         assert isinstance(kind, ServoType)
-        id, mode, registers = servo_joint(source, entry, kind, ground.kinds.section(kind.name))
-    return ActuatorSlot(name, bus, id, kind, sign, ratio, registers, mode, feedback)
+        given = entry.read(ServoSlotKeys, *beside)
+        mode = read_mode(entry, kind.mode)
+        require_mode(entry, mode, kind, self._kinds[kind.name])
+        registers = {**kind.registers, **read_registers(given.registers, table(number_of(kind.device)))}
+        return ActuatorSlot(name, bus, given.id, kind, given.sign, given.ratio, registers, mode, None)
 
 
-def _joint(
-    name: str,
-    entry: ConfigSection,
-    seat: _TransmissionSlot | None,
-    slots: _SlotRegistry,
-    ground: _EntryContext,
-) -> JointSpec:
+def _joint(name: str, entry: ConfigReader, seat: _TransmissionSlot | None, slots: _SlotRegistry) -> JointSpec:
     if seat is not None:
         _refuse_own(entry, seat)
-        slot = slots.find_slot(seat.actuator)
+        slot = slots.taken[seat.actuator]
+        given = entry.read(JointKeys)
     else:
-        slot = slots.add(name, entry)
-    lower, upper = _limits(entry)
+        slot = slots.add(name, entry, JointKeys)
+        given = entry.read(JointKeys, CanSlotKeys if isinstance(slot.type, CanType) else ServoSlotKeys)
+    lower, upper = given.limits_rad
+    _require_limits(entry, lower, upper)
     if seat is None:
         _within_a_turn(slot, (lower, upper), entry, "limits_rad")
-    ends = stops(entry, lower, upper)
-    source = ground.source(entry)
-    own_speed = source(SPEED).number(SPEED, math.inf, above=0.0, most=100.0)
-    own_pull = source(PULL).number(PULL, math.inf, above=0.0, most=1e4)
+    require_stops(entry, given.stop_rad, lower, upper)
+    own_speed = given.velocity_limit_rad_s
+    own_pull = given.acceleration_limit_rad_s2
     kind = slot.type
-    joint = JointSpec(
+    return JointSpec(
         name=name,
-        model_joint=entry.text("model_joint", name),
+        model_joint=given.model_joint or name,
         bus=slot.bus,
         id=slot.id,
         type=kind,
@@ -177,25 +167,22 @@ def _joint(
         feedback_id=slot.feedback_id,
         actuator=slot.name,
         transmission=seat.transmission.name if seat else "",
-        stops=ends,
-        homing=homing(entry, ends),
+        stops=given.stop_rad,
+        homing=homing(entry, given.homing, given.stop_rad),
     )
-    entry.close()
-    return joint
 
 
-def _refuse_own(entry: ConfigSection, seat: _TransmissionSlot) -> None:
-    """A joint of a transmission has no actuator of its own to speak of."""
+def _refuse_own(entry: ConfigReader, seat: _TransmissionSlot) -> None:
+    """A joint of a transmission has no actuator of its own. Raises ConfigError where it has keys of one."""
     turned = f"driven through transmission {seat.transmission.name}"
-    for key in OF_ACTUATORS:
-        if entry.has(key):
+    for key in entry:
+        if key in OF_ACTUATORS:
             raise entry.refuse(key, f"{turned}: {key} stands with its actuator {seat.actuator}; remove it")
-    for key in OF_OWN_ACTUATORS:
-        if entry.has(key):
+        if key in OF_OWN_ACTUATORS:
             raise entry.refuse(key, f"{turned}: no actuator drives it alone to a stop; remove it")
 
 
-def _once_each(joints: Sequence[JointSpec], section: ConfigSection) -> None:
+def _once_each(joints: Sequence[JointSpec], section: ConfigReader) -> None:
     """No joint of the model is driven twice. Raises ConfigError."""
     driven: dict[str, str] = {}
     for joint in joints:
@@ -206,7 +193,7 @@ def _once_each(joints: Sequence[JointSpec], section: ConfigSection) -> None:
 
 
 def _together(
-    joints: Sequence[JointSpec], driven: Sequence[TransmissionSpec], section: ConfigSection
+    joints: Sequence[JointSpec], driven: Sequence[TransmissionSpec], section: ConfigReader
 ) -> list[JointSpec]:
     """The joints of transmissions with what their actuators together can. Raises ConfigError.
 
@@ -242,7 +229,7 @@ def _together(
 
 
 def _within_a_turn(
-    slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigSection, key: str
+    slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigReader, key: str
 ) -> None:
     turns = (travel[1] - travel[0]) * slot.ratio / (2.0 * math.pi)
     if turns > 1.0:
@@ -250,10 +237,9 @@ def _within_a_turn(
         raise entry.refuse(key, f"the travel is {turns:.2f} turns of {name}: one turn at most without homing")
 
 
-def _type(name: str, parent: ConfigSection) -> TypeSpec:
+def _type(name: str, section: ConfigReader) -> TypeSpec:
     """By its device: a model of one of the CAN families, else a serial servo."""
-    section = parent.section(name)
-    device = section.text("device")
+    device = section.value("device", Text)
     if device in CAN_MODELS:
         return can_type(name, section)
     near = get_close_matches(device, CAN_MODELS, 1, 0.75)
@@ -269,12 +255,10 @@ def _is_servo(device: str) -> bool:
         return False
 
 
-def _limits(entry: ConfigSection) -> tuple[float, float]:
-    lower, upper = entry.numbers("limits_rad", 2)
+def _require_limits(entry: ConfigReader, lower: float, upper: float) -> None:
     if not lower < upper:
         raise entry.refuse("limits_rad", f"lower {lower:g} is not below upper {upper:g}")
     if not -20.0 * math.pi <= lower <= upper <= 20.0 * math.pi:
         raise entry.refuse(
             "limits_rad", f"{lower:g}..{upper:g} rad: more than ten turns; degrees by mistake?"
         )
-    return lower, upper

@@ -5,7 +5,7 @@ from dataclasses import replace
 from twind.config import hot_changes
 from twind.config.calibration_file import Calibration
 from twind.config.config_files import LoadedConfig
-from twind.config.config_section import Plain
+from twind.config.config_reader import Plain
 from twind.config.hot_changes import Changes, ConfigDifference, same
 from twind.config.hot_keys import PROOF
 

@@ -10,11 +10,14 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
 
 from twind.config.actuator_types import GainSettings, TypeSpec
 from twind.config.bus_config import buses
 from twind.config.collision_config import clearance
-from twind.config.config_section import ConfigSection, file_error
+from twind.config.config_reader import ConfigReader, ConfigStruct, Name, Text, file_error
 from twind.config.imu_config import imu_of
 from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
@@ -23,9 +26,72 @@ from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind.protocol.plain_file import NotAFile, read_plain
 
 FORMAT = "twind-robot/1"
-SUPPORTS = ("fixed", "gantry", "free")
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
+
+
+class ModelKeys(ConfigStruct):
+    """Section `model`."""
+
+    mjcf: Text
+    """file, ≤8 MiB | | MuJoCo model: `<compiler angle="radian"/>`, a free joint on the base, one
+    `<position>` actuator per driven joint; [bounds](#numbers-of-the-model)"""
+    base: Text
+    """body | | body with the free joint"""
+
+
+class LoopKeys(ConfigStruct):
+    """Section `loop`."""
+
+    rate_hz: Annotated[float, Meta(ge=10.0, le=1000.0)] = 100.0
+    """ticks per second"""
+    command_timeout_ms: Annotated[float, Meta(ge=20.0, le=100.0)] = 100.0
+    """oldest setpoint of a stream"""
+
+
+class GateKeys(ConfigStruct):
+    """Section `gate`."""
+
+    on_velocity: Literal["reject", "retime"] = "reject"
+    """too fast: refuse, or slow down"""
+    on_position: Annotated[
+        Literal["reject"], Meta(description="a position outside the limits cannot be retimed")
+    ] = "reject"
+    on_torque: Literal["warn", "reject"] = "warn"
+    """a path beyond a joint's torque"""
+
+
+class RobotKeys(ConfigStruct, kw_only=True):
+    """Keys of a robot file. Files are named relative to it."""
+
+    format: Text
+    """`twind-robot/1` |  |"""
+    name: Name
+    model: ModelKeys
+    support: Literal["fixed", "gantry", "free"] = "free"
+    """what carries the robot; decides how a fault ends, see [safety](safety.md#reactions). Unless `free`, the
+    base's free joint is removed"""
+    loop: LoopKeys
+    buses: ConfigReader
+    types: ConfigReader
+    defaults: ConfigReader
+    """as of a joint | none | for joints without their own value"""
+    joints: ConfigReader
+    actuators: ConfigReader
+    """as of a joint | as of a joint | actuator of a [transmission](#transmissions). `ratio`: motor turns per
+    turn of the input shaft"""
+    transmissions: ConfigReader
+    passive: tuple[str, ...] = ()
+    """joints of the model | | joints without a motor"""
+    legs: tuple[str, ...] | None = None
+    """joints | all | joints that carry a `free` robot: it falls where one loses torque"""
+    poses: ConfigReader
+    """rad, within the limits | 0 | named poses. `poses.rest`, where torque may go off, is required"""
+    gate: GateKeys
+    collision: ConfigReader
+    motions: Text = "motions"
+    """folder | | folder of `twindctl play NAME`"""
+    sensors: ConfigReader
 
 
 def built_in_robots() -> tuple[str, ...]:
@@ -58,49 +124,45 @@ def _is_file(path: Path) -> bool:
 def read_robot(path: Path) -> RobotFile:
     """The robot file at `path`, and the MJCF it names. Raises ConfigError."""
     text = read_text(path)
-    top = ConfigSection(str(path), parse(text, str(path)))
-    if top.text("format") != FORMAT:
-        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    name = top.text("name")
-    if not _NAME.fullmatch(name):
-        raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
-    mjcf_path, mjcf, base = _model(top.section("model"), path)
-    rate, timeout = _loop(top.section("loop"))
-    wires = buses(top.section("buses"))
+    top = ConfigReader(str(path), parse(text, str(path)))
+    top.require_format(FORMAT)
+    given = top.read(RobotKeys)
+    mjcf_path, mjcf = _model(top.section("model"), given.model, path)
+    wires = buses(given.buses)
     joints, driven = described_joints(top, wires, path.parent)
-    support = top.text("support", "free", SUPPORTS)
-    robot = RobotFile(
-        name=name,
+    names = tuple(joint.name for joint in joints)
+    legs = names if given.legs is None else given.legs
+    _require_passive(top, given.passive, joints)
+    _require_legs(top, legs, names)
+    gate = given.gate
+    return RobotFile(
+        name=given.name,
         path=path,
         text_sha256=hashlib.sha256(text.encode()).hexdigest(),
         mjcf_path=mjcf_path,
         mjcf=mjcf,
-        base=base,
-        support=support,
-        rate_hz=rate,
-        command_timeout_ms=timeout,
+        base=given.model.base,
+        support=given.support,
+        rate_hz=given.loop.rate_hz,
+        command_timeout_ms=given.loop.command_timeout_ms,
         buses=wires,
         joints=joints,
-        passive=_passive(top, joints),
-        legs=_legs(top, joints),
-        poses=_poses(top.section("poses"), joints),
-        gate=_gate(top, support),
-        motions=path.parent / top.text("motions", "motions"),
+        passive=given.passive,
+        legs=legs,
+        poses=_poses(given.poses, joints),
+        gate=GateSettings(gate.on_velocity, clearance(given.collision, given.support), gate.on_torque),
+        motions=path.parent / given.motions,
         transmissions=driven,
         imu=imu_of(top, wires, joints),
     )
-    top.close()
-    return robot
 
 
 def _built_in() -> Path:
     return Path(str(resources.files("twind.robots")))
 
 
-def _model(section: ConfigSection, path: Path) -> tuple[Path, str, str]:
-    mjcf = path.parent / section.text("mjcf")
-    base = section.text("base")
-    section.close()
+def _model(section: ConfigReader, given: ModelKeys, path: Path) -> tuple[Path, str]:
+    mjcf = path.parent / given.mjcf
     try:
         text = read_plain(mjcf, MAX_MJCF).decode("utf-8")
     except NotAFile as error:
@@ -108,71 +170,46 @@ def _model(section: ConfigSection, path: Path) -> tuple[Path, str, str]:
     except (OSError, ValueError) as error:
         raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
     require_sane_numbers(mjcf)
-    return mjcf, text, base
+    return mjcf, text
 
 
-def _loop(section: ConfigSection) -> tuple[float, float]:
-    rate = section.number("rate_hz", 100.0, least=10.0, most=1000.0)
-    timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=100.0)
-    section.close()
-    return rate, timeout
-
-
-def _passive(top: ConfigSection, joints: Sequence[JointSpec]) -> tuple[str, ...]:
-    passive = top.texts("passive")
+def _require_passive(top: ConfigReader, passive: tuple[str, ...], joints: Sequence[JointSpec]) -> None:
     for joint in joints:
         if joint.model_joint in passive:
             raise top.refuse("passive", f"{joint.model_joint} is driven by joint {joint.name}")
     if len(set(passive)) != len(passive):
         raise top.refuse("passive", "a name stands there twice")
-    return passive
 
 
-def _legs(top: ConfigSection, joints: Sequence[JointSpec]) -> tuple[str, ...]:
-    """Joints that carry the robot; all of them where the file does not say."""
-    names = tuple(joint.name for joint in joints)
-    legs = top.texts("legs") if top.has("legs") else names
+def _require_legs(top: ConfigReader, legs: tuple[str, ...], names: tuple[str, ...]) -> None:
     for name in legs:
         if name not in names:
             near = get_close_matches(name, names, 1)
             raise top.refuse("legs", f"no joint {name!r}" + (f"; nearest: {near[0]}" if near else ""))
     if len(set(legs)) != len(legs):
         raise top.refuse("legs", "a name stands there twice")
-    return legs
 
 
-def _poses(section: ConfigSection, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
+def _poses(section: ConfigReader, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
     if not section.has("rest"):
         raise section.refuse(
             "rest", "is required and missing: the pose in which torque may go off; {} is all 0"
         )
     poses = {}
-    for name in section:
-        pose = section.section(name)
+    for name, pose in section.sections().items():
+        pose.require_known(joint.name for joint in joints)
         poses[name] = {joint.name: _angle(pose, joint) for joint in joints}
-        pose.close()
-    section.close()
     return poses
 
 
-def _angle(pose: ConfigSection, joint: JointSpec) -> float:
-    angle = pose.number(joint.name, 0.0)
+def _angle(pose: ConfigReader, joint: JointSpec) -> float:
+    given = pose.has(joint.name)
+    angle: float = pose.value(joint.name, float) if given else 0.0
     if not joint.lower <= angle <= joint.upper:
-        why = "" if pose.has(joint.name) else " (not given, so 0)"
+        why = "" if given else " (not given, so 0)"
         bounds = f"{joint.lower:g}..{joint.upper:g}"
         raise pose.refuse(joint.name, f"{angle:g} rad{why} is outside the limits {bounds} of {joint.name}")
     return angle
-
-
-def _gate(top: ConfigSection, support: str) -> GateSettings:
-    section = top.section("gate")
-    policies = ("reject", "retime")
-    on_velocity = section.text("on_velocity", "reject", policies)
-    if section.text("on_position", "reject", policies) != "reject":
-        raise section.refuse("on_position", "a position outside the limits cannot be retimed: only reject")
-    on_torque = section.text("on_torque", "warn", ("warn", "reject"))
-    section.close()
-    return GateSettings(on_velocity, clearance(top.section("collision"), support), on_torque)
 
 
 __all__ = [

@@ -1,76 +1,179 @@
-"""Section `types.TYPE` of serial servos, and what their joints may say of them. Read once, checked."""
+"""Section `types.TYPE` of serial servos, and what their joints may say of them. Read once, checked.
+
+The units of a type come from the facts of its model; the keys are for models of which the sources disagree,
+and for a unit of current that was measured. `position` is the default mode: in it alone the servo's own
+position limits (registers 48, 52) are a second fence.
+"""
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Mapping
 from difflib import get_close_matches
+from typing import Annotated, Any, Literal
 
-from twind.config.actuator_types import GainSettings, ServoType
-from twind.config.config_section import ConfigSection
-from twind.config.drive_mode import joint_mode, type_mode
-from twind.config.servo_units import units
-from twind.config.supply_limits import heat, supply
+from msgspec import Meta
+
+from twind.config.actuator_types import OPERATING_MODES, GainSettings, ServoType
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
+from twind.config.supply_limits import (
+    HeatKeys,
+    SupplyKeys,
+    heat,
+    heat_limit,
+    supply,
+    usual_heat,
+    usual_supply,
+)
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
+from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities
+from twind_drivers.dynamixel.operating_modes import mode_of
 
-MAX_ID = 252  # e-manual, "ID (7)"
+CURRENT_BASED = "current_based_position"
+# Modes that the driver has, and no robot: what the executor sends are positions.
+TOOLS_ONLY: Mapping[str, str] = {
+    "velocity": "speeds",
+    "current": "currents",
+}
+X_SERIES = ModelCapabilities()
+ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
+
 _REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
+Acceleration = Annotated[float, Meta(gt=0.0, le=1e4)]  # rad/s²
+Speed = Annotated[float, Meta(gt=0.0, le=100.0)]  # rad/s
+UnitOfCount = Annotated[float, Meta(gt=0.0, le=1.0)]
 
-def servo_type(name: str, section: ConfigSection) -> ServoType:
+
+class TypeKeys(ConfigStruct, kw_only=True):
+    """Entry of `types`, of any kind."""
+
+    device: Text
+    """model name | | such as XM430-W350, DM4340"""
+    mode: Any = None  # a text; `read_mode` explains a number
+    """`position`, `extended_position`, `current_based_position`; CAN: `impedance` | `position`; CAN:
+    `impedance` | operating mode, register 11: 3, 4 or 5. Only `position` applies the servo's own limits"""
+    acceleration_limit_rad_s2: Acceleration = 10.0
+    """of the motor shaft"""
+    supply: SupplyKeys
+    heat: HeatKeys
+
+
+class SlotKeys(ConfigStruct, kw_only=True):
+    """Keys of a joint or actuator that say how it is turned; `defaults` may have all but `id`."""
+
+    type: Text
+    """type | of `defaults` |"""
+    bus: Text
+    """bus | of `defaults` |"""
+    sign: Literal[1, -1] = 1
+    """| of `defaults`, else 1 | -1: the motor turns the other way"""
+    ratio: Annotated[float, Meta(gt=0.0, le=1000.0)] = 1.0
+    """| of `defaults`, else 1 | motor turns per joint turn"""
+    mode: Any = None
+    """as of a type | of `defaults`, else its type's |"""
+
+
+class ServoSlotKeys(SlotKeys, kw_only=True):
+    """Keys of what turns by a servo."""
+
+    id: Annotated[int, Meta(ge=0, le=252)]  # e-manual, "ID (7)"
+    """0–252; CAN: 1–127, ODrive: 0–63 | | on its bus"""
+    registers: ConfigReader
+    """number | its type's |"""
+
+
+class ServoTypeKeys(TypeKeys, kw_only=True):
+    """Entry of `types` for serial servos."""
+
+    return_delay_us: Annotated[int, Meta(ge=0, le=508)] = 500  # factory setting: 250 units of 2 µs
+    """0–508, even | | twice register 9"""
+    gains: GainSettings
+    velocity_limit_rad_s: Speed = 2.0
+    """of the motor shaft"""
+    torque_constant_nm_per_a: Annotated[float, Meta(gt=0.0, le=1e3)] = math.nan
+    """>0 | unknown | without it effort is unknown"""
+    current_limit_a: Annotated[float, Meta(gt=0.0, le=1e3)] = math.nan
+    """>0 | unknown | written as goal current by `current_based_position`, which requires it; XM430-W350: at
+    most 3.209 A"""
+    ticks_per_turn: Annotated[int, Meta(ge=256, le=2**24)] | None = None
+    """| the model's | only where the model's value is ambiguous"""
+    velocity_lsb_rad_s: UnitOfCount | None = None
+    """| the model's | rad/s per count; likewise"""
+    current_lsb_a: UnitOfCount | None = None
+    """| the model's | A per count, if measured"""
+    registers: ConfigReader
+    """number | none | required content; compared, never written"""
+
+
+def servo_type(name: str, section: ConfigReader) -> ServoType:
     """One kind of servo. Raises ConfigError."""
-    delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
+    given = section.read(ServoTypeKeys)
+    delay = given.return_delay_us
     if delay % 2:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
-    device = section.text("device")
+    device = given.device
     known = _find_table(section, device)
-    of = units(section, device)
-    spec = ServoType(
+    ampere = known.facts.ampere_per_count or X_SERIES.ampere_per_count or math.nan
+    velocity = given.velocity_lsb_rad_s or known.facts.radians_per_velocity_count
+    if velocity is None:
+        raise section.refuse("velocity_lsb_rad_s", _unclear(device, "rad/s a count"))
+    hottest = heat_limit(device)
+    return ServoType(
         name=name,
         device=device,
-        mode=type_mode(section),
+        mode=read_mode(section, "position"),
         return_delay_us=delay,
-        ticks_per_turn=of.ticks_per_turn,
-        gains=_gains(section.section("gains")),
-        torque_constant_nm_per_a=section.number("torque_constant_nm_per_a", math.nan, above=0.0, most=1e3),
-        current_lsb_a=of.current_lsb_a,
-        velocity_lsb_rad_s=of.velocity_lsb_rad_s,
-        velocity_limit_rad_s=section.number("velocity_limit_rad_s", 2.0, above=0.0, most=100.0),
-        acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
-        current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
-        registers=_registers(section.section("registers"), known),
-        supply=supply(section, device),
-        heat=heat(section, device),
-    )
-    section.close()
-    return spec
-
-
-def servo_joint(
-    source: Callable[[str], ConfigSection], entry: ConfigSection, kind: ServoType, described: ConfigSection
-) -> tuple[int, str, dict[str, int]]:
-    """Id, mode and registers of a joint that a servo of `kind` drives. Raises ConfigError."""
-    return (
-        entry.integer("id", least=0, most=MAX_ID),
-        joint_mode(source, entry, kind, described),
-        {**kind.registers, **_registers(entry.section("registers"), table(number_of(kind.device)))},
+        ticks_per_turn=_turn(section, given, known.facts.counts_per_turn),
+        gains=given.gains,
+        torque_constant_nm_per_a=given.torque_constant_nm_per_a,
+        current_lsb_a=given.current_lsb_a or ampere,
+        velocity_lsb_rad_s=velocity,
+        velocity_limit_rad_s=given.velocity_limit_rad_s,
+        acceleration_limit_rad_s2=given.acceleration_limit_rad_s2,
+        current_limit_a=given.current_limit_a,
+        registers=read_registers(given.registers, known),
+        supply=supply(section.section("supply"), given.supply, usual_supply(device)),
+        heat=heat(section.section("heat"), given.heat, usual_heat(hottest), hottest),
     )
 
 
-def _find_table(section: ConfigSection, device: str) -> ControlTable:
-    """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
+def read_mode(section: ConfigReader, usual: str) -> str:
+    """The mode of a servo as it is written. Raises ConfigError: no mode, or one that no robot may have."""
+    if not section.has("mode"):
+        return usual
+    given = section.plain("mode")
+    if isinstance(given, int | float):  # what register 11 holds, not what a person can check
+        meant = [name for name, number in OPERATING_MODES.items() if number == given and given is not True]
+        names = meant or list(OPERATING_MODES)
+        raise section.refuse("mode", f"{given} is a number; a mode is named: write {' or '.join(names)}")
+    mode = section.choice("mode", (*OPERATING_MODES, *TOOLS_ONLY))
+    if mode in TOOLS_ONLY:
+        message = f"mode {mode} takes {TOOLS_ONLY[mode]}, and the daemon commands positions"
+        raise section.refuse("mode", f"{message}: use one of {', '.join(OPERATING_MODES)}")
+    return mode
+
+
+def require_mode(entry: ConfigReader, mode: str, kind: ServoType, described: ConfigReader) -> None:
+    """Raises ConfigError for a mode that a joint's servo cannot have.
+
+    Its model does not have the mode, or current-based position has no current that it takes. `described`:
+    the section of `kind`.
+    """
+    if mode == CURRENT_BASED and kind.cap_counts is None:
+        raise entry.refuse(
+            "mode", f"mode {mode} needs current_limit_a in type {kind.name}: the most current it may use"
+        )
+    registers = table(number_of(kind.device))
     try:
-        return table(number_of(device))
-    except KeyError as error:
-        raise section.refuse("device", str(error.args[0])) from None
+        mode_of(f"type {kind.name}", registers, OPERATING_MODES[mode])
+    except ValueError as error:
+        raise entry.refuse("mode", str(error)) from None
+    if mode == CURRENT_BASED:
+        _require_current(kind, described, registers["goal_current"].bounds[1])
 
 
-def _gains(section: ConfigSection) -> GainSettings:
-    gains = GainSettings(*(section.integer(key, least=0, most=16383) for key in ("p", "i", "d")))
-    section.close()
-    return gains
-
-
-def _registers(section: ConfigSection, known: ControlTable) -> dict[str, int]:
+def read_registers(section: ConfigReader, known: ControlTable) -> dict[str, int]:
+    """What registers must hold, by name. Raises ConfigError."""
     for key in section:
         if not _REGISTER.fullmatch(key):
             raise section.refuse(key, "a register is named in snake case, as homing_offset")
@@ -78,4 +181,41 @@ def _registers(section: ConfigSection, known: ControlTable) -> dict[str, int]:
             near = get_close_matches(key, known.fields, 1)
             hint = f"; nearest: {near[0]}" if near else ""
             raise section.refuse(key, f"{known.model} has no {key}{hint}")
-    return {key: section.integer(key, least=-(2**31), most=2**32 - 1) for key in section}
+    return {key: section.value(key, Annotated[int, Meta(ge=-(2**31), le=2**32 - 1)]) for key in section}
+
+
+def _find_table(section: ConfigReader, device: str) -> ControlTable:
+    """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
+    try:
+        return table(number_of(device))
+    except KeyError as error:
+        raise section.refuse("device", str(error.args[0])) from None
+
+
+def _turn(section: ConfigReader, given: ServoTypeKeys, known: int | None) -> int:
+    """Counts a turn. Raises ConfigError against the model: each angle would be wrong by that factor."""
+    found = given.ticks_per_turn or known
+    if found is None:
+        raise section.refuse("ticks_per_turn", _unclear(given.device, "counts a turn"))
+    if known is not None and abs(found - known) > ROUNDING * known:
+        message = f"{found}, but a {given.device} has {known}"
+        raise section.refuse(
+            "ticks_per_turn", f"{message}: leave the key out; a gear behind it goes into ratio"
+        )
+    return found
+
+
+def _unclear(device: str, what: str) -> str:
+    return f"missing: what is printed about the {device} disagrees; give the {what} that you measured"
+
+
+def _require_current(kind: ServoType, described: ConfigReader, counts: int) -> None:
+    """Raises ConfigError where `current_limit_a` is no goal current of 1..`counts`."""
+    cap = kind.cap_counts
+    most = counts * kind.current_lsb_a
+    if cap is None or not 1 <= cap <= counts:
+        raise described.refuse(
+            "current_limit_a",
+            f"{kind.current_limit_a:g} A is outside {kind.current_lsb_a:.4g}..{most:.4g} A, what a "
+            f"{kind.device} takes as goal current (102) in mode {CURRENT_BASED}",
+        )

@@ -5,10 +5,15 @@ temperature (31) the servo shuts itself down. The default bounds stand, within t
 XM430 stand: told at 11.1 V, settled at 10.5 V, a fault at 10.0 V, too much above 14.8 V, of 9.5 to 16 V.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
+from sys import float_info
+from typing import Annotated, TypeVar
 
-from twind.config.config_section import ConfigSection
+from msgspec import Meta
+from msgspec.structs import asdict
+
+from twind.config.config_reader import ConfigReader, ConfigStruct
 from twind_drivers.dynamixel.control_tables import ControlTable, number_of, table
 from twind_drivers.dynamixel.dynamixel_models import base
 from twind_drivers.dynamixel.factory_defaults import FACTORY, FactoryDefaults
@@ -50,45 +55,65 @@ class ThermalLimits:
     continuous: float = CONTINUOUS  # of the current limit, 0 to 1
 
 
-def supply(parent: ConfigSection, device: str) -> SupplyLimits:
-    """Section `supply` of a servo's type. Raises ConfigError: bounds that are not in order."""
-    return own_supply(parent, usual_supply(device))
+Limits = TypeVar("Limits", SupplyLimits, ThermalLimits)
+Volts = Annotated[float, Meta(gt=0.0, le=100.0)]
+Celsius = Annotated[float, Meta(gt=0.0)]
 
 
-def own_supply(parent: ConfigSection, usual: SupplyLimits) -> SupplyLimits:
-    """Section `supply` of a type; `usual`: what stands where it says nothing. Raises ConfigError."""
-    section = parent.section("supply")
-    found = SupplyLimits(
-        warn=section.number("warn_v", usual.warn, above=0.0, most=100.0),
-        settle=section.number("settle_v", usual.settle, above=0.0, most=100.0),
-        fault=section.number("fault_v", usual.fault, above=0.0, most=100.0),
-        high=section.number("high_v", usual.high, above=0.0, most=100.0),
-    )
-    section.close()
+class SupplyKeys(ConfigStruct):
+    """Section `supply` of a type, V."""
+
+    warn_v: Volts | None = None
+    """| the model's: 11.1 | V; at or below: warning. Defaults: XM430; XL330: 4.4, 4, 3.8, 6.4, P series:
+    19.9, 18.1, 16.5, 31.3"""
+    settle_v: Volts | None = None
+    """≤ `warn_v` | the model's: 10.5 | V; at or below: the robot settles"""
+    fault_v: Volts | None = None
+    """≤ `settle_v` | the model's: 10 | V; at or below: no pose can be held"""
+    high_v: Volts | None = None
+    """≥ `warn_v` | the model's: 14.8 | V; above: warning"""
+
+
+class HeatKeys(ConfigStruct):
+    """Section `heat` of a type, °C and a share."""
+
+    warn_c: Celsius | None = None
+    """≤ the servo's limit | the model's: 60 | °C; warning: 20 below shutdown"""
+    slow_c: Celsius | None = None
+    """≥ `warn_c`, ≤ the servo's limit | the model's: 65 | °C; motions slow down: 15 below shutdown"""
+    settle_c: Celsius | None = None
+    """≥ `slow_c`, ≤ the servo's limit | the model's: 70 | °C; the robot settles: 10 below shutdown"""
+    cool_c: Celsius | None = None
+    """≤ `settle_c` | the model's: 55 | °C; below: arming is possible again"""
+    continuous: Annotated[float, Meta(gt=0.0, le=1.0)] | None = None
+    """| 0.35 | share of the current limit that it bears permanently"""
+
+
+def supply(section: ConfigReader, given: SupplyKeys, usual: SupplyLimits) -> SupplyLimits:
+    """Section `supply` of a type over what is usual. Raises ConfigError: bounds that are not in order."""
+    found = _override(usual, given, "_v")
     names = ("fault_v", "settle_v", "warn_v", "high_v")
     _require_order(section, names, (found.fault, found.settle, found.warn, found.high), "V")
     return found
 
 
-def heat(parent: ConfigSection, device: str) -> ThermalLimits:
-    """Section `heat` of a servo's type. Raises ConfigError: bounds not in order, or never reached."""
-    return own_heat(parent, usual_heat(_limit(device)), _limit(device))
+def heat(section: ConfigReader, given: HeatKeys, usual: ThermalLimits, own: float) -> ThermalLimits:
+    """Section `heat` of a type that shuts itself down at `own` °C, over what is usual.
 
-
-def own_heat(parent: ConfigSection, usual: ThermalLimits, own: float) -> ThermalLimits:
-    """Section `heat` of a type that shuts itself down at `own` °C; `usual` as above. Raises ConfigError."""
-    section = parent.section("heat")
-    found = ThermalLimits(
-        warn=section.number("warn_c", usual.warn, above=0.0, most=own),
-        slow=section.number("slow_c", usual.slow, above=0.0, most=own),
-        settle=section.number("settle_c", usual.settle, above=0.0, most=own),
-        cool=section.number("cool_c", usual.cool, above=0.0, most=own),
-        continuous=section.number("continuous", usual.continuous, above=0.0, most=1.0),
-    )
-    section.close()
+    Raises ConfigError: bounds not in order, or never reached.
+    """
+    for key in ("warn_c", "slow_c", "settle_c", "cool_c"):
+        section.check(key, Annotated[float, Meta(gt=0.0, le=min(own, float_info.max))])
+    found = _override(usual, given, "_c")
     _require_order(section, ("warn_c", "slow_c", "settle_c"), (found.warn, found.slow, found.settle), "°C")
     _require_order(section, ("cool_c", "settle_c"), (found.cool, found.settle), "°C")
     return found
+
+
+def _override(usual: Limits, given: ConfigStruct, unit: str) -> Limits:
+    """`usual` with the values that are given, whose keys end in `unit`."""
+    found = {key.removesuffix(unit): value for key, value in asdict(given).items() if value is not None}
+    return replace(usual, **found)
 
 
 def full_counts(device: str, current_limit_a: float, current_lsb_a: float) -> float:
@@ -130,7 +155,7 @@ def usual_heat(own: float) -> ThermalLimits:
     return ThermalLimits(own - WARN_BELOW, own - SLOW_BELOW, own - SETTLE_BELOW, own - COOL_BELOW)
 
 
-def _limit(device: str) -> float:
+def heat_limit(device: str) -> float:
     """At which temperature (°C) the servo shuts itself down as delivered; inf: not known."""
     made = _made(device)
     return inf if made is None else float(made.temperature)
@@ -149,7 +174,7 @@ def _table(device: str) -> ControlTable | None:
 
 
 def _require_order(
-    section: ConfigSection, keys: tuple[str, ...], values: tuple[float, ...], unit: str
+    section: ConfigReader, keys: tuple[str, ...], values: tuple[float, ...], unit: str
 ) -> None:
     """Raises ConfigError where one is above the next; what is not known (infinite) is in any order."""
     for key, value, after, bound in zip(keys, values, keys[1:], values[1:], strict=False):

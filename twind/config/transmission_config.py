@@ -6,22 +6,46 @@ As many actuators as joints, all on one bus: where the joints are is known by on
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Literal
 
 from twind.config.bus_config import NAME
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.linkage_file import linkage
 from twind.config.robot_spec import ActuatorSlot, TransmissionSpec
 from twind.robot.transmission import MOST_CONDITION, Differential, Transmission, condition
 
 DIFFERENTIAL = "differential"
-LINKAGE = "linkage_table"
+
+
+class TransmissionKeys(ConfigStruct):
+    """Entry of `transmissions`, of any kind."""
+
+    kind: Literal["differential", "linkage_table"]
+    actuators: tuple[str, ...]
+    """actuators | | as many as joints"""
+
+
+class DifferentialKeys(TransmissionKeys):
+    """Entry of a differential: of each joint its rad per rad of each actuator."""
+
+    joints: ConfigReader
+    """numbers | | `differential`: joint rad per rad of each actuator"""
+
+
+class LinkageKeys(TransmissionKeys):
+    """Entry of a linkage that a table describes."""
+
+    joints: tuple[str, ...]
+    """joints | | `linkage_table`: as many as actuators"""
+    table: Text
+    """CSV file | | `linkage_table` only"""
 
 
 def transmissions(
-    section: ConfigSection,
+    section: ConfigReader,
     slots: Mapping[str, ActuatorSlot],
-    actuators: ConfigSection,
-    joints: ConfigSection,
+    actuators: ConfigReader,
+    joints: ConfigReader,
     folder: Path,
 ) -> tuple[TransmissionSpec, ...]:
     """All of them. `slots`: the actuators by name; a table is sought from `folder`. Raises ConfigError.
@@ -30,32 +54,31 @@ def transmissions(
     """
     found: list[TransmissionSpec] = []
     taken: tuple[dict[str, str], dict[str, str]] = ({}, {})  # actuator, joint -> its transmission
-    for name in section:
-        if not NAME.fullmatch(name):
-            raise section.refuse(name, "a transmission is named by 1 to 64 letters, digits, _ . and -")
-        found.append(_transmission(name, section.section(name), slots, tuple(joints), taken, folder))
+    for name, entry in section.sections(NAME).items():
+        found.append(_transmission(name, entry, slots, tuple(joints), taken, folder))
         for names, of_it in zip(taken, (found[-1].actuators, found[-1].joints), strict=True):
             names |= dict.fromkeys(of_it, name)
     for name in slots:
         if name not in taken[0]:
             why = "stands in no transmission; an actuator that turns one joint stands with its joint"
             raise actuators.refuse(name, why)
-    section.close()
     return tuple(found)
 
 
 def _transmission(
     name: str,
-    section: ConfigSection,
+    section: ConfigReader,
     slots: Mapping[str, ActuatorSlot],
     joints: tuple[str, ...],
     taken: tuple[Mapping[str, str], Mapping[str, str]],
     folder: Path,
 ) -> TransmissionSpec:
-    kind = section.text("kind", None, (DIFFERENTIAL, LINKAGE))
-    actuators = section.texts("actuators")
-    rows = section.section("joints") if kind == DIFFERENTIAL else None
-    driven = tuple(rows) if rows is not None else section.texts("joints")
+    kind = section.read(TransmissionKeys, DifferentialKeys, LinkageKeys).kind
+    given: DifferentialKeys | LinkageKeys = (
+        section.read(DifferentialKeys) if kind == DIFFERENTIAL else section.read(LinkageKeys)
+    )
+    actuators = given.actuators
+    driven = tuple(given.joints)
     _check_joint_names(section, "actuators", actuators, tuple(slots), taken[0])
     _check_joint_names(section, "joints", driven, joints, taken[1])
     if len(actuators) != len(driven):
@@ -68,15 +91,14 @@ def _transmission(
     residual = 0.0
     table = None
     sha256 = ""
-    if rows is not None:
-        law: Transmission = _differential(section, rows)
+    if isinstance(given, DifferentialKeys):
+        law: Transmission = _differential(section, given.joints)
     else:
-        table = folder / section.text("table")
+        table = folder / given.table
         read = linkage(table, actuators, driven)
         law = read.law
         residual = read.residual
         sha256 = read.sha256
-    section.close()
     worst = condition(law)
     if not worst <= MOST_CONDITION:
         reason = "one per cent of an actuator's angle or torque would be all of a joint's"
@@ -88,7 +110,7 @@ def _transmission(
 
 
 def _check_joint_names(
-    section: ConfigSection, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
+    section: ConfigReader, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
 ) -> None:
     """Raises ConfigError unless all are there, each once, and in no other transmission."""
     if not names:
@@ -104,10 +126,11 @@ def _check_joint_names(
         raise section.refuse(key, "a name stands there twice")
 
 
-def _differential(section: ConfigSection, rows: ConfigSection) -> Differential:
-    count = len(tuple(rows))
-    matrix = [rows.numbers(joint, count) for joint in rows]
-    rows.close()
+def _differential(section: ConfigReader, rows: ConfigReader) -> Differential:
+    matrix: list[tuple[float, ...]] = [rows.value(joint, tuple[float, ...]) for joint in rows]
+    for joint, row in zip(rows, matrix, strict=True):
+        if len(row) != len(matrix):
+            raise rows.refuse(joint, f"needs {len(matrix)} numbers, found {len(row)}")
     try:
         return Differential(matrix)
     except ValueError as error:

@@ -1,7 +1,7 @@
 """A YAML file as a tree of values that know their line and column, with YAML's traps refused.
 
 Strict on purpose: no anchors, aliases, tags, merges or duplicate keys; no word or number that YAML 1.1 reads
-as something else than a person does. Knows no schema: `config_section.py` asks for types and bounds.
+as something else than a person does. Knows no schema: `config_reader.py` asks for types and bounds.
 """
 
 import hashlib

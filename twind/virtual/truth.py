@@ -8,21 +8,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta
 
 from twind.config.actuator_types import CanType
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.counts import ticks_of, turn_start
+from twind.config.device_record import Byte, Tag, Ticks
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
 from twind.twin.mujoco_physics import ranges_of
 from twind.virtual.bench_servos import VirtualRobotSpecError
 from twind_drivers.dynamixel.control_tables import number_of, table
 
-MAX_TICKS = 2**31 - 1
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator
-FLOATS = ("friction_nm", "backlash_ticks")
 LOOSE = (0.02, 0.08)  # rad, how far beyond the limits the stops of a random specimen are
 # N·m; ticks; turns either way
 RUBBING = (0.03, 0.1)
@@ -30,28 +31,30 @@ PLAY = 4.0
 WOUND = 2
 CLEAR = 8  # ticks from the seam that the travel of a random mode 3 joint keeps
 
+NotNegative = Annotated[float, Meta(ge=0.0)]
+
 
 @dataclass(frozen=True, slots=True)
 class JointTruth:
     """One joint and its actuator. Counts are the bare encoder's, before direction, turns and offset."""
 
-    zero_ticks: int | None = None  # at joint angle 0, anywhere; None: scattered, clear of the seam
-    sign: int | None = None  # +1, -1: how the bare encoder counts; None: as the robot file says
+    zero_ticks: Ticks | None = None  # at joint angle 0, anywhere; None: scattered, clear of the seam
+    sign: Literal[1, -1] | None = None  # +1, -1: how the bare encoder counts; None: as the robot file says
     stops_rad: tuple[float, float] | None = (
         None  # mechanical ends of the joint; None: as described, else the model's
     )
-    friction_nm: float | None = None  # dry; None: the model's. Joints without load have none
-    backlash_ticks: float = 0.0  # play between encoder and joint, from one side to the other
-    turns: int = 0  # the count starts off by so many, until it is lost
-    swapped_with: str = ""  # a joint of the same bus whose servo has this one's id, and the other way round
-    homing_offset: int = 0  # register 20
-    drive_mode: int | None = None  # register 10; None: the robot file's, else as delivered
-    startup_configuration: int = 0  # register 60
-    tag: int | None = None  # moving threshold (24): the stamp of a calibration
-    registers: Mapping[str, int] = field(default_factory=dict)  # of the EEPROM, over all others
-    firmware: int | None = None
+    friction_nm: NotNegative | None = None  # dry; None: the model's. Joints without load have none
+    backlash_ticks: NotNegative = 0.0  # play between encoder and joint, from one side to the other
+    turns: Annotated[int, Meta(ge=-1000, le=1000)] = 0  # the count starts off by so many, until it is lost
+    swapped_with: Text = ""  # a joint of the same bus whose servo has this one's id, and the other way round
+    homing_offset: Ticks = 0  # register 20
+    drive_mode: Byte | None = None  # register 10; None: the robot file's, else as delivered
+    startup_configuration: Byte = 0  # register 60
+    tag: Tag | None = None  # moving threshold (24): the stamp of a calibration
+    registers: dict[str, Ticks] = field(default_factory=dict)  # of the EEPROM, over all others
+    firmware: Byte | None = None
     forgets_offset: bool = False  # see `ServoSpec`
-    seam_seed: int | None = None  # see `ServoSpec`
+    seam_seed: Annotated[int, Meta(ge=0)] | None = None  # see `ServoSpec`
 
     def eeprom(self) -> dict[str, int]:
         """Registers that differ from a servo's that is set as the robot file says."""
@@ -69,6 +72,12 @@ class JointTruth:
 
 
 PLAIN = JointTruth()
+
+
+class TruthKeys(ConfigStruct):
+    """Keys of a file of true values."""
+
+    joints: ConfigReader
 
 
 @dataclass(frozen=True)
@@ -89,48 +98,16 @@ class Truth:
 
 def load_truth(path: Path, robot: RobotFile) -> Truth:
     """The truth in a file, YAML or JSON. Raises ConfigError: unreadable, unknown key, no such joint."""
-    top = ConfigSection(str(path), parse(read_text(path), str(path)))
-    section = top.section("joints")
-    joints = {
-        joint.name: _joint(section.section(joint.name)) for joint in robot.joints if section.has(joint.name)
-    }
-    section.close(also=robot.names)
-    top.close()
-    return Truth(joints)
+    section = ConfigReader(str(path), parse(read_text(path), str(path))).read(TruthKeys).joints
+    section.require_known(robot.names)
+    return Truth({name: _joint(section.section(name)) for name in robot.names if section.has(name)})
 
 
-def _joint(section: ConfigSection) -> JointTruth:
-    made: dict[str, object] = {}
-    ticks = {"least": -MAX_TICKS, "most": MAX_TICKS}
-    byte = {"least": 0, "most": 255}
-    bounds = {
-        "zero_ticks": ticks,
-        "sign": {"least": -1, "most": 1},
-        "turns": {"least": -1000, "most": 1000},
-        "homing_offset": ticks,
-        "drive_mode": byte,
-        "startup_configuration": byte,
-        "tag": {"least": 0, "most": 1023},
-        "firmware": byte,
-        "seam_seed": {"least": 0},
-    }
-    made |= {key: section.integer(key, **bound) for key, bound in bounds.items() if section.has(key)}
-    if made.get("sign") == 0:
-        raise section.refuse("sign", "0 is neither 1 nor -1")
-    made |= {key: section.number(key, least=0.0) for key in FLOATS if section.has(key)}
-    if section.has("stops_rad"):
-        low, high = section.numbers("stops_rad", 2)
-        if not low < high:
-            raise section.refuse("stops_rad", f"{low:g} is not below {high:g}")
-        made["stops_rad"] = (low, high)
-    if section.has("swapped_with"):
-        made["swapped_with"] = section.text("swapped_with")
-    if section.has("forgets_offset"):
-        made["forgets_offset"] = section.flag("forgets_offset")
-    registers = section.section("registers")
-    made["registers"] = {key: registers.integer(key, **ticks) for key in registers}
-    section.close()
-    return JointTruth(**made)  # type: ignore[arg-type]
+def _joint(section: ConfigReader) -> JointTruth:
+    truth = section.read(JointTruth)
+    if truth.stops_rad is not None and not truth.stops_rad[0] < truth.stops_rad[1]:
+        raise section.refuse("stops_rad", f"{truth.stops_rad[0]:g} is not below {truth.stops_rad[1]:g}")
+    return truth
 
 
 def refuse_impossible(robot: RobotFile, truth: Truth) -> None:

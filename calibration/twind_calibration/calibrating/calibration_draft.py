@@ -11,8 +11,8 @@ from pathlib import Path
 from twind.command_line.verb import Rejected
 from twind.config.atomic_save import draft_of
 from twind.config.calibration_file import render
-from twind.config.config_section import ConfigSection, Plain
-from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device
+from twind.config.config_reader import ConfigReader, ConfigStruct, Plain, Text
+from twind.config.device_record import DeviceRecord, device_entries, read_device, require_sweep
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
 from twind_calibration.calibrating import file_ownership
@@ -75,31 +75,42 @@ def dump(draft: CalibrationDraft, robot: RobotFile) -> str:
     return render(head, joints)
 
 
+class DraftKeys(ConfigStruct):
+    """Keys of a draft."""
+
+    format: Text
+    robot: Text
+    robot_description_sha256: Text
+    created: Text
+    tool: Text
+    joints: ConfigReader
+
+
+class TravelKeys(ConfigStruct):
+    """Entry of an actuator that was moved from end to end."""
+
+    device: ConfigReader
+    sweep_ticks: tuple[int, int]
+    at: Text
+
+
 def read(text: str, file: str, robot: RobotFile) -> CalibrationDraft:
     """The draft that `text` holds. Raises ConfigError."""
-    top = ConfigSection(file, parse(text, file))
-    if top.text("format") != FORMAT:
-        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    if top.text("robot") != robot.name:
-        raise top.refuse("robot", f"made for robot {top.text('robot')!r}, not for {robot.name!r}")
-    if top.text("robot_description_sha256") != robot.description_sha256:
+    top = ConfigReader(file, parse(text, file))
+    top.require_format(FORMAT)
+    given = top.read(DraftKeys)
+    if given.robot != robot.name:
+        raise top.refuse("robot", f"made for robot {given.robot!r}, not for {robot.name!r}")
+    if given.robot_description_sha256 != robot.description_sha256:
         raise top.refuse("robot_description_sha256", "joints, ids, signs or ratios changed since")
-    top.text("created")
-    top.text("tool")
-    section = top.section("joints")
-    section.close(also={joint.actuator for joint in robot.joints})
-    draft = CalibrationDraft({name: _swept(section.section(name)) for name in section})
-    top.close()
-    return draft
+    given.joints.require_known(joint.actuator for joint in robot.joints)
+    return CalibrationDraft({name: _swept(each) for name, each in given.joints.sections().items()})
 
 
-def _swept(section: ConfigSection) -> DraftTravel:
-    first, last = section.integers("sweep_ticks", 2)
-    if not -MAX_TICKS <= first < last <= MAX_TICKS:
-        raise section.refuse("sweep_ticks", f"{first} is not below {last}, or out of 32 bits")
-    swept = DraftTravel(read_device(section.section("device")), (first, last), section.text("at"))
-    section.close()
-    return swept
+def _swept(section: ConfigReader) -> DraftTravel:
+    given = section.read(TravelKeys)
+    require_sweep(section, given.sweep_ticks)
+    return DraftTravel(read_device(given.device), given.sweep_ticks, given.at)
 
 
 def path_of(calibration: Path) -> Path:

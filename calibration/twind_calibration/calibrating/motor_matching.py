@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 from twind.command_line.verb import Rejected
-from twind.config.config_section import ConfigSection
+from twind.config.config_reader import ConfigReader, Text
 from twind.config.yaml_tree import parse
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.lerobot_file import LeRobotMotor
@@ -14,8 +14,8 @@ Names = Mapping[str, str | None]  # motor -> actuator; None: to be left out
 
 def read_map(text: str, file: str) -> Names:
     """`MOTOR: ACTUATOR` a line; `MOTOR: null` leaves it out. Raises ConfigError."""
-    section = ConfigSection(file, parse(text, file))
-    return {name: None if section.plain(name) is None else section.text(name) for name in section}
+    section = ConfigReader(file, parse(text, file))
+    return {name: None if section.plain(name) is None else section.value(name, Text) for name in section}
 
 
 def matched(

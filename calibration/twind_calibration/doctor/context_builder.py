@@ -12,7 +12,7 @@ from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.config_files import CommandLineError as Unfit
 from twind.config.config_files import bus_ports, refuse_wrong
-from twind.config.config_section import file_error
+from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.config_section import Plain
+from twind.config.config_reader import Plain
 from twind_calibration.proving.proof_report import ProofVerdict
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from twind.config.config_section import Plain
+from twind.config.config_reader import Plain
 from twind_calibration.proving.load_comparison import MOST_NAMED, LoadComparison
 from twind_calibration.proving.sign_proof import LoadVerdict, ProofContradiction, SignProof
 from twind_calibration.wiggling.joint_move import MoveResult

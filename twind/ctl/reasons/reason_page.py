@@ -4,6 +4,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from twind.config.doc_pages import renew_tables
 from twind.ctl.reasons.reason_text import ReasonText
 from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
@@ -23,15 +24,7 @@ def rows(codes: Mapping[ReasonCode, ReasonText]) -> str:
 
 def page_with_tables(page: str) -> str:
     """The page with both tables as the code has them. Raises ValueError without a place for one."""
-    for name, codes in TABLES.items():
-        begin = f"<!-- begin {name} -->"
-        end = f"<!-- end {name} -->"
-        before, found, rest = page.partition(begin)
-        _, closed, after = rest.partition(end)
-        if not found or not closed:
-            raise ValueError(f"the page has no {begin} … {end}: add both lines")
-        page = f"{before}{begin}\n\n{rows(codes)}\n\n{end}{after}"
-    return page
+    return renew_tables(page, {name: rows(codes) for name, codes in TABLES.items()})
 
 
 def main(arguments: list[str]) -> int:

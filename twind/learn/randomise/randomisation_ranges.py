@@ -7,9 +7,11 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from twind.config.config_section import ConfigSection
+from msgspec import Meta
+
+from twind.config.config_reader import ConfigReader, ConfigStruct, Text
 from twind.config.yaml_tree import parse, read_text
 
 Span = tuple[float, float]  # low, high
@@ -116,6 +118,13 @@ NOISE: Mapping[str, RangeRule] = {
 }
 
 
+class RangesKeys(ConfigStruct):
+    """Keys of a file of ranges."""
+
+    format: Text
+    profiles: ConfigReader
+
+
 def load_ranges(which: str | Path | None = None) -> RandomisationRanges:
     """A profile of the built-in file by its name, or the profile `default` of a file of one's own.
 
@@ -134,12 +143,9 @@ def file_of(which: str | Path | None) -> Path:
 
 def parse_ranges(text: str, file: str, profile: str) -> RandomisationRanges:
     """The `profile` of a file's text; all its profiles are checked. Raises ConfigError naming `file`."""
-    whole = ConfigSection(file, parse(text, file))
-    whole.text("format", choices=(FORMAT,))
-    profiles = whole.section("profiles")
-    whole.close()
-    found = {name: _ranges(profiles.section(name)) for name in profiles}
-    profiles.close()
+    whole = ConfigReader(file, parse(text, file))
+    whole.require_format(FORMAT)
+    found = {name: _ranges(each) for name, each in whole.read(RangesKeys).profiles.sections().items()}
     if profile not in found:
         near = difflib.get_close_matches(profile, found, 1)
         hint = f"; nearest: {near[0]}" if near else ""
@@ -147,31 +153,30 @@ def parse_ranges(text: str, file: str, profile: str) -> RandomisationRanges:
     return found[profile]
 
 
-def _ranges(section: ConfigSection) -> RandomisationRanges:
+def _ranges(section: ConfigReader) -> RandomisationRanges:
+    section.require_known([*(rule.key for rule in RULES.values()), "pushes", "noise"])
     given: dict[str, Any] = {
         name: _span(section, rule) for name, rule in RULES.items() if section.has(rule.key)
     }
     if section.has("pushes"):
         pushes = section.section("pushes")
+        pushes.require_known(rule.key for rule in PUSHES.values())
         given["pushes"] = PushRanges(**{name: _span(pushes, rule) for name, rule in PUSHES.items()})
-        pushes.close()
     noise = section.section("noise")
+    noise.require_known(rule.key for rule in NOISE.values())
     given["noise"] = NoiseRanges(
         **{
-            name: noise.number(rule.key, 0.0, least=rule.least, most=rule.most)
+            name: noise.value(rule.key, Annotated[float, Meta(ge=rule.least, le=rule.most)])
             for name, rule in NOISE.items()
+            if noise.has(rule.key)
         }
     )
-    noise.close()
-    section.close()
     return RandomisationRanges(**given)
 
 
-def _span(section: ConfigSection, rule: RangeRule) -> Span:
-    low, high = section.numbers(rule.key, 2)
+def _span(section: ConfigReader, rule: RangeRule) -> Span:
+    end = Annotated[float, Meta(ge=rule.least, le=rule.most)]
+    low, high = section.value(rule.key, tuple[end, end])
     if low > high:
         raise section.refuse(rule.key, f"{low:g} to {high:g} is empty: the lower end comes first")
-    for end in (low, high):
-        if not rule.least <= end <= rule.most:
-            raise section.refuse(rule.key, f"{end:g} is outside >= {rule.least:g} and <= {rule.most:g}")
     return low, high

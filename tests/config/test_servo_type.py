@@ -4,14 +4,16 @@ from math import nan, pi
 
 import pytest
 
-from twind.config.config_section import ConfigSection
-from twind.config.servo_units import ServoUnits, units
+from twind.config.actuator_types import ServoType
+from twind.config.config_reader import ConfigReader
+from twind.config.servo_type import servo_type
 from twind.config.yaml_tree import ConfigError, parse
 from twind_drivers.dynamixel.control_tables import models, number_of, table
 
 
-def of(device: str, text: str = "name: x") -> ServoUnits:
-    return units(ConfigSection("robot.yaml", parse(text, "robot.yaml")), device)
+def of(device: str, *lines: str) -> ServoType:
+    text = "\n".join((f"device: {device}", "gains: {p: 1, i: 0, d: 0}", *lines))
+    return servo_type("small", ConfigReader("robot.yaml", parse(text, "robot.yaml")))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,7 @@ def test_the_vendors_two_figures_of_one_model_are_one_model() -> None:
 
 @pytest.mark.parametrize(
     ("text", "missing"),
-    [("name: x", "velocity_lsb_rad_s"), ("velocity_lsb_rad_s: 0.001", "ticks_per_turn")],
+    [("mode: position", "velocity_lsb_rad_s"), ("velocity_lsb_rad_s: 0.001", "ticks_per_turn")],
 )
 def test_where_the_sources_disagree_the_file_must_say(text: str, missing: str) -> None:
     """RH-P12-RN(A): 4096 counts and 0.01 rpm by its page, 4231 and 0.114 rpm by the .model file."""
@@ -64,7 +66,7 @@ def test_where_the_sources_disagree_the_file_must_say(text: str, missing: str) -
 
 
 def test_what_the_file_says_of_a_disputed_model_is_taken() -> None:
-    found = of("RH-P12-RN", "{ticks_per_turn: 4096, velocity_lsb_rad_s: 0.001}")
+    found = of("RH-P12-RN", "ticks_per_turn: 4096", "velocity_lsb_rad_s: 0.001")
     assert (found.ticks_per_turn, found.velocity_lsb_rad_s) == (4096, 0.001)
 
 
@@ -76,7 +78,3 @@ def test_a_current_unit_that_was_measured_goes_before_the_manuals() -> None:
 def test_a_unit_that_is_no_unit_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):
         of("XM430-W350", text)
-
-
-def test_a_device_in_no_table_reads_as_the_x_series_and_is_named_elsewhere() -> None:
-    assert of("XM999-W1").ticks_per_turn == 4096
