@@ -1,8 +1,7 @@
-"""The ring in shared memory: one process appends, others copy it, also when the writer was killed
-meanwhile.
+"""The ring in shared memory: one process appends, others copy it.
 
-No locks: a segment is only ever extended. Its row in the table gives its valid bytes, and its sequence number
-is 0 while it is used anew. No clock, no thread.
+They copy it also when the writer was killed meanwhile. No locks: a segment is only ever extended. Its row in
+the table gives its valid bytes, and its sequence number is 0 while it is used anew. No clock, no thread.
 """
 
 import contextlib
@@ -52,8 +51,9 @@ class FlightRing:
 
     @classmethod
     def create(cls, size: int, *, buses: int = 4, transcript: int = TRANSCRIPT) -> "FlightRing":
-        """Create a ring of `size` bytes with room for two transcripts of each bus; all pages are
-        allocated.
+        """Create a ring of `size` bytes with room for two transcripts of each bus.
+
+        All pages are allocated.
 
         Raises OSError (no memory), ValueError (less than `LEAST`).
         """
@@ -92,8 +92,9 @@ class FlightRing:
         self._used = self._table[2 * self._at + 1] = end
 
     def keep(self, bus: int, data: bytes) -> None:
-        """Store the last whole identification of a bus, as `pack` makes it; readers get it or the one
-        before.
+        """Store the last whole identification of a bus, as `pack` makes it.
+
+        Readers get it or the one before.
         """
         if bus >= self._buses or len(data) > self._slot:
             self.refused += 1

@@ -33,9 +33,7 @@ def decode_news(data: bytes) -> Outward:
 
 
 def pack_path(path: Trajectory) -> bytes:
-    """Encode time (k,), position (k, n), then velocity and acceleration where given: float64,
-    concatenated.
-    """
+    """Encode time (k,), position (k, n), velocity and acceleration: float64, concatenated."""
     parts = [path.time, path.position, path.velocity, path.acceleration]
     return b"".join(np.ascontiguousarray(part, np.float64).tobytes() for part in parts if part is not None)
 

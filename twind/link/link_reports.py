@@ -52,8 +52,9 @@ class BusInfo(msgspec.Struct, frozen=True):
 
 
 class Bucket(msgspec.Struct, frozen=True):
-    """One bucket of a histogram, as `Bucket` of the interface: values above the one before, at most
-    `upper_ms`.
+    """One bucket of a histogram, as `Bucket` of the interface.
+
+    It counts values above the bucket before, at most `upper_ms`.
     """
 
     upper_ms: float | None  # None: no bound

@@ -1,5 +1,6 @@
-"""A robot as the loop uses it: its file, its calibration if any, and its binding to the model. Loop's
-process.
+"""A robot as the loop uses it: its file, its calibration if any, and its binding to the model.
+
+Loop's process.
 """
 
 from collections.abc import Mapping

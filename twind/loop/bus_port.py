@@ -202,8 +202,9 @@ class BusPort:
         return self.counts.discarded - self._begun[1]
 
     def lose(self, error: PortError, now: float) -> None:
-        """Close the port at once and retry soon. With an open descriptor the replugged adapter gets another
-        ttyUSB number.
+        """Close the port at once and retry soon.
+
+        With an open descriptor the replugged adapter gets another ttyUSB number.
         """
         self._discard_port(error)
         self.trouble = str(error)

@@ -193,8 +193,9 @@ class TappedTransport(_Tapped[ByteTransport]):
         return taken
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        """Discard input through the inner transport; of a device that sends without end the last bytes are
-        recorded.
+        """Discard input through the inner transport.
+
+        Of a device that sends without end the last bytes are recorded.
         """
         mine = bytearray()
         try:

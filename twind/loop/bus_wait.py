@@ -10,8 +10,9 @@ TOGETHER = 0.00015  # s: replies of two buses that end so close together are rea
 
 
 def ripe(readers: Sequence[BusReader], clock: Clock) -> Collection[int]:
-    """Wait until a reader may have its complete reply, or its deadline passes; return the places of such
-    readers.
+    """Wait until a reader may have its complete reply, or its deadline passes.
+
+    Return the places of such readers.
 
     The wait ends no earlier than a reply can be complete: on a CAN bus each frame would otherwise wake this
     process, two dozen times a reading. Replies that end close together are read together.

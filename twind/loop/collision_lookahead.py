@@ -1,5 +1,6 @@
-"""Look-ahead in every tick: the least clearance on the commanded path (LOOKAHEAD_COLLISION). Loop's
-process.
+"""Look-ahead in every tick: the least clearance on the commanded path (LOOKAHEAD_COLLISION).
+
+Loop's process.
 
 The path is checked for the time that the robot needs to brake. While it stays the same, only the newly
 reached time is checked; when it changes, all of it again. A robot that holds costs nothing.
@@ -84,8 +85,9 @@ class CollisionLookahead:
     def refuses(
         self, executor: TrajectoryExecutor, joints: Ints, position: Floats, velocity: Floats | None
     ) -> tuple[Finding, ...]:
-        """Return the refusal of a streamed setpoint (m,) after which no path to rest is clear; empty:
-        none.
+        """Return the refusal of a streamed setpoint (m,) after which no path to rest is clear.
+
+        Empty: none.
 
         A pair that is too close already may not come nearer.
         """

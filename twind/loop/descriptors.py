@@ -25,8 +25,9 @@ class TooFewDescriptors(Exception):
 
 
 def needed(buses: int, front: int) -> int:
-    """Return the descriptors that loop and front need each; `front`: the need of the front, which inherits
-    the limit.
+    """Return the descriptors that loop and front need each.
+
+    `front`: the need of the front, which inherits the limit.
     """
     loop = max(ABOVE, _STANDING + _OF_A_BUS * buses + _PASSING) + HANDED
     return max(loop, front)

@@ -51,8 +51,7 @@ def _writable(
     *,
     unknown: bool = False,
 ) -> bool:
-    """Check that devices may be written: mode live, no torque, and no end-stop search that still restores
-    the device.
+    """Check for mode live, no torque, and no end-stop search that still restores the device.
 
     `unknown`: the torque of other devices need not be known. False after an error reply.
     """

@@ -124,8 +124,9 @@ class FailsafeRun:
 
 
 def why_left(loop: Loop) -> str:
-    """Return the reason why this robot is not lowered, with the remedy; "": it may be, or its torque is
-    off.
+    """Return the reason why this robot is not lowered, with the remedy.
+
+    "": it may be, or its torque is off.
     """
     if loop.torque_off:
         return ""

@@ -138,8 +138,9 @@ class FrontLink:
             self._start(now)
 
     def _start(self, now: float) -> None:
-        """Start a front; report the reason why none starts once on standard error, as only fronts write
-        the log.
+        """Start a front.
+
+        Report the reason why none starts once on standard error, as only fronts write the log.
         """
         try:
             self.front.start(now)

@@ -1,5 +1,4 @@
-"""The front as a child of the loop: given its descriptors, supervised by heartbeat, restarted when it
-dies.
+"""The front as a child of the loop, supervised by heartbeat and restarted when it dies.
 
 It is started by exec, never by fork, with normal scheduling and in its own session (Ctrl-C reaches the loop
 only). It gets no bus descriptor: all descriptors of the loop are close-on-exec.
@@ -218,8 +217,9 @@ def _ordinary() -> dict[str, Any]:
 
 
 def child_environment() -> dict[str, str]:
-    """Return the environment for a child, without the service manager's variables: only the main process
-    uses them.
+    """Return the environment for a child without the service manager's variables.
+
+    Only the main process uses them.
     """
     excluded = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
     return {key: value for key, value in os.environ.items() if not key.startswith(excluded)}

@@ -97,10 +97,10 @@ class Hardware:
             self._bound(number)
 
     def turn(self, number: int, shift: Ints) -> None:
-        """Set the whole turns (m,) of a bus in ticks, chosen before torque: added to readings, subtracted
-        from goals.
+        """Set the whole turns (m,) of a bus in ticks, which are chosen before torque.
 
-        Raises ValueError for a goal that its register cannot hold.
+        They are added to readings and subtracted from goals. Raises ValueError for a goal that its register
+        cannot hold.
         """
         self.readings.turn(number, shift)
         if not np.array_equal(shift, self._turns[number]):
@@ -169,8 +169,9 @@ class Hardware:
         return self._order(lambda writer, _: writer.damp())
 
     def read_goals(self) -> Generator[None, float, Floats]:
-        """Return the goals (n,) in the servos' registers, rad; NaN on buses that are not open. Raises
-        BusError.
+        """Return the goals (n,) in the servos' registers, rad; NaN on buses that are not open.
+
+        Raises BusError.
         """
         requested = [
             (port.run(port.writer.read_goals(), urgent=True), bus) for port, bus in self.pairs if port.writer
@@ -191,8 +192,9 @@ class Hardware:
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
     def hold(self, on: bool, *, identified: bool = False) -> None:
-        """Start to send goals to the buses that are open now (`identified`: and identified), or stop to
-        send any.
+        """Send goals to the buses that are open from now on, or to none.
+
+        `identified`: only to identified ones.
         """
         self.left_out &= on
         for port in self.ports:
@@ -272,8 +274,9 @@ class Hardware:
                 self._enable(number)
 
     def _enable(self, number: int) -> None:
-        """Make or drop the writer as the mode requires; its clamp (WIRE_CLAMP) is in the counts of the
-        wire.
+        """Make or drop the writer as the mode requires.
+
+        Its clamp (WIRE_CLAMP) is in the counts of the wire.
         """
         self.ports[number].enable(self._access[1])
         self._bound(number)
@@ -337,10 +340,9 @@ class Hardware:
             traffic.foreign = traffic.full = 0
 
     def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
-        """Count the exchange for BUS_ERRORS: only identified devices count, and no reading that an IMU
-        spoilt.
+        """Count the exchange for BUS_ERRORS, unless an IMU spoilt it.
 
-        `identity` reports missing devices.
+        Only identified devices count. `identity` reports missing devices.
         """
         traffic = self.traffic[number]
         whole = every(sample.heard)
@@ -369,9 +371,7 @@ class Hardware:
             inertial.end(pair[0], self.clock.now())
 
     def _rare(self, end: float, last: float) -> None:
-        """Run one further transaction per bus, all at once, in the rest of the tick, which ends at `last`
-        (s).
-        """
+        """Run one further transaction per bus in the rest of the tick, which ends at `last` (s)."""
         self._turn += 1  # the buses take turns where not every tick is needed
         requested = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
         self._collect(requested, poll_first=not all(port.querying for port, _ in requested))
@@ -410,8 +410,9 @@ class Hardware:
         return True
 
     def _collect(self, requested: list[tuple[BusPort, JointBusMap]], *, poll_first: bool = False) -> float:
-        """Feed every requested bus until it is done or its deadline passes; return the time of the first
-        bytes (s).
+        """Feed every requested bus until it is done or its deadline passes.
+
+        Return the time of the first bytes (s).
 
         `poll_first`: read before the first wait. A reply cannot be there while the request still leaves (half
         duplex), and a read costs a system call. A request without a reply is done at once and must not be

@@ -223,8 +223,9 @@ class HomingProcedure:
     def _pinned(
         self, debt: PendingRestore, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
-        """Enter the other mode, set goal := present and read it back; return the count (calibrated) to
-        hold.
+        """Enter the other mode, set goal := present and read it back.
+
+        Return the count (calibrated) to hold.
         """
         aim = debt.sought
         before = self._count(debt)

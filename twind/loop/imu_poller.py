@@ -84,8 +84,9 @@ class ImuPoller:
         return True
 
     def begin(self, port: BusPort, now: float, end: float) -> bool:
-        """Request a reading if it ends before `end` (s) and no more urgent request waits. Raises
-        PortError.
+        """Request a reading if it ends before `end` (s) and no more urgent request waits.
+
+        Raises PortError.
 
         Without room it is requested after `PATIENCE` ticks anyway, as the slow registers are.
         """

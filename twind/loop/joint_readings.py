@@ -70,8 +70,9 @@ def efforts(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
 
 
 def resolution(bus: JointBusMap) -> Floats:
-    """Return the travel of one count (m,) on one bus, rad; with a transmission, of a count of each
-    actuator.
+    """Return the travel of one count (m,) on one bus, rad.
+
+    With a transmission, of a count of each actuator.
     """
     found = np.abs(bus.scale)
     for each in bus.linked:
@@ -95,9 +96,7 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
 
 
 def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
-    """Return the joints (m,) known from the actuators `heard` (m,): of a transmission only if all are
-    heard.
-    """
+    """Return the joints (m,) whose actuators are all `heard` (m,)."""
     complete = heard.copy()
     for each in bus.linked:
         complete[each.rows] = every(heard[each.rows])
@@ -105,8 +104,9 @@ def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
 
 
 def where(bus: JointBusMap) -> slice | Ints:
-    """Return the joints of a bus as an index; consecutive joints as a slice, which takes a third of the
-    time.
+    """Return the joints of a bus as an index.
+
+    Consecutive joints as a slice, which takes a third of the time.
     """
     first = int(bus.joints[0])
     count = len(bus.joints)
@@ -211,8 +211,9 @@ class JointReadings:
         return heard
 
     def turn(self, number: int, shift: Ints) -> None:
-        """Set the whole turns (m,) that the counts of a bus lack, in ticks; stored positions change with
-        them.
+        """Set the whole turns (m,) that the counts of a bus lack, in ticks.
+
+        Stored positions change with them.
         """
         places = self._where[number]
         moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
@@ -251,8 +252,9 @@ class JointReadings:
         self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
 
     def loads(self, now: float) -> Floats:
-        """Return the share of the current limit (n,) at `now` (s); NaN: unknown, or without a fresh
-        reading.
+        """Return the share of the current limit (n,) at `now` (s).
+
+        NaN: unknown, or without a fresh reading.
         """
         recent = now - self.heard_at <= SILENT
         return self.load if every(recent) else np.where(recent, self.load, nan)
@@ -262,8 +264,9 @@ class JointReadings:
         return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
 
     def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
-        """Return all joints at `time` (s) with the IMU; `trip`: s that the reading took. Arrays are
-        read-only.
+        """Return all joints at `time` (s) with the IMU; `trip`: s that the reading took.
+
+        Arrays are read-only.
         """
         position = self.where()
         velocity = self.velocity.copy()

@@ -30,8 +30,9 @@ class LoopFigures:
         self._punctual.append(lateness <= ON_TIME)
 
     def info(self, *, whole: bool = False) -> link.LoopInfo:
-        """Return the figures for the interface; p50, p99 and max cover the whole run. `whole`: with the
-        histogram.
+        """Return the figures for the interface; p50, p99 and max cover the whole run.
+
+        `whole`: with the histogram.
 
         Quantiles and histogram cover the ticks that began; the longest wait covers missed ticks too.
         """

@@ -84,9 +84,7 @@ def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None,
 
 
 def _free(loop: Loop, debt: PendingRestore) -> bool:
-    """Check that the servo may be written: no other procedure, no torque of this daemon, device
-    identified.
-    """
+    """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = debt.sought.port
     calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
     identified = port.identification is None and _now(debt) is not None
@@ -100,8 +98,9 @@ def _now(debt: PendingRestore) -> IdentifiedDevice | None:
 
 
 def _stranger(debt: PendingRestore) -> str | None:
-    """Return the reason why the device with the id is not the one that was driven; None: no difference is
-    known.
+    """Return the reason why the device with the id is not the one that was driven.
+
+    None: no difference is known.
     """
     was = debt.device
     found = _now(debt)

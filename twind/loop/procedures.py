@@ -1,5 +1,4 @@
-"""Procedures: work over several ticks, as generators that are stepped once per tick and reply at their
-end.
+"""Procedures: work over several ticks, as generators that are stepped once per tick.
 
 One procedure at a time may own the torque; a more urgent one takes it over. Others (checks, register reads)
 run beside it.
@@ -27,8 +26,7 @@ class Priority(IntEnum):
 
 
 class ProcedureRunner:
-    """Running procedures: at most one that owns the torque, and any number beside it that do not touch the
-    torque."""
+    """Running procedures: at most one that owns the torque, and any number beside it."""
 
     def __init__(self) -> None:
         self._torque: Procedure | None = None

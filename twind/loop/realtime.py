@@ -92,8 +92,9 @@ def pin(cpu: int) -> Granted:
 
 
 def _heap() -> Granted:
-    """Keep freed memory in the process: else every array of 100 kB is mapped, faulted in and returned
-    anew.
+    """Keep freed memory in the process.
+
+    Else every array of 100 kB is mapped, faulted in and returned anew.
     """
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "mallopt"):  # not glibc

@@ -51,8 +51,9 @@ class ReloadCoordinator:
         self.wanted = True
 
     def serve(self, now: float) -> None:
-        """Forward the request of SIGHUP, and fail a reload whose front does not reply; called once per
-        tick.
+        """Forward the request of SIGHUP, and fail a reload whose front does not reply.
+
+        Called once per tick.
         """
         if self.wanted:
             self.wanted = False
@@ -63,8 +64,9 @@ class ReloadCoordinator:
             self.failed(f"the files were not read within {PATIENCE:g} s; nothing was changed")
 
     def begin(self, now: float) -> None:
-        """Note that the front reads the files; notify the service manager once (sd_notify(3),
-        RELOADING=1).
+        """Note that the front reads the files.
+
+        Notify the service manager once (sd_notify(3), RELOADING=1).
         """
         if self._until == inf:
             since = self._loop.clock.now()
@@ -105,8 +107,9 @@ class ReloadCoordinator:
             os.close(briefing)
 
     def _adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> bool:
-        """Put changes in force; True: `briefing` is kept. Raises ValueError, BindingError without any
-        change.
+        """Put changes in force; True: `briefing` is kept.
+
+        Raises ValueError, BindingError without any change.
         """
         loop = self._loop
         if command.reread and self._until == inf:  # the reload was reported as failed, so nothing may change

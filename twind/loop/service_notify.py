@@ -12,8 +12,9 @@ STATUS = 1.0  # s between two status lines: a servo that comes and goes must not
 
 
 class Notifier:
-    """Sender of notices to the service manager; never blocks or raises, so that a lost notice costs no
-    tick.
+    """Sender of notices to the service manager.
+
+    Never blocks or raises, so that a lost notice costs no tick.
     """
 
     def __init__(self, environment: dict[str, str] | None = None) -> None:

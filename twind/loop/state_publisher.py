@@ -90,8 +90,10 @@ class StatePublisher:
         return "; ".join(part for part in (summary, self._wrong(), loop.reloads.told) if part)
 
     def _wrong(self) -> str:
-        """Return the first problem: no front, a latched or arming-blocking finding, a bus problem, torque
-        found on; "": none."""
+        """Return the first problem as text; "": none.
+
+        Problems: no front, a latched or arming-blocking finding, a bus problem, torque found on.
+        """
         loop = self._loop
         if loop.link.no_front:
             return f"no client can be served: {loop.link.no_front}"
@@ -106,9 +108,7 @@ class StatePublisher:
         return "torque was found on" if loop.inherited else ""
 
     def overview(self, now: float) -> link.Overview:
-        """Build the slowly changing part of the state: latencies, buses, lease, faults, temperature,
-        torque.
-        """
+        """Build the slowly changing part of the state, such as latencies, buses, lease and faults."""
         loop = self._loop
         slow = loop.hardware.slow
         latency = loop.health.total

@@ -60,8 +60,9 @@ class SubmissionTracker:
     # --------------------------------------------------------------------------- trajectories
 
     def begin(self, command: link.Submit, data: bytes, now: float) -> None:
-        """Start to judge a trajectory; replies `accepted` or Refused, or the verdict alone for
-        `check_only`.
+        """Start to judge a trajectory.
+
+        Replies `accepted` or Refused, or the verdict alone for `check_only`.
         """
         way = self._loop.way
         clock = self._loop.clock
@@ -202,8 +203,9 @@ class SubmissionTracker:
         )
 
     def _on_its_way(self, command: link.Submit, taken: StartedCommand | None, commanded: Bools) -> None:
-        """Record the latencies of a submission; of a delayed start only the verdict's, as the delay is
-        intended.
+        """Record the latencies of a submission.
+
+        Of a delayed start only the verdict's, as the delay is intended.
         """
         loop = self._loop
         reference = self._loop.executor.reference

@@ -178,8 +178,9 @@ class Loop:
         self.publisher.publish(now)
 
     def _attempt(self, now: float) -> None:
-        """Run a tick; after an exception hold the last goal, and give up when ticks keep failing
-        (INTERNAL).
+        """Run a tick.
+
+        After an exception hold the last goal, and give up when ticks keep failing (INTERNAL).
         """
         try:
             self.tick(now)
@@ -278,9 +279,7 @@ class Loop:
 
     @property
     def torque_on(self) -> bool:
-        """True while torque is on somewhere: of this daemon, or read back on from a servo that still
-        replies.
-        """
+        """True while torque of this daemon is on, or read back on from a servo that still replies."""
         return self.armed or self.energising or self.inherited
 
     @property
@@ -358,8 +357,9 @@ class Loop:
         return verdict
 
     def _report_simulation_reset(self) -> None:
-        """Report that the simulation became non-finite and was reset to its last sound state; its motion
-        ends.
+        """Report that the simulation became non-finite and was reset to its last sound state.
+
+        Its motion ends.
         """
         self._resets = self.twin.resets
         message = "the simulation broke down; it is back where it was sound last: check the model"

@@ -367,8 +367,10 @@ def _check_goals_taken(loop: Loop) -> Generator[None, float, bool]:
 
 
 def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
-    """Wait until every joint answers, is near its rest pose, and is slow for a while; False if not by `until`
-    (s)."""
+    """Wait until every joint answers, is near its rest pose, and is slow for a while.
+
+    False if not by `until` (s).
+    """
     now = quiet_since = loop.clock.now()
     while now < until and loop.soft_since is None:
         state = loop.measured

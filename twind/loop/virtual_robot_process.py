@@ -1,5 +1,4 @@
-"""`--virtual`: a `twind-virtual` of the same robot as a child process, with its own calibration and
-folder.
+"""`--virtual`: a `twind-virtual` of the same robot as a child process with its own calibration.
 
 It never touches a real robot's files. It ends with the daemon: its standard input is a pipe of the daemon.
 """

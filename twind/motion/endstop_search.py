@@ -92,8 +92,9 @@ class StandstillCheck:
 
 
 class EndstopSearch:
-    """State machine of a search: approach, stop, back off, several times. `failed` is the reason of a
-    failure.
+    """State machine of a search: approach, stop, back off, several times.
+
+    `failed` is the reason of a failure.
 
     After a failure nothing may be written.
     """
@@ -158,8 +159,10 @@ class EndstopSearch:
             self._fail(self._held_back(sample) if ahead >= search.lead else self._no_stop(sample))
 
     def _back(self, sample: HomingSample, now: float, passed: float) -> None:
-        """Move to the place beside the last capture, at the same speed. The joint must follow there;
-        otherwise it is held."""
+        """Move to the place beside the last capture, at the same speed.
+
+        The joint must follow there; otherwise it is held.
+        """
         search = self.search
         place = self.captures[-1] - search.way * search.back
         left = (self.goal - place) * search.way

@@ -74,8 +74,9 @@ def off(code: ReasonCode, out: Bools, error: Floats, bound: Floats, time: float)
 
 
 def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
-    """Return the waypoints still ahead when the start lies `-start_in` s in the past; CMD_EXPIRED without
-    any.
+    """Return the waypoints still ahead when the start lies `-start_in` s in the past.
+
+    CMD_EXPIRED without any.
     """
     if start_in >= 0.0:
         return path

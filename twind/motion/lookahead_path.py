@@ -17,8 +17,9 @@ from twind.robot.trajectory import Reference
 
 
 def braking(reference: Reference, limits: JointLimits, times: Floats) -> Floats:
-    """Return positions (k, n) at `times` (k,) s after every joint has begun to brake with its acceleration
-    limit.
+    """Return positions (k, n), rad, at `times` (k,) s after all joints have begun to brake.
+
+    Each brakes with its acceleration limit.
     """
     speed = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
     t = np.minimum(times[:, None], np.abs(speed) / limits.acceleration)

@@ -81,8 +81,9 @@ class MotionLayer:
 
 
 def displaced(goal: MotionGoal, reference: Reference) -> Finding | None:
-    """Return the reason why a waiting goal cannot begin here: it was judged from another place; None: it
-    can.
+    """Return the reason why a waiting goal cannot begin here: it was judged from another place.
+
+    None: it can.
     """
     if goal.foreseen is None:
         return None

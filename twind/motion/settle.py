@@ -35,11 +35,10 @@ def settle(
     seconds: float = 4.0,
     speed: float = SPEED,
 ) -> Trajectory:
-    """Return the motion from `reference` to rest at `rest_position` (n,), rad, at the share `speed` of the
-    limits.
+    """Return the motion from `reference` to rest at `rest_position` (n,), rad.
 
-    It is faster when `seconds` require it, and longer than `seconds` only where the limits need it. A
-    reference that moves brakes first.
+    It uses the share `speed` of the limits. It is faster when `seconds` require it, and longer than `seconds`
+    only where the limits need it. A reference that moves brakes first.
     """
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
     if (np.abs(velocity) <= MOVING).all():

@@ -150,8 +150,7 @@ class LimitedFollower:
         return copy.step(share)
 
     def _braking(self, distance: Floats) -> Floats:
-        """Return the fastest speed (n,) from which whole steps of the acceleration limit stop within
-        `distance`.
+        """Return the fastest speed (n,) that whole steps of braking stop within `distance`.
 
         n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
         """

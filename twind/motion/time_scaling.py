@@ -55,8 +55,9 @@ def next_pace(
     limits: JointLimits,
     period: float,
 ) -> float:
-    """Return the pace of the next tick, nearer to `wanted`, `at` s after the start; `joints` (n,) follow
-    the curve.
+    """Return the pace of the next tick, nearer to `wanted`, `at` s after the start.
+
+    `joints` (n,) follow the curve.
 
     The positions of the last tick, of now and of the next one never need more than a joint's acceleration.
     The curve itself may need more at the knots of straight lines: there the pace stays.

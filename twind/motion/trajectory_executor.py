@@ -102,8 +102,9 @@ class TrajectoryExecutor:
         return (self._pending[0].id, 0.0) if self._pending else None
 
     def fraction(self, id: str) -> float:
-        """Return the share of a goal that is done, 0..1, also after its end until the next `outcomes`; 0:
-        unknown.
+        """Return the share of a goal that is done, 0..1, also after its end until the next `outcomes`.
+
+        0: unknown.
         """
         if self._running is not None and self._running.goal.id == id:
             return self._running.fraction(self._tick)
@@ -203,8 +204,9 @@ class TrajectoryExecutor:
     def setpoint(
         self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float
     ) -> Finding | None:
-        """Follow `position` (m,), rad, of `joints` until `valid_for` s have passed without another; then
-        hold.
+        """Follow `position` (m,), rad, of `joints` until `valid_for` s have passed without another.
+
+        Then hold.
 
         Goals under way are replaced; joints that the stream does not name keep their path. Returns None, or
         the reason against it.

@@ -25,8 +25,10 @@ class ActuatorRatings:
 
     @classmethod
     def unknown(cls, count: int) -> "ActuatorRatings":
-        """Build the ratings of `count` joints whose models are unknown: no bound is ever reached, and each
-        may be a leg."""
+        """Build the ratings of `count` joints of unknown models.
+
+        No bound is ever reached, and each joint may be a leg.
+        """
         never = frozen([-inf] * count)
         above = frozen([inf] * count)
         always = np.ones(count, np.bool_)

@@ -33,8 +33,9 @@ class Attitude:
         self._known = False  # gravity's direction was measured, and the gyro read ever since
 
     def update(self, gyro: Floats, acceleration: Floats, time: float) -> Quaternion | None:
-        """Process a reading (rad/s, m/s²) at `time` (s); one not finite, or of no later time, changes
-        nothing.
+        """Process a reading (rad/s, m/s²) at `time` (s).
+
+        One not finite, or of no later time, changes nothing.
 
         Returns None while unknown, at the beginning and after a gap, until the acceleration is near one g: a
         body in the air does not count as standing.
@@ -72,8 +73,10 @@ def up(quaternion: Quaternion) -> tuple[float, float, float]:
 
 
 def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: float) -> Quaternion:
-    """Return the attitude after turning at `rate` (rad/s, in the body's own axes) for `seconds`; of unit
-    length."""
+    """Return the attitude after turning at `rate` (rad/s, in the body's own axes) for `seconds`.
+
+    Of unit length.
+    """
     w, x, y, z = quaternion
     half = hypot(*rate) * seconds / 2.0
     share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
@@ -107,8 +110,10 @@ def conjugate(quaternion: Quaternion) -> Quaternion:
 
 
 def unit(quaternion: Quaternion) -> Quaternion:
-    """Scale a quaternion to length 1; return UPRIGHT for one of length zero or with a value that is not
-    finite."""
+    """Scale a quaternion to length 1.
+
+    Return UPRIGHT for one of length zero or with a value that is not finite.
+    """
     w, x, y, z = quaternion
     size = sqrt(w * w + x * x + y * y + z * z)
     return (w / size, x / size, y / size, z / size) if 0.0 < size < float("inf") else UPRIGHT

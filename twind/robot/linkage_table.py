@@ -23,8 +23,9 @@ class LinkageTable:
     """
 
     def __init__(self, axes: Sequence[Sequence[float]], values: Sequence[Sequence[float]]) -> None:
-        """`axes`: ascending actuator angles; `values`: the k joint angles of each place, last axis
-        fastest.
+        """`axes`: ascending actuator angles.
+
+        `values`: the k joint angles of each place, last axis fastest.
 
         Raises ValueError: another number of places, fewer than two on an axis, an axis that does not ascend.
         """
@@ -93,10 +94,10 @@ class LinkageTable:
     def _crossings(
         self, lines: "_GridLines", joint: int, edge: float, ends: tuple[float, float]
     ) -> list[Floats]:
-        """Return actuator angles where one joint is at `edge`, the other within `ends`, on a line of the
-        grid.
+        """Return actuator angles on a line of the grid with one joint at `edge`.
 
-        Where that edge of a box has left the table, and comes back, an unknown place (NaN) is added.
+        The other joint is within `ends`. Where that edge of a box has left the table, and comes back, an
+        unknown place (NaN) is added.
         """
         actuators, across, outer = lines.crossed(joint, edge, ends)
         found = list(actuators)

@@ -57,9 +57,7 @@ class Spline:
 
 
 def _powers(s: float, count: int) -> Floats:
-    """Return the factors of the first `count` coefficients at `s`, for the value and both derivatives (3,
-    count).
-    """
+    """Return the factors (3, count) of the coefficients at `s`, for value and both derivatives."""
     value = [1.0] * count
     for power in range(1, count):
         value[power] = value[power - 1] * s
@@ -100,8 +98,9 @@ def knots(path: Trajectory, before: Reference) -> Knots:
 
 
 def interpolate(path: Trajectory, before: Reference) -> Spline:
-    """Return the curve of `path`, begun from `before` at t = 0. Joints not commanded stay at
-    `before.position`.
+    """Return the curve of `path`, begun from `before` at t = 0.
+
+    Joints not commanded stay at `before.position`.
 
     A first point at t = 0 gives no segment from `before`: START_JUMP judges the jump.
     """
@@ -150,11 +149,11 @@ def integrate(
     position: Floats | None = None,
     commanded: Bools | None = None,
 ) -> Trajectory:
-    """Return a path from velocities or accelerations (k, n), integrated from `before` by Heun's rule
-    (trapezoid).
+    """Return a path from velocities or accelerations (k, n), integrated from `before`.
 
-    NaN (and None) = not given at that point: a missing value follows from the derivative above it, and given
-    ones are kept. Raises ValueError where a position cannot be computed, or time does not increase.
+    The rule is Heun's (trapezoid). NaN (and None) = not given at that point: a missing value follows from the
+    derivative above it, and given ones are kept. Raises ValueError where a position cannot be computed, or
+    time does not increase.
     """
     k = len(time)
     n = len(before.position)
@@ -184,10 +183,9 @@ def integrate(
 
 
 def fill(time: Floats, position: Floats) -> Floats:
-    """Return velocities (k, n) that make the cubics through `position` twice differentiable, at rest at
-    both ends.
+    """Return velocities (k, n) of twice differentiable cubics through `position`.
 
-    Raises ValueError with fewer than 2 points or times that do not increase.
+    They are at rest at both ends. Raises ValueError with fewer than 2 points or times that do not increase.
     """
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
         raise ValueError("a smooth fill needs at least 2 points at increasing times")

@@ -109,8 +109,9 @@ class CellIndex:
 
 
 def _sides(block: list[list[float]]) -> list[tuple[float, float, float]]:
-    """Return (x, y, least) of each side of a cell's image: x q1 + y q2 >= least inside; none where it
-    folds.
+    """Return (x, y, least) of each side of a cell's image: x q1 + y q2 >= least inside.
+
+    None where it folds.
 
     The sides are straight, and the image is convex where det J has one sign: it is the turn at each corner.
     """

@@ -43,8 +43,7 @@ class Transmission(Protocol):
         """Jacobians at `places` (m, k, k)."""
 
     def extremes(self, lower: Floats, upper: Floats) -> Floats:
-        """Return actuator angles (m, k) with the extremes of each while the joints are in lower..upper
-        (k,).
+        """Return actuator angles (m, k) with their extremes for joints in lower..upper (k,).
 
         They are NaN where a place in there is unknown.
         """
@@ -122,19 +121,25 @@ class MappedTransmission:
         position[self.rows] = self.law.inverse(position[self.rows])
 
     def speeds(self, angles: Floats, velocity: Floats) -> None:
-        """Convert joint speeds of a bus (m,) to actuator speeds, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert joint speeds of a bus (m,) to actuator speeds, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         jacobian = self.law.jacobian(angles[self.rows])
         velocity[self.rows] = np.linalg.solve(jacobian, velocity[self.rows])
 
     def velocity(self, angles: Floats, speeds: Floats) -> None:
-        """Convert actuator speeds of a bus (m,) to joint speeds, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert actuator speeds of a bus (m,) to joint speeds, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         speeds[self.rows] = self.law.jacobian(angles[self.rows]) @ speeds[self.rows]
 
     def effort(self, angles: Floats, efforts: Floats) -> None:
-        """Convert actuator efforts of a bus (m,) to joint efforts, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert actuator efforts of a bus (m,) to joint efforts, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         efforts[self.rows] = np.linalg.solve(self.law.jacobian(angles[self.rows]).T, efforts[self.rows])
 
 
@@ -171,8 +176,9 @@ def fair(share: Floats, bound: Floats, own: Floats) -> Floats:
 
 
 def span(law: Transmission, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Return least and largest actuator angles (k,) while the joints stay in lower..upper (k,); NaN:
-    unknown.
+    """Return least and largest actuator angles (k,) while the joints stay in lower..upper (k,).
+
+    NaN: unknown.
     """
     angles = law.extremes(lower, upper)
     return angles.min(axis=0), angles.max(axis=0)

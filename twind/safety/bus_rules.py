@@ -84,8 +84,9 @@ class BusRules:
                 yield self._full(facts, bus, record.full_in_a_row)
 
     def _errors(self, facts: GuardInput, bus: int, record: BusErrorHistory) -> Iterator[RuleResult]:
-        """Yield BUS_ERRORS: a share of a second's exchanges, or several in a row. The fault changes no
-        torque.
+        """Yield BUS_ERRORS: a share of a second's exchanges, or several in a row.
+
+        The fault changes no torque.
 
         On such a bus arming is refused.
         """

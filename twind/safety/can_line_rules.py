@@ -76,8 +76,10 @@ class LineRules:
         )
 
     def _gone(self, facts: GuardInput, bus: int, value: float, bound: float, what: str) -> RuleResult:
-        """Build the result of a bus without a receiver: waiting frames must not leave later, and goals are
-        not followed."""
+        """Build the result of a bus without a receiver, where goals are not followed.
+
+        Waiting frames must not leave later.
+        """
         message = (
             f"CAN bus {self._names[bus]}: {what}: check the actuators' power, termination, bit rate and "
             "wiring; it is emptied and identified anew; then disarm, reset, arm"

@@ -165,8 +165,10 @@ def judge(
 
 
 def _foremost(doubtful: Bools, hull: Floats) -> Bools:
-    """Select for each joint the few doubtful segments whose hull reaches furthest: the worst is nearly always
-    there."""
+    """Select for each joint the few doubtful segments with the hulls that reach furthest.
+
+    The worst point is nearly always there.
+    """
     if np.count_nonzero(doubtful) <= FEW * hull.shape[1] or len(hull) <= FEW:
         return doubtful.copy()
     reach = np.where(doubtful, hull, -np.inf)
@@ -182,9 +184,7 @@ def _span(rows: Rows) -> tuple[Floats, Floats]:
 def _suspects(
     curve: BernsteinCurve, limits: JointLimits, th: GateThresholds
 ) -> Iterator[tuple[ReasonCode, float, Floats, Bools]]:
-    """Yield rules and directions that are not clear at once: reach of each hull, and the doubtful
-    segments.
-    """
+    """Yield rules and directions that are not clear at once, with hulls and doubtful segments."""
     low, high = _span(curve.position)
     back, forth = _span(curve.velocity)
     hulls = [

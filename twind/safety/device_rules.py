@@ -40,8 +40,9 @@ class DeviceRules:
     """Rules on device states; memory per joint: torque disagreements in a row, and the last clock reading."""
 
     def __init__(self, leg: Bools, free: bool, bounds: GuardThresholds, can: Collection[int] = ()) -> None:
-        """`leg` (n,): the joint carries the robot. `free`: the robot stands freely, so that a limp leg
-        lets it fall.
+        """`leg` (n,): the joint carries the robot.
+
+        `free`: the robot stands freely, so that a limp leg lets it fall.
 
         `can`: joints with actuators on CAN.
         """
@@ -90,8 +91,9 @@ class DeviceRules:
         return Reaction.SETTLE if self._free else hold(facts)
 
     def _limp(self, facts: GuardInput, joint: int) -> Reaction:
-        """Return the reaction of the other joints when one is limp: without one leg the robot is falling
-        already.
+        """Return the reaction of the other joints when one is limp.
+
+        Without one leg the robot is falling already.
         """
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
@@ -112,9 +114,7 @@ class DeviceRules:
                 yield RuleResult(finding, bars=True)
 
     def _restarts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield SERVO_REBOOTED: a servo clock is not at its expected value, and no older than its last
-        reading.
-        """
+        """Yield SERVO_REBOOTED for a servo clock that is off and began after its last reading."""
         tick = facts.tick.astype(np.int64)
         for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
             finding = Finding(

@@ -94,8 +94,9 @@ class GateResult:
 def admit(
     snapshot: GateSnapshot, commanded: Bools, thresholds: GateThresholds, *, setpoint: bool = False
 ) -> Verdict:
-    """Check whether these joints may move now (LEASE_MISSING to THERMAL_HEADROOM). Hardware counts in
-    live.
+    """Check whether these joints may move now (LEASE_MISSING to THERMAL_HEADROOM).
+
+    Hardware counts in live.
 
     A stream is checked at its first `setpoint`; a joint that gets hot later is slowed or settled by the
     guard.

@@ -208,9 +208,7 @@ class RuleResult:
 
 
 def hold_here(facts: GuardInput) -> Reaction:
-    """Return HOLD at the measured position, also after a latch, unless the robot is on its way down
-    already.
-    """
+    """Return HOLD at the measured position, unless the robot is on its way down already."""
     down = facts.state in (RobotState.SETTLING, RobotState.ESTOP) or not facts.torque_settled
     return Reaction.NONE if down else Reaction.HOLD
 

@@ -27,8 +27,9 @@ EVERY = 0.2  # s between two counts: more frequent readings bring nothing new, a
 
 
 class HeatRules:
-    """Rule OVERTEMP; memory per joint: last readings, earlier temperature, and joints that must cool
-    first.
+    """Rule OVERTEMP.
+
+    Memory per joint: last readings, earlier temperature, and joints that must cool first.
     """
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:

@@ -46,8 +46,9 @@ class PlausibilityFilter:
         return True
 
     def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
-        """Mark motors (m,) that replied with a plausible position; `jumps` and `leaps` describe the
-        others.
+        """Mark motors (m,) that replied with a plausible position.
+
+        `jumps` and `leaps` describe the others.
 
         The time between two readings is at most from the request of one to the end of the other. `limp` (m,):
         torque is read back off, so a hand may move the joint faster than the motor. Such a reading is

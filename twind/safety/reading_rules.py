@@ -31,9 +31,7 @@ class ReadingRules:
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Yield STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT: joints silent, implausible, or outside their
-        limits.
-        """
+        """Yield STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT."""
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured = facts.measured

@@ -129,8 +129,10 @@ class CommandLatencyTracer:
             self._watch = None
 
     def _aim(self, watch: _MotionOnsetWatch, goal: Floats, at: float, state: JointState) -> None:
-        """Choose the joint that this goal moves visibly. Ends the watch once the goal leads back or
-        `PATIENCE` s have passed."""
+        """Choose the joint that this goal moves visibly.
+
+        Ends the watch once the goal leads back or `PATIENCE` s have passed.
+        """
         way = goal - watch.begin
         if watch.asked is not None:
             if not _gone(way, watch.asked):

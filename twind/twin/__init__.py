@@ -1,5 +1,4 @@
-"""The MuJoCo twin: mirror of the measured robot, simulation of the commanded one, muscles of virtual
-servos.
+"""The MuJoCo twin: mirror and simulation of the robot, and the muscles of virtual servos.
 
 Only this package (and `twind.learn`) imports MuJoCo, so here its rendering is disabled. Where all of MuJoCo
 is installed, for the viewer, it would otherwise load GLFW or GL into the daemon. A program that draws sets

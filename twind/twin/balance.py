@@ -1,7 +1,7 @@
-"""Balance of a free-standing robot (UNSTABLE_POSE): the lowest foot flat, the centre of mass above the
-feet.
+"""Balance of a free-standing robot (UNSTABLE_POSE): centre of mass above the feet.
 
-Quasi-static: the position of the mass counts, not its speed. Only `tipping` has times and a path.
+The lowest foot stands flat. Quasi-static: the position of the mass counts, not its speed. Only `tipping` has
+times and a path.
 """
 
 from dataclasses import dataclass
@@ -63,8 +63,7 @@ class Balance:
         return bool(self._feet)
 
     def soles(self) -> list[tuple[int, Floats]]:
-        """Return for each foot its body and the middle of the points that touch the floor, (3,), m, in that
-        body's frame."""
+        """Return for each foot its body and the middle (3,) of its sole, m, in that body's frame."""
         found = []
         for foot in self._feet:
             heights = foot.corners @ foot.normal - foot.radius
@@ -96,8 +95,9 @@ class Balance:
         return Stance(feet, inside((points @ rotation.T)[:, :2], mass[:2]))
 
     def _beneath(self, place: int, corners: list[Floats]) -> "tuple[int, Floats, float]":
-        """Return the foot, up in the base's frame and the height of the other feet above it (m), this foot
-        flat.
+        """Return the foot, up in the base's frame, and the height of the other feet above it (m).
+
+        This foot stands flat.
         """
         foot = self._feet[place]
         up = self._data.xmat[foot.body].reshape(3, 3) @ foot.normal
@@ -106,8 +106,9 @@ class Balance:
         return place, up, min(others, default=np.inf) - least[place]
 
     def _turn(self, quaternion: Floats) -> None:
-        """Put the base at the origin with this orientation, at rest; bodies and centre of mass are
-        updated.
+        """Put the base at the origin with this orientation, at rest.
+
+        Bodies and centre of mass are updated.
         """
         self._data.qpos[self._qpos : self._qpos + 3] = 0.0
         self._data.qpos[self._qpos + 3 : self._qpos + 7] = quaternion
@@ -164,8 +165,9 @@ def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
 
 
 def inside(points: Floats, place: Floats) -> float:
-    """Return how far `place` (2,) lies inside the hull of `points` (p, 2), m; not positive outside, and on
-    a line.
+    """Return how far `place` (2,) lies inside the hull of `points` (p, 2), m.
+
+    Not positive outside, and on a line.
 
     Outside the size is at most the true distance.
     """

@@ -23,8 +23,9 @@ BASES: Mapping[str, tuple[float, float, float]] = {
 
 
 def gravity(base: str, upright: Floats) -> Floats:
-    """Return gravity (3,), m/s², for that pose; `upright`: that of the model. Raises KeyError for another
-    pose.
+    """Return gravity (3,), m/s², for that pose; `upright`: that of the model.
+
+    Raises KeyError for another pose.
     """
     return np.array(BASES[base]) * float(np.linalg.norm(upright))
 

@@ -79,8 +79,7 @@ class BaseSupport:
         return np.array(self._data.qpos[self._qpos : self._qpos + 7])
 
     def truth(self) -> dict[str, object]:
-        """Return the true state of the base, not read over a bus: held, place (m), w x y z, speeds (m/s,
-        rad/s, world)."""
+        """Return the true state of the base: held, place (m), w x y z, speeds (m/s, rad/s, world)."""
         velocity = self._data.qvel[self._dof : self._dof + 6]
         turning = self._data.xmat[self._base].reshape(3, 3) @ velocity[3:]
         place = self.place.tolist()

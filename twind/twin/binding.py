@@ -154,8 +154,9 @@ def _names(model: Any) -> list[str]:
 
 
 def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
-    """Require that each model joint is driven, passive, or the base's free joint, and that passive names
-    exist.
+    """Require that each model joint is driven, passive, or the base's free joint.
+
+    Passive names must exist.
     """
     names = _names(model)
     for name in robot.passive:

@@ -220,8 +220,9 @@ def _collides(model: mujoco.MjModel, a: int, b: int) -> bool:
 
 
 def _boxes(model: mujoco.MjModel, pair: tuple[int, int]) -> bool:
-    """Check for two boxes: their contacts do not give the distance (up to 14 mm off, 12 % missed;
-    measured).
+    """Check for two boxes, whose contacts do not give the distance.
+
+    They are up to 14 mm off and 12 % are missed (measured).
     """
     return all(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX for geom in pair)
 

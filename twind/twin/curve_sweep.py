@@ -105,8 +105,9 @@ def bernstein(curve: Spline) -> _CurvePieces:
 
 
 def _groups(share: Floats) -> Ints:
-    """Return the last piece of each group of pieces that together move by a share of at most 1 (or of one
-    alone).
+    """Return the last piece of each group of pieces that together move by a share of at most 1.
+
+    A single piece may move by more.
     """
     ends = []
     total = 0.0
@@ -179,8 +180,9 @@ class CurveSweep:
             )
 
     def _chunk(self, pieces: _CurvePieces, row: Floats) -> Generator[None, None, Floats]:
-        """Judge some pieces, the first of which begins at distances `row` (p,); return the distances at
-        their end.
+        """Judge some pieces, the first of which begins at distances `row` (p,).
+
+        Return the distances at their end.
 
         Poses are measured only where enough motion has accumulated; an unproved group is judged piece by
         piece.
@@ -287,8 +289,9 @@ class CurveSweep:
         self._note(row[None], np.zeros(1))
 
     def _bounds(self, rows: Floats) -> Floats:
-        """Return the bound of each piece and pair (i, p): `block`, but lower while a pair leaves its
-        start.
+        """Return the bound of each piece and pair (i, p), m.
+
+        It is `block`, but lower while a pair leaves its start.
         """
         block = np.broadcast_to(self._bodies.block, (len(rows) - 1, len(self._bound)))
         if not self._leaving.any():

@@ -79,9 +79,7 @@ class Dynamics:
         return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
 
     def _sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
-        """Return the torque (n,), N·m, NaN unknown, and the distance (m) that the robot stands inside its
-        feet.
-        """
+        """Return the torque (n,), N·m, NaN unknown, and the margin of balance (m)."""
         data = self._data
         data.qpos[self._place] = position
         data.qvel[self._speed] = velocity

@@ -77,8 +77,9 @@ class ImuModel:
         return Imu(time, _kept(self._turn @ self._gyro), _kept(self._turn @ self._force), _kept(turned))
 
     def _laid(self) -> Quaternion:
-        """Return the rotation to a world with up upwards: the model of a lying robot has its gravity
-        turned.
+        """Return the rotation to a world with up upwards.
+
+        The model of a lying robot has its gravity turned.
         """
         x, y, z = (self._gravity / -max(float(np.linalg.norm(self._gravity)), 1e-9)).tolist()
         return UPRIGHT if z > 1.0 - 1e-12 or x == y == z == 0.0 else tilted(UPRIGHT, (x, y, z))

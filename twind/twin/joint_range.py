@@ -181,7 +181,8 @@ def goals(joint: JointSpec, entry: JointCalibration | None) -> tuple[int, int]:
 
 
 def turn_begin(joint: JointSpec, entry: JointCalibration | None) -> int:
-    """Return the first count of the turn that a servo in position mode reads at torque-on (e-manual, 11
-    and 20).
+    """Return the first count of the turn that is read at torque-on in position mode.
+
+    See the e-manual, registers 11 and 20.
     """
     return turn_start(joint.type) + (0 if entry is None else entry.device.homing_offset_ticks)

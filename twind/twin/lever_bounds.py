@@ -15,8 +15,9 @@ from twind.robot.arrays import Floats, Ints
 
 
 def levers(model: mujoco.MjModel, qpos: Ints, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """Return the lever (p, n), m, of each driven joint (by address in qpos) for each pair of geoms; 0: not
-    between.
+    """Return the lever (p, n), m, of each driven joint (by address in qpos) for each pair of geoms.
+
+    0: not between.
 
     Joints that no motor drives count as rigid, as everywhere in the look-ahead.
     """

@@ -1,9 +1,8 @@
-"""MuJoCo as the muscles of virtual servos: one body for all buses, torque in servo units, 500 steps a
-second.
+"""MuJoCo as the muscles of virtual servos: one body for all buses, 500 steps a second.
 
-Runs in `twind-virtual` (and in tests). It handles neither packets nor registers, only encoder ticks, gains as
-in the registers and raw currents. It has the interface `twind_drivers.virtual.servo_physics.ServoPhysics`
-without importing it, which the layers do not allow here.
+Torque is in servo units. Runs in `twind-virtual` (and in tests). It handles neither packets nor registers,
+only encoder ticks, gains as in the registers and raw currents. It has the interface
+`twind_drivers.virtual.servo_physics.ServoPhysics` without importing it, which the layers do not allow here.
 """
 
 import math

@@ -223,8 +223,9 @@ class MotorControlLoops:
         self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
 
     def set_goals(self, at: Places, goal: Floats) -> Floats:
-        """Set goals of the motors `at` in the units of their modes; return the controls of their
-        actuators.
+        """Set goals of the motors `at` in the units of their modes.
+
+        Return the controls of their actuators.
         """
         angle = (goal - self._zero[at]) / self._ticks[at]
         if self._simple:
@@ -240,11 +241,10 @@ class MotorControlLoops:
         return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
 
     def impede(self, at: Places, on: Bools, kp: Floats, kd: Floats, limit: Floats) -> None:
-        """Set motors `at` as CAN actuators: kp (position - q) + kd (velocity - v) + torque, within
-        `limit`.
+        """Set the gains of motors `at` that are CAN actuators.
 
-        SI at the shaft; their current loop makes that torque at any back-EMF. Damping acts implicitly.
-        `steer` must follow.
+        Their torque is kp (position - q) + kd (velocity - v) + torque, within `limit`. SI at the shaft; their
+        current loop makes that torque at any back-EMF. Damping acts implicitly. `steer` must follow.
         """
         model = self._model
         ratio = self._ratio[at]
@@ -267,9 +267,7 @@ class MotorControlLoops:
         return np.asarray(stiff * angle + damp * velocity / turn + torque * turn)
 
     def read_shafts(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
-        """Return shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors
-        `at`.
-        """
+        """Return shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m)."""
         ratio = self._ratio[at]
         way = self._way[at]
         turned, speed = self._shafts(data)
@@ -307,8 +305,9 @@ class MotorControlLoops:
         model.actuator_forcerange[rows] = [-HAND, HAND]
 
     def _carry(self, data: mujoco.MjData, turned: Floats) -> None:
-        """Move the hands one step along their way, from the joints' positions; before a step of the
-        physics.
+        """Move the hands one step along their way, from the joints' positions.
+
+        Before a step of the physics.
         """
         at = self._gripped
         here = np.where(np.isnan(self._lead[at]), turned[at], self._lead[at])

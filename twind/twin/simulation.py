@@ -123,8 +123,9 @@ class Simulation:
         return deepest_contact(self.model, self.data, int(self._dof[joint]), ignored)
 
     def _warning(self) -> None:
-        """Count warnings; after a breakdown restore the last good pose, at rest, as MuJoCo went to its
-        default.
+        """Count warnings.
+
+        After a breakdown restore the last good pose, at rest, as MuJoCo went to its default.
 
         A pose that breaks down before one sound step is not good: then the rest pose is restored.
         """

@@ -1,9 +1,8 @@
-"""Shafts of virtual motors that turn joints together: tendons of the model, whose length is a shaft's
-angle.
+"""Shafts of virtual motors that turn joints together, as tendons of the model.
 
-Runs in `twind-virtual` (and in tests). The force of a motor on its tendon reaches the joints by J⁻ᵀ, so no
-power is lost. A tendon is linear in its joints: for a linkage it is set anew, from the table, before every
-step.
+The length of a tendon is a shaft's angle. Runs in `twind-virtual` (and in tests). The force of a motor on its
+tendon reaches the joints by J⁻ᵀ, so no power is lost. A tendon is linear in its joints: for a linkage it is
+set anew, from the table, before every step.
 """
 
 from collections.abc import Sequence

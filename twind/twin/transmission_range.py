@@ -76,8 +76,9 @@ def box(
 
 
 def strength(law: Transmission, seats: Sequence[JointSpec]) -> Floats:
-    """Return the torque (k,), N·m, that all joints can have at once within the actuators' limits; NaN
-    unknown.
+    """Return the torque (k,), N·m, that all joints can have at once within the actuators' limits.
+
+    NaN unknown.
     """
     bound = np.array([joint.ratio * joint.type.effort_limit_nm for joint in seats])
     return fair(forth(law).T, bound, np.full(len(seats), np.inf))
