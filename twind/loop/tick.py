@@ -53,9 +53,7 @@ if TYPE_CHECKING:
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 
-# s without a packet after an inhibit, so that the servos' watchdogs (0.1 s) expire: any packet would feed
-# them
-QUIET = 0.3
+QUIET = 0.3  # s without a packet after an inhibit: any packet would feed the servos' watchdogs (0.1 s)
 GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
 PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon ends (INTERNAL)
 
@@ -178,10 +176,7 @@ class Loop:
         self.publisher.publish(now)
 
     def _attempt(self, now: float) -> None:
-        """Run a tick.
-
-        After an exception hold the last goal, and give up when ticks keep failing (INTERNAL).
-        """
+        """Run a tick; hold the last goal after an exception, give up after several in a row (INTERNAL)."""
         try:
             self.tick(now)
         except Exception as error:
@@ -192,8 +187,7 @@ class Loop:
             self.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
         else:
             self._failures = 0
-            # Only a complete tick feeds the service manager's watchdog: a loop that fails must be
-            # restarted.
+            # Only a complete tick feeds the service manager's watchdog: else it restarts the daemon.
             self.parts.notifier.alive(now)
 
     # ------------------------------------------------------------------------------- the per-tick gate
@@ -259,7 +253,7 @@ class Loop:
         """Write nothing until the servos' own watchdogs have ended the motion; torque stays.
 
         A procedure that lowers the robot ends: to go on would write, to release would drop the robot. Torque
-        that is being switched off already goes off.
+        that is being switched on or off already goes off.
         """
         self.inhibited = True
         self.latch(finding)  # first: the procedures that it ends report this cause
@@ -357,10 +351,7 @@ class Loop:
         return verdict
 
     def _report_simulation_reset(self) -> None:
-        """Report that the simulation became non-finite and was reset to its last sound state.
-
-        Its motion ends.
-        """
+        """Report that the simulation became non-finite and was reset; its motion ends."""
         self._resets = self.twin.resets
         message = "the simulation broke down; it is back where it was sound last: check the model"
         finding = Finding(ReasonCode.INTERNAL, value=float(self._resets), message=message)
