@@ -111,7 +111,7 @@ def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBu
     port.identify()
     assert first is not None
     assert port.identification is not first
-    assert "asked anew" in str(first.error)
+    assert "identified anew" in str(first.error)
     world.tick(count=40)
     assert port.identification is not None
     assert [device.id for device in port.identification.result or ()] == [1, 2, 3]

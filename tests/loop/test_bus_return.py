@@ -167,7 +167,7 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     rig.seconds(0.5)
     power_on(rig, "upper")
     rig.seconds(1.5)  # servos begin anew, everybody is asked, and a second of the bus is good
-    assert "nobody answered for" in rig.events("HW_DISCONNECTED")[-1].message
+    assert "no device answered for" in rig.events("HW_DISCONNECTED")[-1].message
     assert rig.loop.state is RobotState.CONNECTED
     rig.lease()
     assert rig.call(link.Arm).error is None
@@ -222,8 +222,8 @@ def test_an_id_that_answers_garbage_is_missing_with_the_likely_reason() -> None:
     rig.virtual["main"].faults.corrupt(1_000_000, id=5)
     rig.seconds(1.0)
     (finding,) = rig.loop.identity.troubles
-    assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes come")
-    assert "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells" in finding.message
+    assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes arrive")
+    assert "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows" in finding.message
     assert not rig.loop.hardware.connected
     rig.close()
 

@@ -146,7 +146,7 @@ def test_a_robot_that_stands_freely_is_left_standing_where_a_servo_is_missing(su
         before = rig.counts
         began = rig.clock.now()
         left = run(rig).left
-        assert "not everybody is there" in left
+        assert "not every device is there" in left
         assert "id 5" in left
         assert failsafe.WAIT <= rig.clock.now() - began < failsafe.WAIT + 1.0
         assert torque(rig).all()
@@ -318,7 +318,7 @@ def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None
         rig.loop.stop_wanted = True
         rig.ticks(3)
         assert rig.loop.finished
-        assert "told to end" in safe.left
+        assert "was ended" in safe.left
         assert torque(rig).all()
 
 

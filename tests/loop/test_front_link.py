@@ -348,7 +348,7 @@ def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
     front.has_ended = True  # the one that was killed
     end.supervise_front(1.1)
     assert capfd.readouterr().err.splitlines() == [
-        "twind: the front gives no sign of life, or takes nothing: it is killed",
+        "twind: the front sends no heartbeat, or takes nothing: it is killed",
         "twind: the front (7) ended with signal 9; another one is started",
     ]
     front.is_due = True

@@ -139,7 +139,9 @@ def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() 
     for count in (1, 2):
         rig.arm()
         told = [
-            event for event in rig.events(ReasonCode.DEVICE_MISMATCH) if "without a watchdog" in event.message
+            event
+            for event in rig.events(ReasonCode.DEVICE_MISMATCH)
+            if "without a device watchdog" in event.message
         ]
         assert [[each.joint for each in event.findings] for event in told] == [[knee]] * count
         assert rig.call(link.Disarm, ticks=1200).error is None

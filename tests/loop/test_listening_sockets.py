@@ -363,7 +363,7 @@ def test_sockets_are_taken_by_name_and_not_by_place(tmp_path: Path) -> None:
     assert answer["inheritable"] == [False] * 3
     assert answer["left"] == []
     assert answer["said"] == (
-        "twind: a socket named 'varlink' was handed over, and nobody serves it: "
+        "twind: a socket named 'varlink' was handed over, and is not served: "
         "FileDescriptorName= of its unit must be control or observe\n"
     )
 

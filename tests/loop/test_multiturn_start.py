@@ -31,7 +31,7 @@ def test_a_count_that_would_fall_a_turn_at_torque_on_gets_none_and_after_a_resta
     row = rig.names.index(KNEE)
     assert int(rig.loop.hardware.readings.raw.ticks[row]) == 700 - 512 + TURN, "beyond every goal it takes"
     said = rig.refused()
-    assert names_it(said, "CALIB_MISMATCH", KNEE, "position mode knows one turn alone".capitalize())
+    assert names_it(said, "CALIB_MISMATCH", KNEE, "position mode covers one turn only".capitalize())
     rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
     rig.seconds(1.0)
     rig.arm()

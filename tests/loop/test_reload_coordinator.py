@@ -146,10 +146,10 @@ def test_gains_are_those_that_the_next_arming_writes(quiet: Rig) -> None:
 
 def test_what_motors_have_been_through_is_remembered(quiet: Rig) -> None:
     guard = quiet.loop.parts.guard
-    memory = (guard._heat, guard._currents, guard._volts, guard._devices, guard._buses, guard._told)
+    memory = (guard._heat, guard._currents, guard._volts, guard._devices, guard._buses, guard._reported_at)
     quiet.adopt(NARROW)
     now = quiet.loop.parts.guard
-    assert memory == (now._heat, now._currents, now._volts, now._devices, now._buses, now._told)
+    assert memory == (now._heat, now._currents, now._volts, now._devices, now._buses, now._reported_at)
 
 
 def test_thresholds_change_at_any_time_and_the_log_level_is_nothing_to_the_loop(armed: Rig) -> None:

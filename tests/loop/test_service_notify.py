@@ -171,16 +171,16 @@ def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: Told) ->
 
 
 def test_the_status_names_the_first_thing_that_is_wrong(telling: Told) -> None:
-    well = "live, connected, 24 of 24 joints heard, 100 Hz"
+    well = "live, connected, 24 of 24 joints fresh, 100 Hz"
     telling.rig.connect()
     assert telling.status() == well
     telling.rig.call(EStop, level="cut", reason="the test")
-    assert telling.status() == "live, estop, 24 of 24 joints heard, 100 Hz; ESTOP: the test"
+    assert telling.status() == "live, estop, 24 of 24 joints fresh, 100 Hz; ESTOP: the test"
     telling.rig.call(Reset)
     assert telling.status() == well
     telling.rig.virtual["main"].faults.unplug()
     said = telling.status()
-    assert said.startswith("live, disconnected, 0 of 24 joints heard, 100 Hz; ")
+    assert said.startswith("live, disconnected, 0 of 24 joints fresh, 100 Hz; ")
     assert "no such port" in said
 
 

@@ -167,7 +167,7 @@ def test_the_line_for_the_service_manager_says_mode_state_joints_and_rate(live: 
     live.connect()
     live.virtual["main"].faults.silence(3)
     live.ticks(3)
-    assert live.loop.publisher.status() == "live, connected, 23 of 24 joints heard, 100 Hz"
+    assert live.loop.publisher.status() == "live, connected, 23 of 24 joints fresh, 100 Hz"
 
 
 def test_every_hop_is_told_with_its_figures(live: Rig) -> None:

@@ -85,7 +85,8 @@ def test_who_was_never_heard_gets_no_goal_and_the_others_are_lowered(
     assert np.abs(rig.truth[[SINGLE, CAPPED]]).max() < 0.02
     assert not rig.register("torque_enable").any()
     assert any(
-        "nobody knows where extended is" in event.message for event in rig.events(ReasonCode.CALIB_MISMATCH)
+        "the position of extended is unknown" in event.message
+        for event in rig.events(ReasonCode.CALIB_MISMATCH)
     )
     rig.close()
 
@@ -119,7 +120,7 @@ def test_where_the_whole_robot_is_wanted_nothing_moves_and_torque_stays(path: st
     before = rig.truth.copy()
     rig.loop.procedures.beside(procedure())
     rig.seconds(2.0)
-    assert raised == ["nobody knows where extended is"]
+    assert raised == ["the position of extended is unknown"]
     assert rig.register("torque_enable").all()
     assert np.abs(rig.truth - before).max() < 0.005
     rig.close()

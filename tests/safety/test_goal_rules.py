@@ -35,7 +35,7 @@ def test_step_limit_a_goal_steps_no_further_than_the_velocity_limit(
             assert finding.bound == pytest.approx(STEP)
 
 
-@pytest.mark.parametrize(("full", "cause"), [(0, "a bug of ours"), (1, "the port was full")])
+@pytest.mark.parametrize(("full", "cause"), [(0, "an internal error"), (1, "the port was full")])
 def test_step_limit_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: str) -> None:
     guard = Guard(LIMITS, buses=("left", "right"))
     traffic = (BusTraffic(), BusTraffic(full=full))

@@ -52,7 +52,7 @@ class Watch:
 def levels(found: list[GuardDecision]) -> list[Finding]:
     """Without what is said of one reading alone, and of the slope."""
     said = [finding for one in found for finding in one.findings if finding.code is ReasonCode.OVERTEMP]
-    return [one for one in said if "not believed" not in one.message and "°C/s" not in one.message]
+    return [one for one in said if "not used" not in one.message and "°C/s" not in one.message]
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_overtemp_a_spike_is_told_and_changes_nothing() -> None:
         120.0,
         40.0,
     )
-    assert "not believed" in finding.message
+    assert "not used" in finding.message
     assert after == [FINE] * 10
 
 

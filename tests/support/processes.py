@@ -69,7 +69,7 @@ def _busy(findings: Any) -> bool:
         each["code"] in BUSY
         or (each["code"] == "ARM_FAILED" and "no reply" in each["message"])
         or any(each["message"].count(said) for said in ("not read lately", "not read yet"))
-        or (each["code"] == "HW_DISCONNECTED" and "not heard lately" in each["message"])
+        or (each["code"] == "HW_DISCONNECTED" and "no fresh reading" in each["message"])
         for each in findings
     )
 

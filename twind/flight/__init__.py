@@ -1,7 +1,7 @@
-"""The flight recorder: the last half minute of bytes in a shared ring, and the file that a fault leaves.
+"""The flight recorder: the last half minute of bytes in a shared ring, and the file written after a fault.
 
-The loop appends (`Ring`); the front copies (`copy`) and writes (`save`); whoever looks on reads (`load`).
-Knows bytes and times alone: what they mean say `twind.link` and the drivers.
+The loop appends (`FlightRing`); the front copies (`copy`) and writes (`save`); other programs read (`load`).
+It handles bytes and times alone; `twind.link` and the drivers interpret them.
 """
 
 from twind.flight.flight_file import FlightFile, about, draft, load, save, settle

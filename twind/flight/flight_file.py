@@ -23,8 +23,8 @@ SECTIONS = {"briefing", "entries", *(f"kept {bus}" for bus in range(NO_BUS))}
 
 _MAGIC = b"twind flight 1\n\0"
 _HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
-_LEVEL = 3  # of zlib: the rest of a tenth costs as long again
-_FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: somebody nested it without end
+_LEVEL = 3  # of zlib: a tenth smaller at the next levels, for twice the time
+_FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: input with endless nesting
 
 
 class _FlightHeader(msgspec.Struct):
@@ -61,7 +61,7 @@ def save(
 
 
 def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightContents | PackedFlight) -> None:
-    """As `save`, but `path` itself is written: a power cut may leave half of it."""
+    """Write `path` itself, else as `save`: a power cut may leave half of it."""
     packed = contents.pack() if isinstance(contents, FlightContents) else contents
     parts = [("briefing", briefing), ("entries", packed.entries)]
     parts += [(f"kept {bus}", data) for bus, data in packed.kept.items()]
@@ -93,7 +93,7 @@ def settle(folder: Path) -> None:
 
 
 def about(path: Path | str) -> dict[str, Any]:
-    """The `meta` of a flight file alone, which takes no time. Raises as `load`."""
+    """Return the `meta` of a flight file alone, which takes no time. Raises as `load`."""
     with open(path, "rb") as file:
         _require_magic(str(path), file.read(len(_MAGIC)))
         start = file.read(_HEAD.size)
@@ -102,7 +102,7 @@ def about(path: Path | str) -> dict[str, Any]:
 
 
 def load(path: Path | str) -> FlightFile:
-    """A flight file. Raises FlightError (cut, damaged, or no file of ours), OSError (not readable)."""
+    """Read a flight file. Raises FlightError (cut, damaged, or another format), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
         _require_magic(name, file.read(len(_MAGIC)))
@@ -114,7 +114,7 @@ def load(path: Path | str) -> FlightFile:
         entries = raw.pop("entries")
         kept = {int(key.removeprefix("kept ")): part for key, part in raw.items()}
     except (*_FOREIGN, KeyError) as error:
-        raise broken(name, f"what it holds is not ours ({error})") from None
+        raise broken(name, f"its content has another format ({error})") from None
     return FlightFile(head.meta, briefing, PackedFlight(kept, entries).parse(name))
 
 
@@ -124,21 +124,21 @@ def _require_magic(path: str, found: bytes) -> None:
 
 
 def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
-    """The head, and what follows it."""
+    """Return the head, and the bytes after it."""
     size, crc = _HEAD.unpack_from(data) if len(data) >= _HEAD.size else (1, 0)
     head = data[_HEAD.size : _HEAD.size + size]
     if size > HEAD_MOST:
-        raise broken(path, f"its head is said to hold {size} bytes: at most {HEAD_MOST}")
+        raise broken(path, f"its head claims {size} bytes: at most {HEAD_MOST}")
     if len(head) != size or zlib.crc32(head) != crc:
         raise broken(path, "its head is cut or damaged")
     try:
         return msgspec.msgpack.decode(head, type=_FlightHeader), data[_HEAD.size + size :]
     except _FOREIGN as error:
-        raise broken(path, f"its head is not ours ({error})") from None
+        raise broken(path, f"its head has another format ({error})") from None
 
 
 def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
-    """The sections by name. Raises FlightError: cut, damaged, or with something behind them."""
+    """Return the sections by name. Raises FlightError: cut, damaged, or with bytes after them."""
     at = 0
     raw = dict[str, bytes]()
     room = MOST
@@ -147,9 +147,7 @@ def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dic
             raise broken(path, f"{name[:40]!r} is no section of it, or there twice")
         part = zlib.decompressobj()
         if not (0 <= unpacked <= room and size >= 0):
-            raise broken(
-                path, f"its section {name} is said to hold {unpacked} bytes: {room} are left of {MOST}"
-            )
+            raise broken(path, f"its section {name} claims {unpacked} bytes: {room} are left of {MOST}")
         room -= unpacked
         try:
             raw[name] = part.decompress(data[at : at + size], unpacked + 1)

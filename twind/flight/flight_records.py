@@ -6,23 +6,23 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-NO_BUS = 255  # `FlightEntry.bus` of what belongs to none
+NO_BUS = 255  # `FlightEntry.bus` of an entry without a bus
 RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
 HEAD = RECORD.size
-# of a kind: a piece, and more of it follow; a piece that goes on with the one before
+# flags of a kind: more pieces follow; a piece that continues the one before
 MORE = 0x80
 ON = 0x40
 
 
 class EntryKind(IntEnum):
-    """What an entry holds."""
+    """Kind of an entry's data."""
 
     OUT = 1  # bytes written to a bus
     IN = 2  # bytes read from it
     NEWS = 3  # a datagram loop -> front, as `link.encode` made it
     COMMAND = 4  # a datagram front -> loop
     ARRAYS = 5  # the bytes of the memfd beside the COMMAND before it
-    PORT = 6  # OPENED, LOST or REFUSED, a space, and words for people
+    PORT = 6  # OPENED, LOST or REFUSED, a space, and text for people
 
 
 # The first word of a PORT entry: part of the format of flight files.
@@ -41,7 +41,7 @@ class FlightEntry(NamedTuple):
 
 
 class FlightError(Exception):
-    """`path` is no flight recorder, or not all of one."""
+    """Exception: `path` is no flight recorder, or an incomplete one."""
 
     def __init__(self, path: str, what: str, remedy: str) -> None:
         super().__init__(f"{path}: {what}; {remedy}")
@@ -77,18 +77,18 @@ class PackedFlight:
     entries: bytes
 
     def parse(self, path: str = "flight recorder") -> FlightContents:
-        """As entries. Raises FlightError."""
+        """Return the content as entries. Raises FlightError."""
         kept = {bus: tuple(_parse(path, data)) for bus, data in self.kept.items()}
         return FlightContents(kept, tuple(_parse(path, self.entries)))
 
 
 def pack(entries: Iterable[FlightEntry]) -> bytes:
-    """Entries as records, one after the other."""
+    """Return entries as records, one after the other."""
     return b"".join(RECORD.pack(len(data), kind, bus, time) + data for time, kind, bus, data in entries)
 
 
 def _parse(path: str, data: bytes) -> Iterator[FlightEntry]:
-    """Whole records; pieces are joined, and what lacks its beginning or its end is left out."""
+    """Yield whole records; pieces are joined, and incomplete ones are left out."""
     at = 0
     parts: list[bytes] = []
     while at < len(data):

@@ -1,7 +1,7 @@
-"""The ring in shared memory: one process appends, others copy it, also when the first was killed in between.
+"""The ring in shared memory: one process appends, others copy it.
 
-No locks: a segment is only ever added to, its row in the table says how far it is whole, and its sequence
-number is 0 while it is used anew. No clock, no thread.
+They copy it also when the writer was killed meanwhile. No locks: a segment is only ever extended. Its row in
+the table gives its valid bytes, and its sequence number is 0 while it is used anew. No clock, no thread.
 """
 
 import contextlib
@@ -13,9 +13,9 @@ import struct
 
 from twind.flight.flight_records import HEAD, MORE, ON, RECORD, FlightContents, PackedFlight, broken
 
-TRANSCRIPT = 256 << 10  # bytes that `FlightRing.keep` takes of one bus
-SEGMENTS = 64  # of a ring: one of them is what a copy may lack of the oldest
-SETTLE = 0.001  # s after which all cores see what one wrote, whatever order it wrote it in
+TRANSCRIPT = 256 << 10  # bytes that `FlightRing.keep` accepts of one bus
+SEGMENTS = 64  # segments of a ring: a copy may lack one of the oldest
+SETTLE = 0.001  # s after which all cores have the stores of one, in whatever order it made them
 LEAST = 4096  # bytes of a ring
 
 _MAGIC = b"twring1\0"
@@ -31,18 +31,18 @@ _FUTURE_WRITE = 0x10  # F_SEAL_FUTURE_WRITE, Linux 5.1
 class FlightRing:
     """The writer's end, of which there is one: appending never fails, waits or grows.
 
-    A record that does not fit into what is left of a segment begins the next one. One larger than a segment
-    is split over several, and readers join it; one over half of the ring is left out, and counted.
+    A record that does not fit into the rest of a segment begins the next one. One larger than a segment is
+    split over several, and readers join it. One over half of the ring is left out, and counted.
     """
 
     def __init__(self, fd: int, memory: mmap.mmap) -> None:
-        self.fd = fd  # a memfd that nobody else can write to or cut; closed by `close`
+        self.fd = fd  # a memfd that no other process can write to or cut; closed by `close`
         self.refused = 0  # records and transcripts that were too large
         self.size = len(memory)  # bytes
         _, self._count, self._segment, self._buses, self._slot, self._first = _GEOMETRY.unpack_from(memory)
         self._memory = memory
         self._view = memoryview(memory)
-        self._table = self._view[_TABLE : self._first].cast("Q")  # a store into it is one, never half
+        self._table = self._view[_TABLE : self._first].cast("Q")  # a store into it is one word, never half
         self._at = -1
         self._sequence = 0
         self._kept = 0
@@ -51,7 +51,9 @@ class FlightRing:
 
     @classmethod
     def create(cls, size: int, *, buses: int = 4, transcript: int = TRANSCRIPT) -> "FlightRing":
-        """A ring of `size` bytes, and room for two transcripts of each bus; every page is there at once.
+        """Create a ring of `size` bytes with room for two transcripts of each bus.
+
+        All pages are allocated.
 
         Raises OSError (no memory), ValueError (less than `LEAST`).
         """
@@ -62,7 +64,7 @@ class FlightRing:
         total = first + SEGMENTS * segment + 2 * buses * transcript
         fd = os.memfd_create("flight", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
-            os.posix_fallocate(fd, 0, total)  # else a full memory is a SIGBUS in some tick
+            os.posix_fallocate(fd, 0, total)  # else a full memory is a SIGBUS in a tick
             memory = mmap.mmap(fd, total)
             memory[:: mmap.PAGESIZE] = bytes(-(-total // mmap.PAGESIZE))  # no page fault is left for the loop
             _GEOMETRY.pack_into(memory, 0, _MAGIC, SEGMENTS, segment, buses, transcript, first)
@@ -75,7 +77,7 @@ class FlightRing:
         return cls(fd, memory)
 
     def append(self, kind: int, bus: int, time: float, data: bytes | bytearray | memoryview) -> None:
-        """One record at `time` (s, monotonic). A memoryview is one of bytes."""
+        """Append one record at `time` (s, monotonic). A memoryview must be one of bytes."""
         end = self._used + HEAD + len(data)
         if end > self._segment:
             if HEAD + len(data) > self._segment:
@@ -86,10 +88,14 @@ class FlightRing:
         at = self._base + self._used
         RECORD.pack_into(self._view, at, len(data), kind, bus, time)
         self._memory[at + HEAD : self._base + end] = data
-        self._used = self._table[2 * self._at + 1] = end  # from here on it is there for readers
+        # last: from here on readers use the record, so its bytes must be complete
+        self._used = self._table[2 * self._at + 1] = end
 
     def keep(self, bus: int, data: bytes) -> None:
-        """The last whole identification of a bus, as `pack` makes it; readers see it or the one before."""
+        """Store the last whole identification of a bus, as `pack` makes it.
+
+        Readers get it or the one before.
+        """
         if bus >= self._buses or len(data) > self._slot:
             self.refused += 1
             return
@@ -98,6 +104,7 @@ class FlightRing:
         row = 2 * (self._count + place)
         at = self._first + self._count * self._segment + place * self._slot
         self._kept += 1
+        # The row is 0 while its data change, and set last: a reader in between takes the older transcript.
         self._table[row] = 0
         self._view[at : at + len(data)] = data
         self._table[row + 1] = len(data)
@@ -144,7 +151,7 @@ class FlightRing:
 
 
 def read(fd: int) -> FlightContents:
-    """`copy`, as entries. Raises FlightError."""
+    """Return `copy` as entries. Raises FlightError."""
     return copy(fd).parse()
 
 
@@ -160,7 +167,7 @@ def copy(fd: int) -> PackedFlight:
     count, segment, buses, slot, first = _geometry(fd)
     newest = max(sequence for sequence, _ in _rows(fd, first)[:count])
     _settle()
-    # By now the rows of what came before the newest are final, and it is whole as far as its own says.
+    # By now the rows before the newest are final, and the newest is valid up to its own row's length.
     rows = _rows(fd, first)
     _settle()
     second = first + count * segment
@@ -191,7 +198,7 @@ def held_span(fd: int) -> tuple[float | None, int]:
     head = os.pread(fd, HEAD, first + place * segment) if rows[place][1] else b""
     there = (
         _rows(fd, first)[place][0] == rows[place][0]
-    )  # else it is used anew: a moment later it is another's
+    )  # else the segment is used anew, and its head is of another time
     oldest = RECORD.unpack(head)[3] if head and there else None
     return oldest, sum(used for sequence, used in rows if sequence)
 
@@ -219,5 +226,5 @@ def _geometry(fd: int) -> tuple[int, int, int, int, int]:
 
 
 def _rows(fd: int, first: int) -> list[tuple[int, int]]:
-    """(sequence, used bytes) of each segment, then of each transcript."""
+    """Return (sequence, used bytes) of each segment, then of each transcript."""
     return list(_ROW.iter_unpack(os.pread(fd, first - _TABLE, _TABLE)))

@@ -1,8 +1,8 @@
-"""The messages between the loop and its front, and how they travel: msgpack datagrams on SOCK_SEQPACKET.
+"""Messages between the loop and its front, and their transport: msgpack datagrams on SOCK_SEQPACKET.
 
-Outwards (loop → front, `news`): `Tick` every tick and `Overview` ten times a second (dropped and counted when
-the pipe is full), `Reply` and `Event` (bounded queue, never dropped). Inwards (`commands`): one `Command` a
-datagram; the arrays of a trajectory travel as a sealed memfd beside it (SCM_RIGHTS), never through the pipe.
+Outwards (loop → front): `Tick` every tick and `Overview` ten times a second (dropped and counted when the
+pipe is full), `Reply` and `Event` (bounded queue, never dropped). Inwards: one `Command` a datagram. The
+arrays of a trajectory travel as a sealed memfd beside it (SCM_RIGHTS), never through the pipe.
 
 Joints are indices here; the front names them. Times are the loop's monotonic seconds.
 """

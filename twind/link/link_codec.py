@@ -1,4 +1,4 @@
-"""How messages travel: msgpack datagrams, and the arrays of a trajectory as float64, one after the other."""
+"""Encoding of messages: msgpack datagrams, and the arrays of a trajectory as float64, one after the other."""
 
 import msgspec
 import numpy as np
@@ -16,30 +16,33 @@ _outward = msgspec.msgpack.Decoder(Outward)
 
 
 def encode(message: Inward | Outward) -> bytes:
-    """One datagram."""
+    """Encode a message as one datagram."""
     return _encoder.encode(message)
 
 
 def decode_command(data: bytes) -> Inward:
-    """A datagram from the front. Raises msgspec.DecodeError."""
+    """Decode a datagram from the front. Raises msgspec.DecodeError."""
     command: Inward = _inward.decode(data)
     return command
 
 
 def decode_news(data: bytes) -> Outward:
-    """A datagram from the loop. Raises msgspec.DecodeError."""
+    """Decode a datagram from the loop. Raises msgspec.DecodeError."""
     news: Outward = _outward.decode(data)
     return news
 
 
 def pack_path(path: Trajectory) -> bytes:
-    """time (k,), position (k, n), velocity, acceleration where given: float64, one after the other."""
+    """Encode time (k,), position (k, n), velocity and acceleration: float64, concatenated."""
     parts = [path.time, path.position, path.velocity, path.acceleration]
     return b"".join(np.ascontiguousarray(part, np.float64).tobytes() for part in parts if part is not None)
 
 
 def unpack_path(data: bytes, submit: Submit, count: int) -> Trajectory:
-    """The trajectory of `submit` for `count` joints. Raises ValueError when the two do not fit exactly."""
+    """Decode the trajectory of `submit` for `count` joints.
+
+    Raises ValueError when the two do not fit exactly.
+    """
     k = submit.points
     joints = list(submit.commanded)
     if submit.acceleration and not submit.velocity:

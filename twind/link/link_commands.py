@@ -1,4 +1,4 @@
-"""What the front asks of the loop. Joints are indices, times the loop's monotonic seconds."""
+"""Commands and notices of the front to the loop. Joints are indices, times the loop's monotonic seconds."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from twind.robot.finding import Finding
 
 
 class LinkMessage(msgspec.Struct, frozen=True, kw_only=True, tag=True, tag_field="kind"):
-    """What every message has: a `kind` that names its type."""
+    """Base of all messages: a `kind` names the type."""
 
 
 class Command(LinkMessage, frozen=True, kw_only=True, tag=True, tag_field="kind"):
@@ -18,8 +18,8 @@ class Command(LinkMessage, frozen=True, kw_only=True, tag=True, tag_field="kind"
     ticket: int
     client: int  # number of the connection, > 0, never used again
     uid: int = -1
-    holder: str = ""  # how the client is named to others: "uid 1000, pid 4711"
-    received: float | None = None  # s, the whole call was in the front and it was its turn; None: unknown
+    holder: str = ""  # name of the client for others: "uid 1000, pid 4711"
+    received: float | None = None  # s, when the whole call was in the front and next in turn; None: unknown
 
 
 class SetMode(Command, frozen=True, kw_only=True):
@@ -29,7 +29,7 @@ class SetMode(Command, frozen=True, kw_only=True):
 
 
 class AcquireLease(Command, frozen=True, kw_only=True):
-    """Take the lease; `take` wrests it from another (motion holds first). Reply: {lease}."""
+    """Take the lease; `take` takes it from another holder (motion holds first). Reply: {lease}."""
 
     take: bool = False
 
@@ -46,7 +46,7 @@ class Arm(Command, frozen=True, kw_only=True):
     """Goal := present, read back, then torque. Reply when armed: {joints: [index]}."""
 
     joints: Sequence[int] | None = None
-    edited: Sequence[str] = ()  # files of the robot that were written anew since they were read
+    edited: Sequence[str] = ()  # files of the robot that were changed since they were read
 
 
 class Disarm(Command, frozen=True, kw_only=True):
@@ -92,11 +92,11 @@ class Submit(Command, frozen=True, kw_only=True):
     append_stop: bool = False
     check_only: bool = False
     more: bool = False
-    front_checked: float = 0.0  # s, when the state was true that the front judged its share from
-    generation: int = 0  # of the limits that the front judged by
+    front_checked: float = 0.0  # s, time of the state that the front judged its part from
+    generation: int = 0  # of the limits that the front used
     refused: Sequence[
         Finding
-    ] = ()  # what the front found: clearance, torque, balance (SELF_COLLISION to UNSTABLE_POSE)
+    ] = ()  # findings of the front: clearance, torque, balance (SELF_COLLISION to UNSTABLE_POSE)
     warned: Sequence[Finding] = ()
 
 
@@ -115,7 +115,7 @@ class Setpoint(Command, frozen=True, kw_only=True):
 
 
 class ReadRegister(Command, frozen=True, kw_only=True):
-    """One register of one device. Reply: {register}."""
+    """Read one register of one device. Reply: {register}."""
 
     bus: str
     id: int
@@ -132,7 +132,7 @@ class WriteRegister(Command, frozen=True, kw_only=True):
 
 
 class Reboot(Command, frozen=True, kw_only=True):
-    """Restart one device; only while disarmed. Reply: {state, restored, differing}: RAM settings in words."""
+    """Restart one device; only while disarmed. Reply: {state, restored, differing}, RAM settings as text."""
 
     bus: str
     id: int
@@ -159,7 +159,7 @@ class FindStop(Command, frozen=True, kw_only=True):
 
 
 class Annotation(msgspec.Struct, frozen=True):
-    """What somebody says of what the robot is doing, as `Annotation` of the interface."""
+    """Annotation by a client of what the robot does, as `Annotation` of the interface."""
 
     kind: str  # begin, end, note
     task: str | None = None
@@ -168,60 +168,59 @@ class Annotation(msgspec.Struct, frozen=True):
 
 
 class Mark(Command, frozen=True, kw_only=True):
-    """Say this as an event, for the log and all that is recorded. Reply: {sequence}."""
+    """Report this as an event, for the log and all recordings. Reply: {sequence}."""
 
     annotation: Annotation
 
 
 class ApplyChanges(Command, frozen=True, kw_only=True, tag="Adopt"):
-    """Changes that both sides make at one moment (`config/hot_changes.py`); the next front's briefing in the
-    memfd.
+    """Changes that loop and front make at one moment (`config/hot_changes.py`).
 
-    Reply: {applied: [key], needs_restart: [key]}.
+    The memfd holds the next front's briefing. Reply: {applied: [key], needs_restart: [key]}.
     """
 
     generation: int  # of that briefing: one more than the one in force
     changes: dict[str, Any]
     needs_restart: Sequence[str] = ()
-    reread: bool = True  # by files read again; False: by a client's word
+    reread: bool = True  # from files read again; False: from a client's call
 
 
 class ReloadStarted(LinkMessage, frozen=True, kw_only=True, tag="Rereading"):
-    """The front begins to read the files again."""
+    """Report that the front begins to read the files again."""
 
 
 class ReloadFailed(LinkMessage, frozen=True, kw_only=True, tag="RereadFailed"):
-    """What was wrong with the files; nothing changes."""
+    """Report what is wrong with the files; nothing changes."""
 
     message: str
 
 
 class ConnectionClosed(LinkMessage, frozen=True, kw_only=True, tag="Gone"):
-    """A connection closed: its lease lapses, its unanswered tickets are void."""
+    """Report a closed connection: its lease lapses, its unanswered tickets are void."""
 
     client: int
 
 
 class Rebound(LinkMessage, frozen=True, kw_only=True):
-    """A listening socket was bound again, as its file was gone. Its descriptor comes beside this datagram."""
+    """Report that a listening socket was bound again, as its file was gone. Its descriptor is attached."""
 
     name: str  # control or observe
     label: str  # of the `Listener`
 
 
 class Reachable(LinkMessage, frozen=True, kw_only=True):
-    """Whether clients can connect. The first message of a front about it, and one for every change."""
+    """Report whether clients can connect: first message of a front, and one for every change."""
 
     missing: str = ""  # which socket cannot be reached, why, and the remedy; "": every socket is in place
     rebound: Sequence[str] = ()  # paths of the sockets that were bound again since the last message
 
 
 class CrashRecordingDone(LinkMessage, frozen=True, kw_only=True, tag="WreckDone"):
-    """What a daemon before this one left is written down, or cannot be: it need not be kept any longer."""
+    """Report that the flight recorder of a former daemon is written, or cannot be: it may be dropped."""
 
 
 class Heartbeat(LinkMessage, frozen=True, kw_only=True):
-    """The front lives; at least twice a second."""
+    """Heartbeat of the front; at least twice a second."""
 
 
 Inward = (

@@ -23,17 +23,17 @@ class Tick(LinkMessage, frozen=True, kw_only=True):
     position: bytes  # measured (in sim: simulated), rad
     velocity: bytes  # rad/s
     effort: bytes  # N·m
-    age: bytes  # s, inf never heard
+    age: bytes  # s, inf: never read
     heard: bytes  # n bytes, 0 or 1
     goal: bytes  # rad, NaN: none
     simulated: bytes  # rad
-    read: float  # s, when the last byte of the reading arrived that `raw` is of
-    raw: bytes  # int64 of n actuators: counts as they were on the wire; meaningless while raw_age is inf
-    raw_effort: bytes  # as it was on the wire, NaN: not told
+    read: float  # s, when the last byte of the reading for `raw` arrived
+    raw: bytes  # int64 of n actuators: counts as on the wire; meaningless while raw_age is inf
+    raw_effort: bytes  # as on the wire, NaN: not reported
     raw_age: bytes  # s before `read`, inf never
     dropped: int = 0  # ticks and overviews lost before this one because the pipe was full
-    skew: float = nan  # s between the first and the last bus that had answered; NaN: fewer than two did
-    imu: bytes = b""  # gyro rad/s, acceleration m/s², quaternion w x y z: 10 float64; empty: not heard
+    skew: float = nan  # s between the replies of the first and the last bus; NaN: fewer than two
+    imu: bytes = b""  # gyro rad/s, acceleration m/s², quaternion w x y z: 10 float64; empty: no reading
     imu_age: float = nan  # s
 
 
@@ -48,18 +48,21 @@ class BusInfo(msgspec.Struct, frozen=True):
     utilisation: float
     exchanges: int
     errors: int
-    warning: str | None = None  # what is wrong with the port though it works, and the remedy
+    warning: str | None = None  # problem of a port that works, and the remedy
 
 
 class Bucket(msgspec.Struct, frozen=True):
-    """One of a histogram, as `Bucket` of the interface: values above the one before, at most `upper_ms`."""
+    """One bucket of a histogram, as `Bucket` of the interface.
+
+    It counts values above the bucket before, at most `upper_ms`.
+    """
 
     upper_ms: float | None  # None: no bound
     count: int
 
 
 class LoopInfo(msgspec.Struct, frozen=True):
-    """The loop's own figures, as `Loop` of the interface."""
+    """Timing figures of the loop, as `Loop` of the interface."""
 
     rate_hz: float
     ticks: int
@@ -68,7 +71,7 @@ class LoopInfo(msgspec.Struct, frozen=True):
     late_p50_us: float | None
     late_p99_us: float | None
     late_max_us: float | None
-    realtime: dict[str, str]  # what was got, for people
+    realtime: dict[str, str]  # what the system granted, text for people
     lateness: Sequence[Bucket] | None = None  # of the run, and its sum: once a second
     lateness_sum_ms: float | None = None
     realtime_denied: Sequence[str] | None = None  # keys of `realtime`; None: an older daemon
@@ -109,8 +112,8 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     hw_connected: bool
     sim_connected: bool
     lease: LeaseInfo | None
-    lease_client: int  # 0: nobody
-    skew_ms: float | None = None  # between the first and the last bus that had answered
+    lease_client: int  # 0: no client
+    skew_ms: float | None = None  # between the replies of the first and the last bus
     skew_max_ms: float | None = None  # of the run
     faults: Sequence[Finding]
     buses: Sequence[BusInfo]
@@ -120,11 +123,11 @@ class Overview(LinkMessage, frozen=True, kw_only=True):
     voltage: bytes  # V
     torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
     fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
-    verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is looked at
+    verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is read
 
 
 class Reply(LinkMessage, frozen=True, kw_only=True):
-    """An answer to a ticket. `error` is the interface's error name without its prefix."""
+    """Reply to a ticket. `error` is the interface's error name without its prefix."""
 
     ticket: int
     parameters: dict[str, Any] = msgspec.field(default_factory=dict)
@@ -142,16 +145,16 @@ class Event(LinkMessage, frozen=True, kw_only=True):
     message: str
     findings: Sequence[Finding] = ()
     annotation: Annotation | None = None
-    holder: str = ""  # the client that caused it by asking for nothing else; "": the robot did
+    holder: str = ""  # the client of an annotation; "": no annotation
     id: str = ""  # of the trajectory that ended or was refused; "": of none, or of streamed setpoints
     phase: str = ""  # of code MOTION: succeeded, cancelled, replaced, aborted
     before: str = ""  # of a change of state, whose code is the new state: the state before
-    cause: str = ""  # of a change of state: what changed it, as `safety.states.Event` names it
+    cause: str = ""  # of a change of state: its cause, as `safety.state_machine.RobotEvent` names it
     stop: str = ""  # the stop that is demanded: hold, settle, damp, cut, inhibit; "": none
 
 
 class VerdictReport(LinkMessage, frozen=True, kw_only=True, tag="Moment"):
-    """A verdict was given: topic `verdicts`. Without refusals it is followed: topic `trajectories`."""
+    """Report of a verdict: topic `verdicts`. Without refusals it is followed: topic `trajectories`."""
 
     time: float
     sequence: int
@@ -161,7 +164,7 @@ class VerdictReport(LinkMessage, frozen=True, kw_only=True, tag="Moment"):
 
 
 class ReloadWanted(LinkMessage, frozen=True, kw_only=True, tag="Reread"):
-    """The loop was told to have the files read again (SIGHUP)."""
+    """Request of the loop that the front reads the files again (SIGHUP)."""
 
 
 Outward = Tick | Overview | Reply | Event | VerdictReport | ReloadWanted

@@ -1,8 +1,8 @@
-"""Arming: torque on, all or nothing.
+"""Arming: torque on in all joints, or in none.
 
-Device watchdogs armed and read back, goal := present read back, torque on and read back, nobody jumped. Any
-failure, interruption or lost client on the way ends with torque off again. What was found energised keeps
-its torque when arming fails.
+Order: device watchdogs armed and read back, goal := present read back, torque on and read back, no joint
+jumped. A failure, an interruption or a lost client ends with torque off again. Torque that was on before
+stays on when arming fails.
 """
 
 from __future__ import annotations
@@ -26,15 +26,18 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
     from twind.robot.arrays import Floats
 
-FRESH = 0.05  # s, the oldest reading that a goal at torque-on may rest on (W4)
-STILL = 2.5  # ticks a joint may have moved between the reading and the torque (W4: 2 counts)
-FIRST = 1.0  # s that the first reading of temperature and supply is waited for
-TRIES = 20  # goal := present, for a robot that still swings
-JUMP = 0.05  # rad a joint may move within the first ticks of torque
+# s, the oldest reading for a goal at torque-on; an older one would be a step (docs/proof.md: 50 ms)
+FRESH = 0.05
+# ticks a joint may move between reading and torque; more would be a step (docs/proof.md: 2 counts)
+STILL = 2.5
+FIRST = 1.0  # s to wait for the first temperature and supply voltage, which are read some 5 times a second
+# attempts of goal := present on a robot that still swings; without a bound arming would never answer
+TRIES = 20
+JUMP = 0.05  # rad a joint may move within the first ticks of torque; beyond it zero, sign or goal is wrong
 
 
 class ArmingFailed(Exception):
-    """Arming stopped half-way; the finding says where."""
+    """Arming stopped half-way; the finding has the place."""
 
     def __init__(self, code: ReasonCode, joint: int | None, value: float, bound: float, message: str) -> None:
         super().__init__(message)
@@ -42,13 +45,16 @@ class ArmingFailed(Exception):
 
 
 def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
-    """Goal := present, read back, then torque, read back, then hold. Answers when armed, or why not."""
+    """Set goal := present, read it back, switch torque on, read it back, then hold.
+
+    Replies when the robot is armed, or with the reason why it is not.
+    """
     refusals = yield from _check_arming_request(loop, command, now)
-    if refusals := (*refusals, *_edited(command)):
+    if refusals := (*refusals, *_find_edited_files(command)):
         loop.say.refuse(command, refusals)
         return
     inherited = loop.inherited
-    loop.hardware.clear()  # a register write or a reboot that waits must not land on a robot with torque
+    loop.hardware.clear()  # a queued register write or reboot must not reach a robot with torque
     loop.arming_client = command.client
     loop.change(RobotEvent.ARM, now)
     try:
@@ -58,15 +64,15 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         failed = Finding(ReasonCode.ARM_FAILED, message=error_text(loop, error))
         loop.say.refuse(command, (error.finding if isinstance(error, ArmingFailed) else failed,))
         return
-    except GeneratorExit:  # what took over finds `energising` set, and lets go
+    except GeneratorExit:  # the procedure that takes over finds `energising` set and switches torque off
         loop.hardware.clear()
         loop.change_if(RobotEvent.ARM_FAILED, loop.clock.now())
-        _say_ended(loop, command)
+        _reply_ended(loop, command)
         raise
     take(loop, held)
     loop.twin.place(held)
     loop.change(RobotEvent.ARMED, loop.clock.now())
-    message = "armed without a watchdog of its own that can be read back: if the daemon dies, nobody stops it"
+    message = "armed without a device watchdog that can be read back: nothing stops it if the daemon dies"
     findings = tuple(
         Finding(ReasonCode.DEVICE_MISMATCH, joint, message=message) for joint in loop.joints.unwatched
     )
@@ -79,7 +85,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
 def _check_arming_request(
     loop: Loop, command: link.Arm, now: float
 ) -> Generator[None, float, tuple[Finding, ...]]:
-    """What the gate refuses. Heat and supply are read some 5 times a second: the first time is waited for."""
+    """Return the refusals of the gate; wait up to `FIRST` s for the first temperature and supply voltage."""
     refusals = loop.may_arm(command.client, now).refusals
     deadline = now + FIRST
     loop.arming_client = command.client
@@ -87,14 +93,14 @@ def _check_arming_request(
         try:
             now = yield
         except GeneratorExit:
-            _say_ended(loop, command)
+            _reply_ended(loop, command)
             raise
         refusals = loop.may_arm(command.client, now).refusals
     return refusals
 
 
 def _unread(finding: Finding) -> bool:
-    """Refused for a reading that never came yet (THERMAL_HEADROOM)."""
+    """Check that the refusal only reports a value that was never read (THERMAL_HEADROOM, VOLTAGE_LOW)."""
     value = finding.value
     return (
         finding.code in (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
@@ -103,28 +109,36 @@ def _unread(finding: Finding) -> bool:
     )
 
 
-def _say_ended(loop: Loop, command: link.Arm) -> None:
+def _reply_ended(loop: Loop, command: link.Arm) -> None:
     why = next(iter(loop.latches.values()), None)
     what = "something more urgent" if why is None else f"{why.code}: {why.message}"
     loop.say.error(command, "Busy", what=f"arming was ended by {what}")
 
 
-def _edited(command: link.Arm) -> list[Finding]:
-    """CALIB_MISMATCH: the files' present content counts. The front reads them: a tick reads no file."""
-    message = "{} is not what this daemon goes by: `twindctl reload`, restart it, or restore the file"
+def _find_edited_files(command: link.Arm) -> list[Finding]:
+    """Return CALIB_MISMATCH for files whose present content differs.
+
+    The front reads them: a tick reads no file.
+    """
+    message = "{} differs from what this daemon uses: `twindctl reload`, restart it, or restore the file"
     return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
 
 
 def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
-    """Everything from the watchdogs to torque read back; the position (n,) that is now held."""
+    """Run all steps from the watchdogs to torque read back; return the position (n,) that is held, rad."""
     hardware = loop.hardware
     _require_all_or_none(loop)
+    # Watchdogs first: a servo with torque and no watchdog would not stop if the daemon died here. The driver
+    # sets goal := present while they are cleared: a tripped one refuses goals (e-manual, Bus Watchdog), and
+    # the servo would resume its old goal.
     yield from all_of(hardware.prepare(present(loop)))
-    held = yield from _aimed(loop)
+    # The goal is written before torque: at torque-on a servo drives to the goal that its register holds.
+    held = yield from _write_present_goals(loop)
     _require_undisturbed(loop)
     _require_one_turn(loop)
-    loop.energising = not inherited  # what was found energised is not ours to take away
+    loop.energising = not inherited  # torque that was on before stays on when arming fails
     yield from all_of(hardware.torque(True))
+    # Torque needs a few ticks to act; only then a wrong goal shows as movement.
     yield from ticks(3)
     _require_undisturbed(loop)
     jump = np.abs(loop.measured.position - held)
@@ -136,28 +150,32 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
 
 
 def _require_one_turn(loop: Loop) -> None:
-    """A servo in position mode reads one turn from torque-on: that must be the one it was calibrated on, for
-    what was written as its goal is what it will read then (e-manual, "Operating Mode", note)."""
+    """Raise ArmingFailed where a servo in position mode would read another turn at torque-on.
+
+    In position mode a servo reads one turn from torque-on (e-manual, "Operating Mode", note). The count that
+    is written as its goal must be the one that it reads then.
+    """
     turns = loop.joints.turns
     readings = loop.hardware.readings
     if turns is None:
         return
     count = readings.raw.ticks + readings.shift
     then = expected(readings.raw.ticks, turns)
-    other = turns.known & turns.falls & (count != then)
-    if other.any():
-        joint = int(np.argmax(other))
+    beyond = turns.known & turns.falls & (count != then)
+    if beyond.any():
+        joint = int(np.argmax(beyond))
         message = (
-            f"would read {then[joint]} at torque-on, not {count[joint]}: position mode knows one turn, and "
-            "it stands beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
+            f"would read {then[joint]} at torque-on, not {count[joint]}: position mode covers one turn, and "
+            "it is beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
         )
         raise ArmingFailed(ReasonCode.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
 
 
-def _aimed(loop: Loop) -> Generator[None, float, Floats]:
-    """Goal := present, read back, of a robot that hangs quiet; the goal (n,)."""
+def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
+    """Write goal := present and read it back until the robot hangs still; return the goal (n,), rad."""
     hardware = loop.hardware
     for _ in range(TRIES):
+        # The robot moved while the goal was written: such a goal would be a step, so it is taken anew.
         held = hardware.quantised(present(loop))
         yield from all_of(hardware.write_goals(held))
         moved = np.abs(loop.measured.position - held) / hardware.resolution
@@ -184,7 +202,10 @@ def _require_all_or_none(loop: Loop) -> None:
 
 
 def present(loop: Loop) -> Floats:
-    """The position (n,) to begin from: fresh, whole and inside the hard limits, or ArmFailed."""
+    """Return the measured position (n,), rad: fresh, complete and inside the hard limits.
+
+    Raises ArmingFailed.
+    """
     state = loop.measured
     limits = loop.limits
     age = loop.clock.now() - state.time + state.age
@@ -203,7 +224,7 @@ def present(loop: Loop) -> Floats:
 
 
 def back_out(loop: Loop, inherited: bool) -> Procedure:
-    """Those just energised are let go again, read back; what was found energised keeps its torque."""
+    """Switch torque off again and read it back; torque that was on before arming stays on."""
     loop.executor.idle()
     loop.hardware.clear()
     if not inherited:
@@ -216,5 +237,5 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
 
 
 def give_up(loop: Loop) -> Procedure:
-    """Whoever asked for torque is gone before it was there."""
+    """End an arming whose client closed its connection before torque was on."""
     yield from back_out(loop, inherited=not loop.energising)

@@ -1,4 +1,4 @@
-"""Puts a loop together: robot, calibration, ports and sockets into `Parts`, and what the front must know."""
+"""Assembly of a loop from robot, calibration, ports and sockets, and the briefing for its front."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -61,9 +61,10 @@ def build(
     rewire: Callable[[BoundRobot], Enabler] | None = None,
     tapes: Mapping[str, BusTap] = NO_TAPES,
 ) -> Loop:
-    """A loop ready to run. `rewire`: makes the `enabler` for the same robot with other limits or gains.
+    """Return a loop ready to run.
 
-    `tapes`: of the buses that are written down.
+    `rewire` makes the `enabler` for the same robot with other limits or gains. `tapes` are the recorders of
+    the buses that the flight recorder covers.
     """
     binding = robot.binding
     period = 1.0 / rate_hz
@@ -107,7 +108,7 @@ def build(
 
 
 def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:
-    """The IMU; None: the robot has none."""
+    """Return the poller of the IMU; None: the robot has none."""
     if robot.imu is None or binding.mount is None:
         return None
     names = [bus.name for bus in binding.joint_map.buses]
@@ -115,13 +116,16 @@ def _inertial(robot: RobotFile, binding: Binding) -> ImuPoller | None:
 
 
 def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
-    """The joints of each CAN bus."""
+    """Return the joint indices of each CAN bus, by bus name."""
     maps = binding.joint_map.buses
     return {bus.name: bus.joints.tolist() for bus in maps if robot.bus(bus.name).kind == "can"}
 
 
 def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
-    """Raises BindingError for names in `collision:` that the model lacks."""
+    """Return the look-ahead, or None without body pairs that can collide.
+
+    Raises BindingError for names in `collision:` that the model lacks.
+    """
     bodies = CollisionModel(binding, NEAR)
     return CollisionLookahead(bodies, binding.limits, period) if bodies.pairs else None
 
@@ -129,7 +133,7 @@ def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
 def _bounds(robot: RobotFile, period: float) -> Bounds:
     """Return the bounds of the guard for a tick of `period` s.
 
-    At a low rate a joint that answers every time is older than 30 ms: this is no warning.
+    At a low rate every reading is older than the usual 30 ms; the bound grows, as this is no fault.
     """
     usual = Bounds(setpoint_age=robot.command_timeout_ms / 1e3)
     return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
@@ -143,9 +147,9 @@ def make_briefing(
     files: Mapping[str, str] | None = None,
     described: bytes = b"",
 ) -> int:
-    """A sealed memfd with everything the front must know: both judge the same robot.
+    """Return a sealed memfd with the briefing for the front, so that both processes judge the same robot.
 
-    `files`: path -> sha256 of what it is described by, as it was read. `described`: what the files said.
+    `files`: sha256 by path, of the files as they were read. `described`: the content of these files.
     """
     made = briefing(robot, rate_hz, parameters, log_level, files, described)
     return seal("twind-briefing", msgspec.msgpack.encode(made))
@@ -159,7 +163,7 @@ def briefing(
     files: Mapping[str, str] | None = None,
     described: bytes = b"",
 ) -> Briefing:
-    """The same, not packed."""
+    """Return the briefing, not packed; arguments as for `make_briefing`."""
     binding = robot.binding
     limits = binding.limits
     joint_map = binding.joint_map
@@ -202,9 +206,9 @@ def front(
     folder: Path,
     wreck: CrashRecording | None = None,
 ) -> FrontLink:
-    """The link to a front that is started with the first tick.
+    """Return the link to a front that starts with the first tick.
 
-    `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`.
+    `folder`: where the flight recordings of `recorder` and of a former daemon, `wreck`, are written.
     """
     flight = None if recorder is None else recorder.fd
     process = FrontProcess(briefing, listeners, flight, folder, wreck)

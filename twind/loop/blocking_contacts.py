@@ -32,7 +32,7 @@ def with_contact(loop: Loop, finding: Finding) -> Finding:
 
 
 def _simulated(loop: Loop, code: ReasonCode) -> bool:
-    """Whether a finding of this code compares with the simulation."""
+    """Check whether a finding of this code compares with the simulation."""
     return code is ReasonCode.MIRROR_DRIFT or (
         code is ReasonCode.GOAL_TOLERANCE and loop.mode is not Mode.LIVE
     )

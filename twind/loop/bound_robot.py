@@ -1,4 +1,7 @@
-"""A robot as the loop needs it: described, calibrated or not, bound to its model. Loop's process."""
+"""A robot as the loop uses it: its file, its calibration if any, and its binding to the model.
+
+Loop's process.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,17 +17,17 @@ from twind_drivers.bus import IdentifiedDevice
 
 @dataclass(frozen=True, slots=True)
 class BoundRobot:
-    """One robot; both sides of the link judge the same."""
+    """A robot file with calibration and model binding; loop and front judge with the same values."""
 
     file: RobotFile
     calibration: Calibration | None
     binding: Binding
 
     def judge(self, devices: Mapping[tuple[str, int], IdentifiedDevice]) -> Verdict:
-        """CALIB_MISMATCH: do the devices hold what the calibration was made with?"""
+        """Return CALIB_MISMATCH findings for devices that differ from those of the calibration."""
         return compare(self.file, self.calibration, devices)
 
     def with_changes(self, changes: Changes) -> "BoundRobot":
-        """The same with these changes. Raises NotHot, BindingError."""
+        """Return the same robot with these changes. Raises NotHot, BindingError."""
         file = applied(self.file, changes)
         return BoundRobot(file, self.calibration, rebound(self.binding, file, self.calibration))

@@ -1,6 +1,6 @@
-"""Opens the buses of a robot file as readers, and makes their writers: the loop's way to the drivers.
+"""Opener of the buses of a robot file: readers, and the writers of these readers.
 
-The one place that knows which driver serves which kind of bus.
+Only this module relates a kind of bus to its driver.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from twind_drivers.dynamixel.serial_port import SerialTransport
 
 @dataclass(frozen=True)
 class BusOpener:
-    """How each bus of a robot is opened."""
+    """Opener of each bus of a robot: makes the driver's reader and writer from the robot file."""
 
     robot: RobotFile
     joints: JointMap
@@ -34,7 +34,7 @@ class BusOpener:
     tapes: Mapping[str, RecordingBusTap] = field(default_factory=dict)  # buses that are written down
 
     def open(self, name: str) -> BusReader:
-        """The read half of a bus, on its port. Raises PortError."""
+        """Open a bus on its port and return the reader. Raises PortError."""
         port = self.ports[name]
         assert port is not None
         bus = self.robot.bus(name)
@@ -43,7 +43,7 @@ class BusOpener:
         return self.reader(name, SerialTransport(port, bus.baud))
 
     def reader(self, name: str, transport: ByteTransport) -> BusReader:
-        """The read half of a serial bus, on any transport."""
+        """Return the reader of a serial bus on any transport."""
         kinds = [kind for _, kind in self._servos(name)]
         tape = self.tapes.get(name)
         return DynamixelReader(
@@ -59,12 +59,12 @@ class BusOpener:
         )
 
     def _sensors(self, name: str) -> dict[int, float]:
-        """Return delay (s) by id of what hangs on a bus besides its servos."""
+        """Return the reply delay (s) by id of the devices on a bus besides its servos."""
         imu = self.robot.imu
         return {} if imu is None or imu.bus != name else {imu.id: imu.return_delay_us * 1e-6}
 
     def can_reader(self, name: str, channel: CanChannel) -> BusReader:
-        """The read half of a CAN bus, on any channel."""
+        """Return the reader of a CAN bus on any channel."""
         actuators = [
             CanActuator(
                 id=joint.id,
@@ -81,7 +81,7 @@ class BusOpener:
         return CanReader(name, channel, actuators, bitrate=self.robot.bus(name).baud, rate_hz=self.rate_hz)
 
     def enable(self, reader: BusReader) -> BusWriter:
-        """The write half of a bus: its clamp (WIRE_CLAMP) is the joints' hard range in ticks."""
+        """Return the writer of a bus; its clamp (WIRE_CLAMP) is the joints' hard range in ticks."""
         if isinstance(reader, CanReader):
             return self._enable_can(reader)
         assert isinstance(reader, DynamixelReader)
@@ -110,7 +110,7 @@ class BusOpener:
         )
 
     def refuse_taken(self) -> None:
-        """Open and close every port once: one that cannot be had is refused now, with the reason.
+        """Open and close every port once, so that a port that cannot be opened is refused at start.
 
         A port that does not exist yet is no failure: the robot may be plugged in later. Raises PortError.
         """
@@ -118,13 +118,15 @@ class BusOpener:
         try:
             for name, port in self.ports.items():
                 if port is not None:
-                    held.extend(self._look(self.robot.bus(name).kind, port, self.robot.bus(name).baud))
+                    held.extend(
+                        self._open_present(self.robot.bus(name).kind, port, self.robot.bus(name).baud)
+                    )
         finally:
             for each in held:
                 each.close()
 
     @staticmethod
-    def _look(kind: str, port: str, rate: int) -> list[CanChannel | SerialTransport]:
+    def _open_present(kind: str, port: str, rate: int) -> list[CanChannel | SerialTransport]:
         if kind == CAN:
             return [open_channel(port, rate)] if present(port) else []
         return [SerialTransport(port, rate)] if Path(port).exists() else []

@@ -1,6 +1,6 @@
-"""One bus and its life: closed → open → identified → lost → reopened. Runs scripts, one transaction a tick.
+"""One bus and its states: closed → open → identified → lost → reopened. Runs scripts, one transaction a tick.
 
-Knows ticks and devices, no radians: those are `hardware.py`'s. Never blocks but for opening a port.
+Works in ticks and device ids; `hardware.py` converts to radians. Blocks only while a port opens.
 """
 
 from collections.abc import Callable
@@ -30,22 +30,25 @@ from twind_drivers.bus import (
 T = TypeVar("T")
 
 Opener = Callable[[str], BusReader]  # bus name -> reader; raises PortError
-Enabler = Callable[[BusReader], BusWriter]  # the write half, made in live only
+Enabler = Callable[[BusReader], BusWriter]  # makes the writer; called in mode live only
 
-# s, between tries to open (design 6.4)
+# s between attempts to open. A faster retry costs ticks, as opening blocks; at the latest 1 s after the node
+# returns the robot must be identified.
 REOPEN_FIRST = 0.1
 REOPEN_MOST = 0.5
-IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
-QUEUE = 16  # scripts that may wait on one bus
-# Ticks without room that a script or a slice of upkeep waits, each: then it may use what is kept free at the
-# end of a tick; then it begins though the tick will end late. Readings can come late for ever (an adapter
-# that holds them back, a machine at its limit), and what tells of lost torque must not be blind.
+# s between identifications while devices are missing; each takes bus time from the cyclic reading
+IDENTIFY_AGAIN = 1.0
+QUEUE = 16  # scripts that may wait on one bus; a further one is refused, so that a client cannot delay others
+# Ticks without room that a script or a slice of upkeep waits: after SOON it may use the spare time at the end
+# of a tick; after PATIENCE it begins even if the tick ends late. Replies can be late for a long time (an
+# adapter that holds them back, an overloaded machine). Without this bound the registers that report lost
+# torque would never be read.
 SOON = 2
 PATIENCE = 8
 
 
 class PortState(Enum):
-    """How far a port has come."""
+    """Progress of a port from closed to connected."""
 
     CLOSED = auto()
     IDENTIFYING = auto()
@@ -54,17 +57,17 @@ class PortState(Enum):
 
 @dataclass(eq=False)
 class ScriptRun(Generic[T]):
-    """A script on its way: one transaction a tick. `done` with a result, or with the error that ended it."""
+    """A running script, one transaction a tick; `done` with a result, or with the error that ended it."""
 
     script: Script[T]
-    urgent: bool = False  # changes torque: goes before all else, and does not wait for a roomier tick
+    urgent: bool = False  # changes torque: precedes all others, and does not wait for a tick with more room
     request: Request | None = None
     result: T | None = None
     error: BusError | KeyError | ValueError | None = None
     done: bool = False
 
     def advance(self, reply: RequestReply | None) -> None:
-        """Give the script its reply (None to begin) and take its next request."""
+        """Pass the reply to the script (None to begin) and take its next request."""
         try:
             self.request = next(self.script) if reply is None else self.script.send(reply)
         except StopIteration as stop:
@@ -72,13 +75,14 @@ class ScriptRun(Generic[T]):
             self.done = True
             self.request = None
         except (BusError, KeyError, ValueError) as error:
-            # Without its traceback: that would keep every frame alive, and nothing collects cycles here.
+            # The traceback is dropped: it would keep every frame alive, and the collector is off in this
+            # process.
             self.error = error.with_traceback(None)
             self.done = True
             self.request = None
 
     def cancel(self, error: BusError) -> None:
-        """End it from outside: the port went, or something more urgent came."""
+        """End the script from outside: the port was lost, or a more urgent script came."""
         if not self.done:
             self.script.close()
             self.error = error
@@ -88,17 +92,17 @@ class ScriptRun(Generic[T]):
 
 @dataclass
 class BusCounters:
-    """What happened on a bus since the start."""
+    """Counters of a bus since the start."""
 
     exchanges: int = 0
-    errors: int = 0  # exchanges in which a device stayed silent, and ports lost
-    discarded: int = 0  # bytes that were no answer of ours
+    errors: int = 0  # exchanges in which a device did not reply, and ports lost
+    discarded: int = 0  # bytes that belonged to no expected reply
     busy: float = 0.0  # s of the last tick that the bus was in use
 
 
 @dataclass(eq=False)
 class BusPort:
-    """A bus by its name: its reader while open, its writer while the mode is live."""
+    """One bus by name: its reader while it is open, its writer while the mode is live."""
 
     name: str
     where: str | None  # the port's path, None: no port given
@@ -108,31 +112,31 @@ class BusPort:
     link: PortState = PortState.CLOSED
     reader: BusReader | None = None
     writer: BusWriter | None = None
-    holding: bool = False  # goals go here: armed, and not lost since
+    holding: bool = False  # goals are written here: armed, and not lost since
     devices: tuple[IdentifiedDevice, ...] = ()
-    trouble: str = ""  # why it is not open, for people
-    beside: str = ""  # what is wrong with a device that hangs there besides, for people
+    trouble: str = ""  # why it is not open; text for people
+    beside: str = ""  # problem of a further device on this bus, such as the IMU; text for people
     counts: BusCounters = field(default_factory=BusCounters)
     tasks: list[ScriptRun[Any]] = field(default_factory=list)
     identification: ScriptRun[tuple[IdentifiedDevice, ...]] | None = None
-    patient: bool = False  # it waits for the slowest return delay
-    _holed: bool = False  # in the last cyclic reading somebody was silent
+    patient: bool = False  # identification waits for the slowest return delay
+    _holed: bool = False  # in the last cyclic reading a device did not reply
     _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
-    _asked: ScriptRun[Any] | None = None
-    querying: bool = False  # the rare transaction asks something: it is answered, and not at once
-    _upkeep: bool = False  # it goes before the scripts this time
-    _due: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
+    _current: ScriptRun[Any] | None = None
+    querying: bool = False  # the rare transaction expects a reply, which takes time
+    _upkeep: bool = False  # upkeep precedes the scripts this time
+    _due: Query | None = None  # a slice of upkeep that is due and has not begun
     _waited: int = 0  # ticks that it has found no room ...
-    _queued: int = 0  # ... and that the first script has not
+    _queued: int = 0  # ... and that the first script has found none
     _span: float = 0.0  # s of bus time of the rare transaction ...
-    _late: float = 0.0  # ... and what the last one that was answered took beyond it
+    _late: float = 0.0  # ... and the time that the last reply took beyond it
 
     # ------------------------------------------------------------------------------- open and lost
 
     def open(self, now: float) -> bool:
-        """Try to open when it is time; True when just opened. Identification begins."""
+        """Try to open the port when it is time; True when it was just opened. Identification begins."""
         if self.reader is not None or self.where is None or now < self._retry:
             return False
         try:
@@ -148,7 +152,7 @@ class BusPort:
         return True
 
     def enable(self, on: bool) -> None:
-        """Make the write half, or drop it: in mirror no object exists that could write."""
+        """Make the writer, or drop it: in mode mirror no object exists that could write."""
         if not on:
             self.writer = None
         elif self.reader is not None and self.writer is None:
@@ -157,12 +161,12 @@ class BusPort:
     def identify(self, *, patient: bool = False) -> None:
         """Identify all devices; `identification` is done some ticks later.
 
-        One under way begins anew: its answers so far may be of servos that have restarted since. `patient`:
-        wait for the slowest servo.
+        A running identification begins anew: its replies may come from servos that have restarted since.
+        `patient`: wait for the slowest return delay.
         """
         if self.reader is not None:
             if self.identification is not None:
-                self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
+                self.identification.cancel(BusError(f"{self.name}: all devices are identified anew"))
             self.link = PortState.IDENTIFYING
             self._begun = (self.counts.exchanges, self.counts.discarded)
             self.patient = patient
@@ -171,21 +175,21 @@ class BusPort:
 
     @property
     def resting(self) -> bool:
-        """True while there is no cyclic reading, on a bus that is not identified and gets no goals.
+        """True while the bus gets no cyclic reading: it is not identified and gets no goals.
 
-        The answers would take longer than a tick, into the next request.
+        The replies would last longer than a tick and collide with the next request.
         """
         if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
             return False
-        asked = self.identification
-        unheard = self.patient or (self._holed and not self.devices)
-        return self.reader.lags or (unheard and asked is not None and not asked.done)
+        identification = self.identification
+        no_reply = self.patient or (self._holed and not self.devices)
+        return self.reader.lags or (no_reply and identification is not None and not identification.done)
 
     @property
     def warning(self) -> str:
         """Warning of a bus that is open and works, with the remedy; empty: none."""
-        said = ("", "") if self.reader is None else (self.reader.transport.warning, self.beside)
-        return "; ".join(filter(None, said))
+        warnings = ("", "") if self.reader is None else (self.reader.transport.warning, self.beside)
+        return "; ".join(filter(None, warnings))
 
     @property
     def readings(self) -> int:
@@ -194,26 +198,29 @@ class BusPort:
 
     @property
     def strays(self) -> int:
-        """Bytes since identification began that were no answer of ours."""
+        """Bytes since identification began that belonged to no expected reply."""
         return self.counts.discarded - self._begun[1]
 
     def lose(self, error: PortError, now: float) -> None:
-        """Close at once (an open descriptor would make the replugged adapter another ttyUSB); retry soon."""
-        self._let_go(error)
+        """Close the port at once and retry soon.
+
+        With an open descriptor the replugged adapter gets another ttyUSB number.
+        """
+        self._discard_port(error)
         self.trouble = str(error)
         self.counts.errors += 1
         self._retry = now + REOPEN_FIRST
         self._wait = REOPEN_FIRST
 
     def close(self) -> None:
-        """Let go of the port, for good or until the mode wants it again."""
+        """Close the port, for good or until the mode needs it again."""
         if self.reader is not None:
-            self._let_go(PortError(self.reader.transport.name, "closed"))
+            self._discard_port(PortError(self.reader.transport.name, "closed"))
             self.trouble = ""
             self._retry = -inf
             self._wait = REOPEN_FIRST
 
-    def _let_go(self, error: PortError) -> None:
+    def _discard_port(self, error: PortError) -> None:
         if self.reader is not None:
             self.reader.transport.close()
             self.tape.record_close(str(error))
@@ -222,7 +229,9 @@ class BusPort:
         self.link = PortState.CLOSED
         self.devices = ()
         self.beside = ""
-        self._asked = self.identification = self._due = None
+        # Requests in flight belong to the lost connection; a reply after reopening belongs to another
+        # request.
+        self._current = self.identification = self._due = None
         self._waited = self._queued = 0
         for task in self.tasks:
             task.cancel(error)
@@ -262,7 +271,8 @@ class BusPort:
     def begin_rare(self, now: float, until: float, last: float = inf, *, upkeep: bool = True) -> bool:
         """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
 
-        `upkeep`: a new slice may come up in this tick. `last`: when the tick ends. Neither waits longer than
+        `upkeep`: a new slice may come up in this tick. `last`: s, when the tick ends. Neither waits longer
+        than
         `PATIENCE` ticks for room, and a slice that waits stays the next one.
         """
         reader = self.reader
@@ -274,7 +284,8 @@ class BusPort:
             task.urgent or (self.link is PortState.IDENTIFYING and not self.holding)
         )
         if upkeep and not alone and self._due is None:
-            self._upkeep = task is None or not self._upkeep  # what tells of lost torque is never starved
+            # upkeep alternates with scripts, so that the registers that report lost torque are always read
+            self._upkeep = task is None or not self._upkeep
             if self._upkeep:
                 self._due = reader.upkeep(now)
         due = None if alone else self._due
@@ -285,38 +296,39 @@ class BusPort:
         ):
             self._due = None
             self._waited = 0
-            self._asked = None
-            return self._ask(due, now)
+            self._current = None
+            return self._send_query(due, now)
         self._waited += due is not None
         if task is None or task.request is None:
             return False
+        # An urgent script changes torque: it begins even if this tick ends late, as a stop must not wait.
         if not self._fits(task.request, now, until, last, self._queued) and not task.urgent:
             self._queued = self._queued + 1
             self._upkeep = due is not None
             return False
         self._queued = 0
-        self._asked = task
+        self._current = task
         self._upkeep = due is not None
         if isinstance(task.request, PingRequest | ReadRequest):
-            return self._ask(task.request, now)
+            return self._send_query(task.request, now)
         self.querying = False
-        return self._order(task.request, task, now)
+        return self._send_order(task.request, task, now)
 
     def _fits(self, request: Request, now: float, until: float, last: float, waited: int) -> bool:
-        """It ends in time, or has `waited` so many ticks that it begins all the same."""
+        """Check that a request ends in time, or has `waited` so many ticks that it begins anyway."""
         self._span = 0.0 if self.reader is None else self.reader.span(request)
         if waited >= PATIENCE or now + self._span <= until:
             return True
         return waited >= SOON and now + self._span + self._late <= last
 
-    def _ask(self, query: Query, now: float) -> bool:
+    def _send_query(self, query: Query, now: float) -> bool:
         self.querying = True
         if self.reader is not None:
             self.reader.begin(query, now)
         return True
 
-    def _order(self, order: Order, task: ScriptRun[Any], now: float) -> bool:
-        """Begin what a script wants written; one that may not leave ends its script, not the tick."""
+    def _send_order(self, order: Order, task: ScriptRun[Any], now: float) -> bool:
+        """Begin a write of a script; one that the driver refuses ends its script, not the tick."""
         try:
             if self.writer is None:
                 raise BusError(f"{self.name}: opened read-only, {type(order).__name__} refused")
@@ -329,12 +341,12 @@ class BusPort:
         return True
 
     def end_rare(self, now: float) -> None:
-        """Take the answer; the script that asked goes one step on."""
+        """Take the reply and advance the script that waits for it."""
         if self.reader is None:
             return
         reply = self.reader.answer(now)
-        task = self._asked
-        self._asked = None
+        task = self._current
+        self._current = None
         self.counts.busy = reply.waited + (0.0 if self.resting else self.counts.busy)
         self.counts.discarded += reply.strays
         if reply.data:
@@ -345,7 +357,7 @@ class BusPort:
     # ------------------------------------------------------------------------------- the cyclic reading
 
     def finish(self, now: float) -> BusSample | None:
-        """End the cyclic reading and count it; whether it is an error of the bus, the caller knows."""
+        """End the cyclic reading and count it; the caller decides whether it is an error of the bus."""
         if self.reader is None:
             return None
         sample = self.reader.finish(now)

@@ -1,6 +1,6 @@
 """Recording of the loop for the flight recorder: bytes of its buses, datagrams of its link.
 
-Loop's process. The drivers are independent of it: a recorded port or CAN channel looks like any other.
+Loop's process. The drivers are independent of it: a recorded port or CAN channel has the same interface.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,11 @@ from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import Clock
 
-SPAN = 30.0  # s that a recorder is made for
-MOST = 64 << 20  # bytes of one: at 500 Hz and four buses of 3 Mbaud it holds some 20 s
+SPAN = 30.0  # s that a recorder covers
+MOST = 64 << 20  # bytes of one recorder: at 500 Hz and four buses of 3 Mbaud it covers some 20 s
 _TICK = 800  # bytes of a tick's datagram and of the heads of its records, and for each joint ...
 _JOINT = 110  # ... of its arrays
-_SLOW = 50_000  # bytes/s of overviews, answers, events and calls
+_SLOW = 50_000  # bytes/s of overviews, replies, events and calls
 
 
 class BusTap:
@@ -36,7 +36,7 @@ class BusTap:
         """Report the start of an identification of all devices."""
 
     def identified(self, *, whole: bool) -> None:
-        """Report the end of an identification; `whole`: every device answered."""
+        """Report the end of an identification; `whole`: every device replied."""
 
 
 class FlightRecorder:
@@ -68,7 +68,7 @@ class FlightRecorder:
 
 
 def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder | None:
-    """Return a recorder for this robot; None, and the reason is reported, if there is no memory for it."""
+    """Return a recorder for this robot; without memory for it report the reason and return None."""
     try:
         ring = FlightRing.create(size(robot, rate_hz), buses=len(robot.buses))
     except OSError as error:
@@ -90,9 +90,9 @@ class RecordingBusTap(BusTap):
         self._ring = ring
         self._place = place
         self._clock = clock
-        self._transcript: list[FlightEntry] | None = None  # of the identification under way
+        self._transcript: list[FlightEntry] | None = None  # of the running identification
         self._length = 0  # bytes of it, heads not counted
-        self._whole = False  # the one that is kept is of everybody
+        self._whole = False  # the stored identification covers all devices
 
     def sent(self, data: bytes | bytearray | memoryview) -> None:
         """Record bytes written to the bus."""
@@ -108,11 +108,11 @@ class RecordingBusTap(BusTap):
         if self._transcript is not None:
             self._transcript.append(FlightEntry(now, kind, self._place, bytes(data)))
             self._length += len(data)
-            if self._length > TRANSCRIPT:  # somebody babbles: what is kept would not be whole
+            if self._length > TRANSCRIPT:  # a device sends without end: the stored bytes would be incomplete
                 self._transcript = None
 
     def refused(self, size: int, why: str) -> None:
-        """Record that the port did not take `size` bytes, or an unknown number of them."""
+        """Record that the port did not take `size` bytes."""
         self._port(REFUSED, f"{size} bytes: {why}")
 
     def opened(self, where: str) -> None:
@@ -147,7 +147,7 @@ Inside = TypeVar("Inside", ByteTransport, CanChannel)
 
 
 class _Tapped(Generic[Inside]):
-    """Common part of a port and a channel; a call that carries no bytes costs no more than before."""
+    """Common part of a recorded port and channel; a call without bytes costs nothing more."""
 
     def __init__(self, inside: Inside, tape: RecordingBusTap) -> None:
         self._inside: Inside = inside
@@ -159,7 +159,7 @@ class _Tapped(Generic[Inside]):
 
     @property
     def warning(self) -> str:
-        """As inside."""
+        """Warning of the inner port or channel."""
         return self._inside.warning
 
     @warning.setter
@@ -168,7 +168,7 @@ class _Tapped(Generic[Inside]):
 
 
 class TappedTransport(_Tapped[ByteTransport]):
-    """A `Transport` as the one inside, whose bytes are written down."""
+    """A `Transport` that records the bytes of the inner one."""
 
     def __init__(self, inside: ByteTransport, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
@@ -177,7 +177,7 @@ class TappedTransport(_Tapped[ByteTransport]):
         self.flush = inside.flush
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """As inside; of what it does not take, that and why is written down."""
+        """Write through the inner transport; record the bytes, or the refusal and its reason."""
         try:
             self._inside.write(data)
         except PortError as error:
@@ -186,14 +186,17 @@ class TappedTransport(_Tapped[ByteTransport]):
         self._tape.sent(data)
 
     def read_into(self, buffer: memoryview) -> int:
-        """As inside."""
+        """Read through the inner transport and record the bytes."""
         taken = self._inside.read_into(buffer)
         if taken:
             self._tape.record_received(buffer[:taken])
         return taken
 
     def drain(self, thrown: bytearray | None = None) -> int:
-        """As inside; of a babbling line the last bytes are written down."""
+        """Discard input through the inner transport.
+
+        Of a device that sends without end the last bytes are recorded.
+        """
         mine = bytearray()
         try:
             count = self._inside.drain(mine)
@@ -209,7 +212,7 @@ class TappedTransport(_Tapped[ByteTransport]):
 
 
 class TappedChannel(_Tapped[CanChannel]):
-    """A `Channel` as the one inside, whose frames are written down, as the bytes of their records."""
+    """A `Channel` that records the frames of the inner one, as the bytes of their records."""
 
     def __init__(self, inside: CanChannel, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
@@ -218,7 +221,7 @@ class TappedChannel(_Tapped[CanChannel]):
         self.purge = inside.purge
 
     def send(self, frames: Frames, now: float) -> None:
-        """As inside."""
+        """Send through the inner channel and record the frames, or the refusal."""
         try:
             self._inside.send(frames, now)
         except PortError as error:
@@ -228,7 +231,7 @@ class TappedChannel(_Tapped[CanChannel]):
             self._tape.sent(frames.tobytes())
 
     def receive(self, now: float) -> Frames:
-        """As inside."""
+        """Receive through the inner channel and record the frames."""
         frames = self._inside.receive(now)
         if frames.size:
             self._tape.record_received(frames.tobytes())

@@ -1,4 +1,4 @@
-"""Waiting for several buses at once: who is worth a look."""
+"""Wait for several buses at once: which readers may have a complete reply."""
 
 from collections.abc import Collection, Sequence
 from math import inf
@@ -6,14 +6,16 @@ from math import inf
 from twind_drivers.bus import BusReader
 from twind_drivers.clock import Clock
 
-TOGETHER = 0.00015  # s: answers of two buses that end so close are taken in one look
+TOGETHER = 0.00015  # s: replies of two buses that end so close together are read after one wait
 
 
 def ripe(readers: Sequence[BusReader], clock: Clock) -> Collection[int]:
-    """Until one of them has bytes, or its time is over; places of those that are worth a look.
+    """Wait until a reader may have its complete reply, or its deadline passes.
 
-    Nobody looks before anything can be complete: on a CAN bus each frame would wake us, two dozen times a
-    reading. Readings that end close together are taken together.
+    Return the places of such readers.
+
+    The wait ends no earlier than a reply can be complete: on a CAN bus each frame would otherwise wake this
+    process, two dozen times a reading. Replies that end close together are read together.
     """
     now = clock.now()
     earliest = [reader.earliest for reader in readers]

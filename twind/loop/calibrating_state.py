@@ -1,6 +1,6 @@
-"""The state `calibrating`: who asked for it, and when it ends by itself.
+"""The state `calibrating`: which lease began it, and when it ends by itself.
 
-In it nobody arms, the mode stays, and EEPROM may be written. It belongs to a lease and ends with it.
+In this state arming is refused, the mode stays, and EEPROM may be written. It ends with its lease.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class CalibratingState:
-    """Begins and ends the state; `tend` once per tick."""
+    """Begin and end of the state; `end_if_due` runs once per tick."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self._epoch = -1  # of the lease under which it was begun
+        self._epoch = -1  # of the lease under which the state began
 
     @property
     def on(self) -> bool:
@@ -29,7 +29,7 @@ class CalibratingState:
         return self._loop.state is RobotState.CALIBRATING
 
     def ask(self, command: link.Calibrate, now: float) -> None:
-        """Begin or end it; what is so already is no error."""
+        """Begin or end calibrating; a request for the present state is no error."""
         loop = self._loop
         if not loop.lease.renew(command.client, now):
             finding = Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease")
@@ -40,7 +40,7 @@ class CalibratingState:
         loop.say.reply(command, state=loop.state.value)
 
     def _change(self, command: link.Calibrate, now: float) -> bool:
-        """False: answered with why not."""
+        """Change the state; False after an error reply."""
         loop = self._loop
         if loop.procedures.rank is not None:
             loop.say.error(command, "Busy", what=loop.procedures.rank.name.lower())
@@ -66,7 +66,7 @@ class CalibratingState:
         return False
 
     def end_if_due(self, now: float) -> None:
-        """End it when its lease lapsed or changed hands, or a port went; whoever has torque ends first."""
+        """End the state when its lease lapsed or changed, or a port was lost, after a running procedure."""
         loop = self._loop
         if not self.on or loop.procedures.rank is not None:
             return
@@ -78,18 +78,18 @@ class CalibratingState:
             loop.identity.settle_state(now)
 
     def may_keep(self, command: link.WriteRegister, kept: bool, now: float) -> bool:
-        """May a register be written that survives power-off? False: answered with why not."""
+        """Check whether a register that survives power-off may be written; False after an error reply."""
         loop = self._loop
         if not kept or (self.on and loop.lease.renew(command.client, now)):
             return True
         if not self.on:
             self.refuse(command)
         else:
-            message = "somebody else calibrates: EEPROM is written by who holds the lease"
+            message = "another client calibrates: only the lease holder may write EEPROM"
             loop.say.refuse(command, (Finding(ReasonCode.LEASE_MISSING, message=message),))
         return False
 
     def refuse(self, command: link.WriteRegister) -> None:
-        """EEPROM is written while calibrating, and it is not."""
+        """Refuse a write to EEPROM outside of the state `calibrating`."""
         state = f"{self._loop.state.value}, and {command.name} of id {command.id} is EEPROM"
         self._loop.say.error(command, "WrongState", state=state, allowed=[RobotState.CALIBRATING.value])

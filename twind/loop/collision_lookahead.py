@@ -1,6 +1,8 @@
-"""Look-ahead in every tick: the least clearance on the commanded path (LOOKAHEAD_COLLISION). Loop's process.
+"""Look-ahead in every tick: the least clearance on the commanded path (LOOKAHEAD_COLLISION).
 
-The way is checked for as long as the robot takes to brake. While the way stays the same only the newly
+Loop's process.
+
+The path is checked for the time that the robot needs to brake. While it stays the same, only the newly
 reached time is checked; when it changes, all of it again. A robot that holds costs nothing.
 """
 
@@ -23,16 +25,16 @@ from twind.twin.collision_model import CollisionModel
 if TYPE_CHECKING:
     from twind.motion.trajectory_executor import TrajectoryExecutor
 
-LEAST = 0.3  # s that are looked ahead at least
-MOST = 1.0  # s at most: a joint that takes longer to brake is looked at as far as that
-POSES = 30  # looked at in one tick at most: 0.2 to 0.3 ms
-NEAR = 0.02  # m: how far bodies are looked at; less is faster
-NEARER = 1e-4  # m: what does not come nearer than that than it is now is no danger
+LEAST = 0.3  # s of the look-ahead at least
+MOST = 1.0  # s at most: a joint that needs longer to brake is checked for this time only
+POSES = 30  # poses checked in one tick at most: 0.2 to 0.3 ms of the tick
+NEAR = 0.02  # m: distances are computed up to here; a smaller value is faster
+NEARER = 1e-4  # m: a pair that comes nearer by less than this counts as not approaching
 CLEAR = ClearanceAhead(inf)
 
 
 class CollisionLookahead:
-    """Look-ahead that keeps only the poses of the way where bodies come near. Distances are (p,), m."""
+    """Look-ahead that keeps only the poses of the path where bodies come near. Distances are (p,), m."""
 
     def __init__(self, bodies: CollisionModel, limits: JointLimits, period: float) -> None:
         """`period`: s, of a tick."""
@@ -44,7 +46,7 @@ class CollisionLookahead:
         self._stride = ceil(ticks / POSES)
         self._ticks = np.arange(ticks, 0, -self._stride)[::-1]  # from now; the last is the farthest
         self._times: Floats = self._ticks.astype(np.float64) * period
-        self._told = bodies.block + bodies.band
+        self._watch_distance = bodies.block + bodies.band
         self._tick = self._due = 0
         self._way: tuple[object, ...] | None = None
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
@@ -54,9 +56,9 @@ class CollisionLookahead:
         return CollisionLookahead(self._bodies, limits, self._period)
 
     def look(self, executor: TrajectoryExecutor) -> ClearanceAhead | None:
-        """The tightest place just ahead of all that comes nearer; None while nothing moves.
+        """Return the least clearance just ahead among approaching pairs; None while nothing moves.
 
-        Not finite: the clearance is NaN.
+        The clearance is NaN where a pose is not finite.
         """
         plan = executor.plan
         if plan is None or executor.motion not in (Motion.ACTIVE, Motion.STREAMING):
@@ -83,7 +85,9 @@ class CollisionLookahead:
     def refuses(
         self, executor: TrajectoryExecutor, joints: Ints, position: Floats, velocity: Floats | None
     ) -> tuple[Finding, ...]:
-        """Why a setpoint (m,) of a stream cannot be taken: after a step to it no way to rest is clear.
+        """Return the refusal of a streamed setpoint (m,) after which no path to rest is clear.
+
+        Empty: none.
 
         A pair that is too close already may not come nearer.
         """
@@ -91,7 +95,11 @@ class CollisionLookahead:
         if plan is None:
             return ()
         poses = plan.halting(joints, position, velocity, self._limits, self._period, self._times)
-        rows = self._measured(poses) if np.isfinite(poses).all() else np.full((1, len(self._told)), nan)
+        rows = (
+            self._measured(poses)
+            if np.isfinite(poses).all()
+            else np.full((1, len(self._watch_distance)), nan)
+        )
         least = rows.min(axis=0)
         if (least > self._bodies.block).all():
             return ()
@@ -105,23 +113,23 @@ class CollisionLookahead:
         return (Finding(closest.code, value=float(least[pair]), bound=block, message=reason),)
 
     def _take(self, poses: Floats) -> None:
-        """Look at the poses (k, n) at the last k of `times`; keep those in which anything is near."""
+        """Check the poses (k, n) at the last k of `times`; keep those in which a pair is near."""
         rows = self._measured(poses)
         ticks = self._ticks[-len(poses) :]
-        for k in np.flatnonzero((rows < self._told).any(axis=1)):
+        for k in np.flatnonzero((rows < self._watch_distance).any(axis=1)):
             self._near.append((self._tick + int(ticks[k]), rows[k]))
 
     def _measured(self, poses: Floats) -> Floats:
-        """Distances (k, p); those of boxes only where they can be near on this way."""
+        """Return the distances (k, p), m; those of boxes only where they can be near on this path."""
         bodies = self._bodies
         rows = bodies.distances(poses)
         boxes = bodies.boxes
         if not len(boxes):
             return rows
-        last = np.array([bodies.between(pair, 1.0) for pair in boxes])  # that pose is still taken up
+        last = np.array([bodies.between(pair, 1.0) for pair in boxes])  # bodies are at that pose already
         rows[-1, boxes] = np.minimum(last, bodies.reach)
         turned = np.abs(poses - poses[-1]).max(axis=0)
-        doubtful = boxes[~(last - bodies.levers[boxes] @ turned > self._told[boxes])]
+        doubtful = boxes[~(last - bodies.levers[boxes] @ turned > self._watch_distance[boxes])]
         for k in range(len(poses) - 1) if len(doubtful) else ():
             bodies.place(poses[k])
             rows[k, doubtful] = [bodies.between(pair, bodies.reach) for pair in doubtful]
@@ -140,7 +148,7 @@ class CollisionLookahead:
         bodies = self._bodies
         rows = np.array([row for _, row in self._near])
         least = rows.min(axis=0)
-        spare = np.where(least < self._told, self._spare(plan, least), inf)
+        spare = np.where(least < self._watch_distance, self._spare(plan, least), inf)
         pair = int(spare.argmin())
         if not spare[pair] < inf:
             return CLEAR

@@ -1,37 +1,37 @@
-"""What a daemon before us left in the service manager's store: kept there until a front has written it."""
+"""Flight recorder of a former daemon, from the service manager's store, kept until a front has written it."""
 
 import os
 from collections.abc import Callable
 
-FRONTS = 2  # that get it: should they die of it, it is given up
+FRONTS = 2  # fronts that receive it; if they die of it, it is given up, or no front would ever stay alive
 
 
 class CrashRecording:
-    """The flight recorder of a daemon that is gone; `fd` is None where there is none, or no longer."""
+    """Flight recorder of a former daemon; `fd` is None without one, or once it is done."""
 
     def __init__(self, fd: int | None) -> None:
-        """`fd` is ours to close."""
+        """`fd` is closed by this object."""
         self.fd = fd
-        self.then: Callable[[], None] = lambda: None  # called once, when nothing more will be done about it
+        self.then: Callable[[], None] = lambda: None  # called once, when the recording is done
         self._left = FRONTS
 
     def offer(self) -> None:
-        """A front is about to be started: it gets `fd`, if others have not died of it."""
+        """Prepare the start of a front: give the recording up if earlier fronts died of it."""
         if self.fd is not None and not self._left:
             self.done()
 
     def taken(self) -> None:
-        """That front was started."""
+        """Count a front that was started with it."""
         self._left -= 1
 
     def done(self) -> None:
-        """It is written down, or cannot be."""
+        """End the recording: it is written, or cannot be."""
         if self.fd is not None:
             self.close()
             self.then()
 
     def close(self) -> None:
-        """Let go of it here; the store keeps it."""
+        """Close `fd` in this process; the store of the service manager keeps its copy."""
         if self.fd is not None:
             os.close(self.fd)
             self.fd = None

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
     from twind.loop.tick import Loop
 
-SINK = 0.5  # rad/s of the goals behind the joints: what falls faster, the stiffness that is left brakes
-SLOW = 0.05  # rad/s: slower is at rest ...
-# s ... for this long, or after this long at the latest: then torque off
+# rad/s of the goals that follow the joints: a joint that falls faster is braked by the remaining stiffness
+SINK = 0.5
+SLOW = 0.05  # rad/s: a slower joint counts as at rest ...
+# s at rest before torque goes off, and s until torque goes off at the latest: a joint that trembles must not
+# keep torque on for ever
 SLOW_FOR = 1.0
 SLOW_MOST = 5.0
 
@@ -31,8 +33,8 @@ def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
     if loop.soft_since is None:
         loop.soft_since = now
         because = f": {why[0].code}: {why[0].message}" if why else ""
-        said = f"the robot is damped, then let go: support it{because}"
-        loop.say.event("error", "DAMP", said, tuple(why), stop="damp")
+        message = f"the robot is damped, then torque goes off: support it{because}"
+        loop.say.event("error", "DAMP", message, tuple(why), stop="damp")
 
 
 def damp(loop: Loop) -> Procedure:
@@ -43,11 +45,12 @@ def damp(loop: Loop) -> Procedure:
     until = loop.soft_since + SLOW_MOST
     quiet_since = now
     tasks = loop.hardware.damp()
-    told = False
+    # `reported` makes the report of unconfirmed devices a single one; the loop below never waits for them.
+    reported = False
     while now < until and now - quiet_since < SLOW_FOR:
         loop.executor.yield_to(loop.hardware.reachable(loop.measured.position), SINK)
-        if not told and all(task.done for task in tasks):
-            told = True
+        if not reported and all(task.done for task in tasks):
+            reported = True
             _report_unconfirmed(loop, tasks)
         now = yield
         if not _quiet(loop):
@@ -56,8 +59,8 @@ def damp(loop: Loop) -> Procedure:
 
 def _quiet(loop: Loop) -> bool:
     """True when every joint has a fresh reading and is slow."""
-    heard = loop.measured.age <= SLOW_FOR
-    return bool((heard & (np.abs(loop.measured.velocity) <= SLOW)).all())
+    fresh = loop.measured.age <= SLOW_FOR
+    return bool((fresh & (np.abs(loop.measured.velocity) <= SLOW)).all())
 
 
 def _report_unconfirmed(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]]) -> None:

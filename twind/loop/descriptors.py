@@ -1,4 +1,7 @@
-"""Descriptors that a daemon needs, and the limit of its process (setrlimit(2)). Used at start only."""
+"""Number of descriptors that a daemon needs, and the limit of its process (setrlimit(2)).
+
+Used at start only.
+"""
 
 import resource
 
@@ -7,12 +10,12 @@ from twind.loop.front_process import ABOVE, HANDED
 _STANDING = (
     16  # standard streams, notifier, sockets, briefing, flight recorders, link, a virtual robot's pipes
 )
-_PASSING = 8  # open for a moment: a front that is started, files
+_PASSING = 8  # open for a short time: a front that is started, files
 _OF_A_BUS = 2
 
 
 class TooFewDescriptors(Exception):
-    """The limit of open descriptors is below what the daemon needs, and may not be raised so far."""
+    """Exception: the limit of open descriptors is below the need and may not be raised so far."""
 
     def __init__(self, limit: int, needed: int) -> None:
         remedy = f"`ulimit -n {needed}`, LimitNOFILE={needed} in the unit, or `nofile` in limits.conf(5)"
@@ -22,13 +25,16 @@ class TooFewDescriptors(Exception):
 
 
 def needed(buses: int, front: int) -> int:
-    """Descriptors that loop and front need each. `front`: of the front, which inherits the limit."""
+    """Return the descriptors that loop and front need each.
+
+    `front`: the need of the front, which inherits the limit.
+    """
     loop = max(ABOVE, _STANDING + _OF_A_BUS * buses + _PASSING) + HANDED
     return max(loop, front)
 
 
 def ensure(count: int) -> str:
-    """Allow `count` descriptors; what was changed, "" where nothing was. Raises TooFewDescriptors."""
+    """Allow `count` descriptors; return a text on the change, "" without one. Raises TooFewDescriptors."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if _enough(soft, count):
         return ""

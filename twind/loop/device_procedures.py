@@ -1,4 +1,7 @@
-"""Commands on single devices: read and write a register, reboot, scan. They run beside the torque."""
+"""Procedures for commands on single devices: read and write a register, reboot, scan.
+
+Torque is not changed.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,10 @@ T = TypeVar("T")
 
 
 def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = None) -> BusPort | None:
-    """The open port of a bus; None after answering why there is none."""
-    known = [port.name for port in loop.hardware.ports]
+    """Return the open port of a bus; None after an error reply."""
+    names = [port.name for port in loop.hardware.ports]
     for port in loop.hardware.ports:
-        if port.name == name or (name is None and len(known) == 1):
+        if port.name == name or (name is None and len(names) == 1):
             if port.reader is None:
                 loop.say.error(
                     command, "BusFailed", bus=port.name, message=port.trouble or "the bus is not open"
@@ -36,7 +39,7 @@ def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = 
                 loop.say.error(command, "Busy", what=f"bus {port.name}")
                 return None
             return port
-    loop.say.error(command, "NotFound", what="bus", name=name or "", known=known)
+    loop.say.error(command, "NotFound", what="bus", name=name or "", known=names)
     return None
 
 
@@ -48,8 +51,10 @@ def _writable(
     *,
     unknown: bool = False,
 ) -> bool:
-    """Only in live, only while nobody has torque, and never to whom a search for a stop still owes its
-    settings. `unknown`: somebody's torque need not be known."""
+    """Check for mode live, no torque, and no end-stop search that still restores the device.
+
+    `unknown`: the torque of other devices need not be known. False after an error reply.
+    """
     if loop.mode is not Mode.LIVE or port.writer is None:
         loop.say.error(
             command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"]
@@ -74,10 +79,10 @@ def _answer(
     command: link.Command,
     port: BusPort,
     task: ScriptRun[T],
-    told: Callable[[T], dict[str, Any]],
+    render: Callable[[T], dict[str, Any]],
     name: str = "",
 ) -> Procedure:
-    """Wait for the task, then answer with what is `told` of its result, or with why there is none."""
+    """Wait for the task, then reply with `render` of its result, or with the error."""
     try:
         yield from all_of([task])
     except KeyError as error:
@@ -87,7 +92,7 @@ def _answer(
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
         assert task.result is not None
-        loop.say.reply(command, **told(task.result))
+        loop.say.reply(command, **render(task.result))
 
 
 def _register(value: RegisterAddress) -> dict[str, Any]:
@@ -96,7 +101,7 @@ def _register(value: RegisterAddress) -> dict[str, Any]:
 
 
 def _restored(restart: RestartResult) -> dict[str, Any]:
-    """What the restart had changed and what differs now, in words."""
+    """Return texts on the settings that the restart changed and that were restored, and those that differ."""
     return {
         "restored": [f"{each.name} = {each.value}" for each in restart.restored],
         "differing": [f"{each.name} is {each.value}, was {was}" for each, was in restart.differing],
@@ -104,7 +109,7 @@ def _restored(restart: RestartResult) -> dict[str, Any]:
 
 
 def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
-    """One register of one device, in mirror and live."""
+    """Read one register of one device, in mode mirror and live."""
     port = _port(loop, command, command.bus, command.id)
     if port is not None and port.reader is not None:
         task = port.run(port.reader.read(command.id, command.name))
@@ -114,8 +119,8 @@ def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
 def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     """Write one register and read it back.
 
-    On a bus that is not identified, whose torque nobody may know yet, that of this device is read first: what
-    keeps a bus from being identified can be a register (a long return delay).
+    On a bus that is not identified the torque may be unknown; then the torque of this device is read first. A
+    register can be what prevents identification (a long return delay).
     """
     port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "write a register", unknown=True):
@@ -144,16 +149,16 @@ def _write_register(loop: Loop, command: link.WriteRegister, port: BusPort) -> P
         return
     if not _writable(loop, command, port, "write a register", unknown=True) or port.writer is None:
         return
-    if _is_eeprom(port, command) and not loop.calibrating.on:  # it ended while that was looked at
+    if _is_eeprom(port, command) and not loop.calibrating.on:  # calibrating ended while the torque was read
         loop.calibrating.refuse(command)
         return
     task: ScriptRun[RegisterAddress] = port.run(port.writer.write(command.id, command.name, command.value))
     yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
-    said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
-    loop.say.event("info", "REGISTER", said)
+    message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
+    loop.say.event("info", "REGISTER", message)
     if task.result is not None and task.result.eeprom:
-        port.identify()  # the description may fit no longer, and that is told at once
+        port.identify()  # the device may no longer match the robot file, which identification reports at once
 
 
 def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
@@ -183,11 +188,13 @@ def _reboot(loop: Loop, command: link.Reboot, port: BusPort, task: ScriptRun[Res
     )
     if task.result is None:
         return
-    told = _restored(task.result)
-    words = [f"{what} {', '.join(each)}" for what, each in told.items() if each]
+    changes = _restored(task.result)
+    words = [f"{what} {', '.join(each)}" for what, each in changes.items() if each]
     level = "warning" if task.result.differing else "info"
-    said = f"{command.holder}: {port.name}/{command.id} restarted; {'; '.join(words) or 'nothing to restore'}"
-    loop.say.event(level, "REBOOT", said)
+    message = (
+        f"{command.holder}: {port.name}/{command.id} restarted; {'; '.join(words) or 'nothing to restore'}"
+    )
+    loop.say.event(level, "REBOOT", message)
     port.identify()
 
 

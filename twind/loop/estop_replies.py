@@ -1,4 +1,4 @@
-"""Calls that wait for the answer to an e-stop. Each is answered, whatever ends the stop."""
+"""Replies to e-stop calls. Each call is answered, however the stop ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class PendingEStop:
-    """One call: answered once the stop has begun, and with `more` again when it is over."""
+    """One e-stop call: answered once the stop has begun, and with `more` again at its end."""
 
     command: link.EStop
     told: bool = False
@@ -46,8 +46,8 @@ class EStopReplies:
         running = self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
         for waiting in list(self._waiting):
             if not running:
-                known = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
-                self._send_reply(waiting, done=known)
+                confirmed = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
+                self._send_reply(waiting, done=confirmed)
                 self._waiting.remove(waiting)
             elif self.begun and not waiting.told:
                 waiting.told = True

@@ -1,18 +1,19 @@
-"""The fail-safe, `twind --failsafe`: a robot whose daemon was given up is lowered, then let go. One process.
+"""The fail-safe, `twind --failsafe`: lowers a robot whose daemon was given up, then switches torque off.
 
-The daemon's own loop, gate and procedures, with nobody to ask: no control sockets, no front, no lease. And
-with nobody beside the robot: where an operator's `disarm` might drop it, this leaves it alone.
+It runs the daemon's loop, gate and procedures without clients: no control sockets, no front, no lease. No
+operator is present: where an operator's `disarm` might drop the robot, this leaves it alone.
 
-- It waits `WAIT` s for ports, devices and their torque, and no longer: what is plugged in an hour later must
-  not move by itself.
+- It waits `WAIT` s for ports, devices and their torque, and no longer: a device that is connected an hour
+ later must not move by itself.
 - Torque off everywhere: nothing is written. Modes mirror and sim write nothing either.
-- Devices that are not those of the files are left as they are: nobody knows where their joints are. So are
-  joints beyond their hard limits: a goal inside them would be a step.
-- `support: fixed | gantry`: lowered and let go as by `disarm`, without who is missing or refuses.
-- `support: free`, and whatever else it says: taken over whole, or left as it is.
-  Once it is taken over, the stop ladder holds: let go at rest in its rest pose, else damped first.
-- The way takes a quarter of every limit instead of half: nobody waits for it, somebody may be in its way.
-- What is left as it is stands where its servos' watchdogs stopped it, with torque on, until a person comes.
+- Devices that differ from the files are left as they are: the positions of their joints are unknown. Joints
+ beyond their hard limits are left too: a goal inside them would be a step.
+- `support: fixed | gantry`: lowered and released as by `disarm`, without devices that are missing or refuse.
+- `support: free` or any other value: taken over completely, or left as it is.
+ After the take-over the stop ladder holds: torque off at rest in the rest pose, else damped first.
+- The motion takes a quarter of every limit instead of half: no client waits for it, and a person may be in
+ its way.
+- A robot that is left stands where its servos' watchdogs stopped it, with torque on, until an operator comes.
 """
 
 from __future__ import annotations
@@ -40,36 +41,37 @@ if TYPE_CHECKING:
 
     from twind.loop.tick import Loop
 
-WAIT = 10.0  # s for ports, devices and their torque, before what is there is judged
-# that are begun, within so many s: a bus may come back, an answer may have been lost
+WAIT = 10.0  # s for ports, devices and their torque, before the robot is judged
+# attempts, and s in which they begin: a bus may come back, a reply may have been lost
 TRIES = 3
 AGAIN = 20.0
-FRESH = 0.1  # s, the oldest reading of a joint that a robot is taken over with
-# of the limits; s wanted; s after which the robot is damped
+FRESH = 0.1  # s, the oldest reading of a joint for a take-over; an older one could make the goal a step
+# share of the limits; s for the path; s after which the robot is damped
 SPEED = 0.25
 WAY = 15.0
 WITHIN = 30.0
 LONGEST = (
     AGAIN + WITHIN + LETTING_GO + WAIT
 )  # s: the last way that is begun, what is known of torque after it
-CARRIED = ("fixed", "gantry")  # what falls no further than its own arms
+CARRIED = ("fixed", "gantry")  # support values under which the robot falls no further than its own arms
 
 
 class FailsafeRun:
-    """One robot lowered and let go, or left as it is.
+    """One run: the robot is lowered and released, or left as it is.
 
-    `left` says why torque may be on; "" is said only after it was read back off everywhere, at the very end.
+    `left` is the reason why torque may be on. It is "" only after torque was read back off everywhere, at the
+    very end.
     """
 
     def __init__(self, loop: Loop) -> None:
-        self.left = "it was told to end before it had found out"
+        self.left = "it was ended before it had found out"
         self._loop = loop
         self._refused = ""
 
     def begin(self) -> None:
-        """From the next tick on; the loop is finished when it is over, within `LONGEST` s.
+        """Begin with the next tick; the loop is finished at the end of the run, within `LONGEST` s.
 
-        A way that the limits make longer than `WITHIN` asks the service manager for more by itself.
+        A path that the limits make longer than `WITHIN` extends the service manager's timeout by itself.
         """
         self._loop.parts.notifier.extend(LONGEST)  # what was needed to get here does not count
         self._loop.procedures.beside(self._run())
@@ -78,7 +80,7 @@ class FailsafeRun:
         loop = self._loop
         again = loop.clock.now() + AGAIN
         for _ in range(TRIES):
-            yield from self._look(loop.clock.now() + WAIT)
+            yield from self._wait_for_devices(loop.clock.now() + WAIT)
             why = why_left(loop)
             if why or loop.torque_off or loop.clock.now() > again:
                 break
@@ -96,31 +98,36 @@ class FailsafeRun:
             loop.say.event("info", "FAILSAFE", "torque was read back off everywhere")
         loop.finished = True
 
-    def _look(self, until: float) -> Generator[None, float, None]:
-        """Wait until every device is known and every torque is read, or known to be off, or time is over."""
+    def _wait_for_devices(self, until: float) -> Generator[None, float, None]:
+        """Wait until every device and torque is known, or torque is off, or time is over."""
         loop = self._loop
         now = yield
         while now < until and not loop.torque_off:
-            known = every(loop.hardware.slow.torque >= 0) and every(loop.measured.age <= FRESH)
-            if loop.hardware.connected and known and not some(loop.identity.verified.unjudged):
+            fresh = every(loop.hardware.slow.torque >= 0) and every(loop.measured.age <= FRESH)
+            if loop.hardware.connected and fresh and not some(loop.identity.verified.unjudged):
                 return
             now = yield
 
     def _lower(self, loop: Loop) -> Procedure:
         whole = loop.support not in CARRIED
         manner = SettleProfile(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
-        loop.say.event("warning", "FAILSAFE", f"the robot is lowered, then let go (support: {loop.support})")
+        loop.say.event(
+            "warning", "FAILSAFE", f"the robot is lowered, then torque goes off (support: {loop.support})"
+        )
         loop.change_if(RobotEvent.SETTLE, loop.clock.now())
         try:
             yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon was given up"), manner)
         except BusError as error:
-            if not loop.unconfirmed:  # torque was never ordered off
-                self._refused = f"torque is on, not everybody could be taken over: {error}"
+            if not loop.unconfirmed:  # torque off was never requested
+                self._refused = f"torque is on, not every device could be taken over: {error}"
         loop.change_if(RobotEvent.SETTLED, loop.clock.now())
 
 
 def why_left(loop: Loop) -> str:
-    """Why this robot is not lowered, with what a person has to do; "": it may be, or its torque is off."""
+    """Return the reason why this robot is not lowered, with the remedy.
+
+    "": it may be, or its torque is off.
+    """
     if loop.torque_off:
         return ""
     closed = [port for port in loop.hardware.ports if port.reader is None]
@@ -135,7 +142,7 @@ def why_left(loop: Loop) -> str:
     doubts = (*loop.parts.judge(devices).refusals, *identity.mismatches, *identity.verified.doubts())
     for doubt in doubts:
         if doubt.code is not ReasonCode.DEVICE_MISSING:
-            return f"torque is on, and nobody knows where the joints are: {doubt.code}: {doubt.message}"
+            return f"torque is on, and the joint positions are unknown: {doubt.code}: {doubt.message}"
     beyond = beyond_hard_limit(loop)
     if some(beyond):
         return f"torque is on, and to hold {joint_names(loop, beyond)} inside the hard limits would be a step"
@@ -143,14 +150,16 @@ def why_left(loop: Loop) -> str:
 
 
 def _not_whole(loop: Loop, on: Bools) -> str:
-    """Why a robot that stands freely would not come down in order."""
+    """Return the reason why a robot that stands freely cannot be taken over completely; "": it can."""
     state = loop.measured
     stands = f"torque is on, support is {loop.support!r}, and"
     if not loop.hardware.connected or not every(state.age <= FRESH):
         missing = [each.message for found in loop.identity.missing.values() for each in found]
         missing += [port.trouble for port in loop.hardware.ports if port.link is Stage.CLOSED]
-        who = missing[0] if missing else f"{joint_names(loop, ~(state.age <= FRESH))} not heard"
-        return f"{stands} not everybody is there: {who}"
+        cause = (
+            missing[0] if missing else f"{joint_names(loop, ~(state.age <= FRESH))} without a fresh reading"
+        )
+        return f"{stands} not every device is there: {cause}"
     if not every(on):
         return f"{stands} it is not on in {joint_names(loop, ~on)}"
     return ""
@@ -165,7 +174,7 @@ def _afterwards(loop: Loop) -> str:
 
 
 class HeadlessLink:
-    """The `Outside` of a loop without a front: no commands; events are lines of a descriptor, or lost."""
+    """`ControlLink` without a front: no commands; events are lines on a descriptor, or lost."""
 
     def __init__(self, fd: int, record: Record | None = None) -> None:
         """`record`: the recorder that receives the messages; None: none."""
@@ -217,5 +226,5 @@ class HeadlessLink:
     def _write_down(self, news: link.Outward) -> None:
         if self._record is None:
             return
-        with contextlib.suppress(TypeError, ValueError, OverflowError):  # no words: no reason not to go on
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # not encodable: no reason to stop
             self._record(EntryKind.NEWS, link.encode(news))

@@ -1,7 +1,7 @@
-"""The loop's end of the link: non-blocking, bounded, and never a reason to be late.
+"""The loop's end of the link to the front: non-blocking and bounded, so that it never delays a tick.
 
-Ticks and overviews are dropped and counted when the pipe is full. Replies and events are queued; a front
-that lets the queue fill is killed and started anew, and what it was owed is gone with its connections.
+Ticks and overviews are dropped and counted when the pipe is full. Replies and events are queued. A front
+that lets the queue fill is killed and started anew; its queue is dropped with its connections.
 """
 
 import array
@@ -38,85 +38,86 @@ from twind.loop.front_process import FrontProcess
 from twind.memfd import sealed, unseal
 from twind.standard_streams import write_line
 
-BEHIND = 1.0  # s that a front may leave more than QUEUE unread
-QUEUE = 512  # replies and events owed; a front that far behind is not coming back
+# s that a front may leave more than QUEUE unread; a front that is merely descheduled is not killed
+BEHIND = 1.0
+QUEUE = 512  # queued replies and events; a front that is further behind does not recover
 LARGEST = 8 << 20  # bytes of a trajectory's arrays
 PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in the loop
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedCommand:
-    """A command, and the bytes of the memfd that came beside it; of a briefing the memfd itself."""
+    """A command and the bytes of the memfd beside it; with a briefing the memfd itself."""
 
     command: Inward
     data: bytes = b""
-    fd: int | None = None  # sealed, and now the receiver's to close
+    fd: int | None = None  # sealed; the receiver closes it
 
 
 class ControlLink(Protocol):
-    """Whoever commands the loop and hears of it, as the loop calls them: clients by a front, or nobody."""
+    """Source of commands and receiver of reports, as the loop calls it: a front with clients, or none."""
 
-    dropped: int  # ticks in a row that nobody took
-    lost: bool  # whoever was there went since the last look; the loop clears it
-    no_front: str  # why nobody can be served, for people; "": somebody can
+    dropped: int  # ticks in a row that were not taken
+    lost: bool  # the front was lost since the last check; the loop clears it
+    no_front: str  # why no client can be served, text for people; "": clients can be
 
     def supervise_front(self, now: float) -> None:
-        """Once per tick: start, watch and bury who serves."""
+        """Start, supervise and end the front; called once per tick."""
 
     def set_briefing(self, briefing: int) -> None:
-        """What who serves next is told: a sealed memfd, which is theirs to close."""
+        """Set the briefing of the next front: a sealed memfd, which the callee closes."""
 
     def ask_reread(self) -> None:
-        """The files shall be read again."""
+        """Request that the front reads the files again."""
 
     def commands(self, now: float) -> list[ReceivedCommand]:
-        """What came since the last tick, oldest first."""
+        """Return the commands since the last tick, oldest first."""
 
     def reply(self, reply: Reply) -> None:
-        """Owed to a client."""
+        """Queue a reply to a client."""
 
     def event(self, event: Event | VerdictReport) -> None:
-        """Owed to the log and to whoever watches."""
+        """Queue an event for the log and the subscribers."""
 
     def sequence(self) -> int:
-        """A number for the next event or verdict."""
+        """Return a number for the next event or verdict."""
 
     def state(self, news: Tick | Overview) -> None:
-        """For who looks now, or lost."""
+        """Send the state at once, or drop it."""
 
     def flush(self) -> None:
-        """Send what is owed, as far as it goes at once."""
+        """Send the queue as far as it goes at once."""
 
     def close(self) -> None:
-        """The loop ends."""
+        """End the link with the loop."""
 
 
 Record = Callable[[EntryKind, bytes], None]
 
 
 def unrecorded(_kind: EntryKind, _data: bytes) -> None:
-    """Nobody writes down what goes over the link."""
+    """Ignore a message: no recorder is set."""
 
 
 class FrontLink:
-    """Commands in, news out: the `ControlLink` that is a front."""
+    """The `ControlLink` to a front process: commands in, reports out."""
 
     def __init__(self, front: FrontProcess, record: Record = unrecorded) -> None:
-        """`record`: who writes down what goes over the link."""
+        """`record`: receives every message of the link."""
         self.front = front
         self._record = record
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
-        self._last_words: list[ReceivedCommand] = []  # of a front that died, not yet handed on
-        self._behind_since = inf  # s, since when more is owed than a living front leaves
-        self.lost = False  # the front went since the last look
-        self.no_front = ""  # why none could be started; "": there is one, or it was not tried yet
+        self._last_words: list[ReceivedCommand] = []  # commands of a front that died, not yet passed on
+        self._behind_since = inf  # s, since when more is queued than a living front leaves
+        self.lost = False  # the front was lost since the last check
+        self.no_front = ""  # why no front could be started; "": one runs, or none was tried yet
 
     # ----------------------------------------------------------------------------- the front's life
 
     def supervise_front(self, now: float) -> None:
-        """Start, watch and bury the front; at most one of these a tick."""
+        """Start, supervise and end the front; at most one of these a tick."""
         if len(self._queue) > QUEUE:
             self.flush()
         self._behind_since = min(self._behind_since, now) if len(self._queue) > QUEUE else inf
@@ -124,23 +125,26 @@ class FrontLink:
         if self.front.overdue(now) or behind:
             if self.front.socket is not None:
                 write_line(
-                    2, "warning", "twind: the front gives no sign of life, or takes nothing: it is killed"
+                    2, "warning", "twind: the front sends no heartbeat, or takes nothing: it is killed"
                 )
-            self._bury(now)
-            if behind:  # nobody takes it, and no front may be to be had
+            self._discard_front(now)
+            if behind:  # without a front no reader would ever empty the queue
                 self._queue.clear()
         if self.front.reap():
-            self._last_words = self.commands(now)  # an e-stop that it still passed on is not lost with it
-            self._bury(now)
+            self._last_words = self.commands(now)  # an e-stop that the front still passed on must not be lost
+            self._discard_front(now)
             write_line(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
             self._start(now)
 
     def _start(self, now: float) -> None:
-        """A front, or the reason why there is none, said here, once a reason: only fronts write the log."""
+        """Start a front.
+
+        Report the reason why none starts once on standard error, as only fronts write the log.
+        """
         try:
             self.front.start(now)
-        except OSError as error:  # no process or descriptor to be had: the loop goes on, and tries again
+        except OSError as error:  # no process or descriptor is free: the loop goes on and retries
             self.front.postpone(now)
             if self.no_front != str(error):
                 self.no_front = str(error)
@@ -151,12 +155,12 @@ class FrontLink:
             self.no_front = ""
 
     def close(self) -> None:
-        """Let the front read what it is owed, then end it."""
+        """Let the front read its queue, then end it."""
         self.flush()
         self.front.finish()
 
-    def _bury(self, now: float) -> None:
-        """What was owed to its clients is gone with them; what is said from now on is the next one's."""
+    def _discard_front(self, now: float) -> None:
+        """End the front and drop its queue: the clients are gone, and new messages are for the next front."""
         if self.front.socket is not None:
             self.lost = True
             self._queue.clear()
@@ -165,7 +169,7 @@ class FrontLink:
     # ----------------------------------------------------------------------------- in
 
     def commands(self, now: float) -> list[ReceivedCommand]:
-        """What the front sent since the last tick, oldest first."""
+        """Return the commands of the front since the last tick, oldest first."""
         taken = self._last_words
         self._last_words = []
         while self.front.socket is not None and len(taken) < PER_TICK:
@@ -174,10 +178,10 @@ class FrontLink:
             except BlockingIOError:
                 break
             except OSError:
-                self._bury(now)
+                self._discard_front(now)
                 break
             if incoming is None:
-                self._bury(now)
+                self._discard_front(now)
                 break
             self.front.alive(now)
             if isinstance(incoming.command, CrashRecordingDone):
@@ -187,18 +191,18 @@ class FrontLink:
         return taken
 
     def _rebound(self, command: Rebound, fds: Sequence[int]) -> None:
-        """Keep a socket that the front bound again, for the fronts after it. Raises ValueError."""
+        """Keep a socket that the front bound again, for later fronts. Raises ValueError."""
         if command.name not in NAMES or len(fds) != 1:
             raise ValueError(f"a rebound socket {command.name!r} with {len(fds)} descriptors")
         copy = os.dup(fds[0])
         try:
             self.front.rebound(command.name, Listener.inherited(copy, command.label))
-        except (OSError, ValueError):  # no socket, or no label of one
+        except (OSError, ValueError):  # no socket, or no valid label
             os.close(copy)
             raise
 
     def _receive(self, source: socket.socket) -> ReceivedCommand | None:
-        """One datagram; None at end-of-file or when it is not one of ours."""
+        """Return one datagram; None at end-of-file or for a malformed one."""
         ancillary = socket.CMSG_SPACE(array.array("i", [0]).itemsize * 4)
         data, extra, _flags, _ = source.recvmsg(DATAGRAM, ancillary)
         fds = array.array("i")
@@ -219,11 +223,12 @@ class FrontLink:
             if not fds:
                 return ReceivedCommand(command)
             incoming = ReceivedCommand(command, unseal(fds[0], LARGEST))
-            if not (isinstance(command, Submit) and command.check_only):  # it moved nothing, and is megabytes
+            # it moved nothing and takes megabytes
+            if not (isinstance(command, Submit) and command.check_only):
                 self._record(EntryKind.ARRAYS, incoming.data)
             return incoming
         except (msgspec.MsgspecError, ValueError):
-            return None  # a front that cannot spell is as good as dead
+            return None  # a front that sends malformed messages counts as dead
         finally:
             for fd in fds:
                 os.close(fd)
@@ -231,28 +236,28 @@ class FrontLink:
     # ----------------------------------------------------------------------------- out
 
     def reply(self, reply: Reply) -> None:
-        """Owed to a client: queued, sent after this tick's state."""
-        self._owe(reply)
+        """Queue a reply; it leaves after this tick's state."""
+        self._enqueue(reply)
 
     def event(self, event: Event | VerdictReport) -> None:
-        """Owed to the log and to whoever watches."""
-        self._owe(event)
+        """Queue an event for the log and the subscribers."""
+        self._enqueue(event)
 
     def set_briefing(self, briefing: int) -> None:
-        """What the next front is told: a sealed memfd, which is ours to close."""
+        """Set the briefing of the next front: a sealed memfd, which this object closes."""
         self.front.set_briefing(briefing)
 
     def ask_reread(self) -> None:
-        """The front shall read the files again."""
-        self._owe(ReloadWanted())
+        """Request that the front reads the files again."""
+        self._enqueue(ReloadWanted())
 
     def sequence(self) -> int:
-        """A number for the next event or verdict."""
+        """Return a number for the next event or verdict."""
         self._events += 1
         return self._events
 
     def state(self, news: Tick | Overview) -> None:
-        """Sent at once, or dropped and counted."""
+        """Send at once, or drop and count."""
         data = encode(news)
         self._record(EntryKind.NEWS, data)
         if not self._send(data):
@@ -261,11 +266,11 @@ class FrontLink:
             self.dropped = 0
 
     def flush(self) -> None:
-        """Send what is owed, as far as the pipe takes it."""
+        """Send the queue as far as the pipe takes it."""
         while self._queue and self._send(self._queue[0]):
             self._queue.popleft()
 
-    def _owe(self, news: Reply | Event | VerdictReport | ReloadWanted) -> None:
+    def _enqueue(self, news: Reply | Event | VerdictReport | ReloadWanted) -> None:
         data = encode(news)
         self._record(EntryKind.NEWS, data)
         self._queue.append(data)
@@ -275,6 +280,6 @@ class FrontLink:
             return False
         try:
             self.front.socket.send(data)
-        except OSError:  # full (BlockingIOError) or gone: `commands` and `tend` find out which
+        except OSError:  # full (BlockingIOError) or gone: `commands` and `supervise_front` find out which
             return False
         return True

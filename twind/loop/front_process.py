@@ -1,7 +1,7 @@
-"""The front as the loop's child: handed its descriptors, watched by heartbeat, started anew when it dies.
+"""The front as a child of the loop, supervised by heartbeat and restarted when it dies.
 
-Started by exec, never by fork, with normal scheduling, in a session of its own (Ctrl-C reaches the loop
-only) and without any bus descriptor (all of ours are close-on-exec).
+It is started by exec, never by fork, with normal scheduling and in its own session (Ctrl-C reaches the loop
+only). It gets no bus descriptor: all descriptors of the loop are close-on-exec.
 """
 
 import contextlib
@@ -19,13 +19,16 @@ from typing import Any
 from twind.listening_sockets import Listener
 from twind.loop.crash_recording import CrashRecording
 
-HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
-GRACE = 10.0  # s a new front may take to its first sign of life
-LATER = 1.0  # s until the next try when a front could not be started
+# s without a heartbeat: the front is killed and started anew, as a hanging front serves no client
+HEARTBEAT = 2.0
+GRACE = 10.0  # s a new front may take to its first heartbeat
+LATER = 1.0  # s until the next attempt when a front could not be started; an attempt costs time of a tick
 LAST_WORDS = 4.0  # s that a front has to end by itself: it may have a flight recorder to write
-AGAIN = 0.2  # s between a front's end and the next start; doubled for each that lived less than GRACE
+# s between a front's end and the next start; doubled for each that lived less than GRACE, as a start costs
+# CPU
+AGAIN = 0.2
 AGAIN_MOST = 5.0  # s between two starts of fronts that die young
-_LINK = 3  # descriptor in the child; the others follow
+_LINK = 3  # descriptor number in the child; the others follow
 ABOVE = 64  # descriptors of the child are copied to here first, out of the way of their places
 HANDED = 6  # descriptors that a child may be given: link, briefing, two sockets, two flight recorders
 # <linux/prctl.h>
@@ -34,7 +37,7 @@ _CLEAR_ALL = 4
 
 
 class FrontProcess:
-    """One front at a time. `socket` is the inner end of the link, None while there is no front."""
+    """One front at a time. `socket` is the loop's end of the link, None while there is no front."""
 
     def __init__(
         self,
@@ -44,26 +47,28 @@ class FrontProcess:
         folder: Path | None = None,
         wreck: CrashRecording | None = None,
     ) -> None:
-        """`listeners`: by name, closed with `close`. `flight`: descriptor of the flight recorder, `folder`
-        where it is written to, as `wreck` is."""
+        """`listeners` by name are closed with `close`. `flight`: descriptor of the flight recorder.
+
+        `folder`: where the recordings of `flight` and `wreck` are written.
+        """
         self._briefing = briefing
         self._listeners = dict(listeners)
         self._flight = flight
         self._folder = folder
         self.wreck = wreck or CrashRecording(None)
-        self.ended_well = False  # the last one ended when it was told to, and had done what it had to do
-        self._cpus = os.sched_getaffinity(0)  # of before the loop was pinned: a front may run anywhere
+        self.ended_well = False  # the last front ended on request with exit code 0
+        self._cpus = os.sched_getaffinity(0)  # from before the loop was pinned: a front may run on any core
         self.socket: socket.socket | None = None
         self.pid: int | None = None
         self.starts = 0
-        self.fate = ""  # how the last one ended
+        self.fate = ""  # how the last front ended
         self._alive_until = 0.0
         self._start_at = 0.0
         self._pause = 0.0
-        self._born: float | None = None  # None: the pause after it is settled
+        self._born: float | None = None  # None: the pause after its end is settled
 
     def set_briefing(self, briefing: int) -> None:
-        """What fronts started from now on are told: a sealed memfd, which is ours to close."""
+        """Set the briefing of fronts started from now on: a sealed memfd, which this object closes."""
         os.close(self._briefing)
         self._briefing = briefing
 
@@ -78,7 +83,7 @@ class FrontProcess:
             listener.close()
 
     def start(self, now: float) -> None:
-        """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
+        """Start a front. The old one must be gone. Raises OSError without side effects."""
         self.wreck.offer()
         inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -99,7 +104,7 @@ class FrontProcess:
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         # -P: no module of the folder that the daemon happened to be started in.
-        # Its parent by number: `twindctl estop` tells a daemon from a process that inherited an orphan.
+        # Its parent by number: `twindctl estop` distinguishes a daemon from a process that adopted an orphan.
         arguments = [sys.executable, "-P", "-m", "twind.front", "--parent", str(os.getpid())]
         arguments += [] if self._folder is None else ["--folder", str(self._folder)]
         for name, listener in self._listeners.items():
@@ -114,7 +119,7 @@ class FrontProcess:
                 actions.append((os.POSIX_SPAWN_DUP2, high, place))
                 arguments += [f"--{name}", str(place)]
             copies.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
-            os.sched_setaffinity(0, self._cpus)  # a child begins where its parent may run
+            os.sched_setaffinity(0, self._cpus)  # a child inherits the affinity of its parent
             _keep_rights()
             return os.posix_spawn(
                 sys.executable,
@@ -127,22 +132,22 @@ class FrontProcess:
             )
 
     def _handed(self) -> dict[str, int]:
-        """Descriptors that a front is given besides its link, by the name of their option."""
+        """Return the descriptors of a front besides its link, by option name."""
         optional = {"flight": self._flight, "wreck": self.wreck.fd}
         sockets = {name: listener.bound.fileno() for name, listener in self._listeners.items()}
         present = {name: fd for name, fd in optional.items() if fd is not None}
         return {"briefing": self._briefing, **sockets, **present}
 
     def alive(self, now: float) -> None:
-        """A sign of life came."""
+        """Note a heartbeat."""
         self._alive_until = now + HEARTBEAT
 
     def overdue(self, now: float) -> bool:
-        """No sign of life for too long."""
+        """Check whether the heartbeat is overdue."""
         return self.pid is not None and now > self._alive_until
 
     def end(self, now: float) -> None:
-        """Kill what is left of it; the next start is due soon, later where one after the other dies young."""
+        """Kill the front if it runs; the next start is due soon, later where fronts die young."""
         if self.socket is not None:
             self.socket.close()
             self.socket = None
@@ -156,7 +161,7 @@ class FrontProcess:
         self._start_at = now + (self._pause or AGAIN)
 
     def finish(self) -> None:
-        """End-of-file on the link: it writes its last lines and goes; killed if it does not."""
+        """Close the link: the front writes its last lines and ends; it is killed if it does not."""
         if self.socket is not None:
             self.socket.close()
             self.socket = None
@@ -171,7 +176,7 @@ class FrontProcess:
             self.pid = None
 
     def postpone(self, now: float) -> None:
-        """It could not be started: not again at once."""
+        """Delay the next attempt after a failed start."""
         self._start_at = now + LATER
 
     def reap(self) -> bool:
@@ -190,24 +195,31 @@ class FrontProcess:
         return bool(ended)
 
     def due(self, now: float) -> bool:
-        """No front, and it is time for one."""
+        """Check that there is no front and that it is time to start one."""
         return self.pid is None and now >= self._start_at
 
 
 def _keep_rights() -> None:
-    """Rights that the service manager gave this process (AmbientCapabilities=) stay its own: no child that is
-    started from now on has them (capabilities(7)). A kernel without ambient ones gives none."""
+    """Clear ambient capabilities (AmbientCapabilities=), so that no child inherits them (capabilities(7)).
+
+    A kernel without ambient capabilities gives none.
+    """
     ctypes.CDLL(None).prctl(_PR_CAP_AMBIENT, _CLEAR_ALL, 0, 0, 0)
 
 
 def _ordinary() -> dict[str, Any]:
-    """Normal scheduling for the child of a real-time process. Any other keeps its own: leaving the idle class
-    needs a right that a user may not have."""
+    """Return normal scheduling for the child of a real-time process; any other policy is kept.
+
+    Leaving the idle class needs a right that a user may not have.
+    """
     real_time = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
     return {"scheduler": (os.SCHED_OTHER, os.sched_param(0))} if real_time else {}
 
 
 def child_environment() -> dict[str, str]:
-    """Ours for any child, without the service manager's: only the main process speaks to it."""
-    theirs = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
-    return {key: value for key, value in os.environ.items() if not key.startswith(theirs)}
+    """Return the environment for a child without the service manager's variables.
+
+    Only the main process uses them.
+    """
+    excluded = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
+    return {key: value for key, value in os.environ.items() if not key.startswith(excluded)}

@@ -1,4 +1,4 @@
-"""What the guard of every tick is told: the loop's knowledge, gathered. Loop's process; judges nothing."""
+"""Input of the guard for one tick, collected from the loop. Loop's process; judges nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> GuardInput:
-    """All that one judgement rests on. `target`: whom commands go to; `reference`: what is about to leave."""
+    """Return the values of one guard decision.
+
+    `target`: state that follows commands; `reference`: the next goal.
+    """
     held = loop.lease.holds(now) and loop.lease.epoch == loop.motion_epoch
     readings = loop.hardware.readings
     slow = loop.hardware.slow
@@ -30,7 +33,8 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         period=loop.period,
         lateness=loop.lateness,
         missed_in_a_row=loop.missed_in_a_row,
-        measured=_obeying(loop, target) if np.isfinite(target.age).any() else None,  # nobody was ever heard
+        # None before the first reading
+        measured=_mask_without_goals(loop, target) if np.isfinite(target.age).any() else None,
         goal=reference,
         previous=loop.written if reference is not None else None,
         lease_ok=held or loop.procedures.rank is not None,
@@ -38,7 +42,7 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         torque=slow.torque,
         torque_expected=loop.armed,
         torque_settled=loop.procedures.rank is None,
-        # Who was left out keeps the watchdog that it was found with.
+        # a device that was left out keeps the watchdog value that it was found with
         watchdog=np.where(left_out, np.int16(-1), slow.watchdog) if some(left_out) else slow.watchdog,
         status_time=slow.status_time,
         discarded=loop.hardware.discarded,
@@ -58,9 +62,12 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
     )
 
 
-def _obeying(loop: Loop, target: JointState) -> JointState:
-    """The same, but that nobody counts as heard who gets no goals: a bus that was lost and is back does not
-    follow, nor does who was left out, and the others must not be damped for it (FOLLOW_ERR)."""
+def _mask_without_goals(loop: Loop, target: JointState) -> JointState:
+    """Return `target` with joints that get no goals marked as not heard.
+
+    A bus that came back after a loss does not follow, nor does a joint that was left out. The others must not
+    be damped for it (FOLLOW_ERR).
+    """
     hardware = loop.hardware
     whole = all(port.holding for port in hardware.ports) and not some(hardware.left_out)
     if not loop.armed or whole:

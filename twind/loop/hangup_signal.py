@@ -1,4 +1,7 @@
-"""SIGHUP from the first moment on: it ends no daemon that is still starting. Loop's process, main thread."""
+"""SIGHUP from the start of the process: it does not end a daemon that still starts.
+
+Loop's process, main thread.
+"""
 
 import os
 import signal
@@ -7,13 +10,13 @@ from types import FrameType
 
 
 class HangupSignal:
-    """The files are read again (daemon(7)); where the terminal that we were started from is gone, we end.
+    """Handler of SIGHUP: reads the files again (daemon(7)), or ends the daemon when its terminal is gone.
 
-    Kept until there is somebody to `tell`: a start reads files and compiles a model first.
+    The signal is kept until `enable_delivery`: a start reads files and compiles a model first.
     """
 
     def __init__(self) -> None:
-        # Who was started under nohup has asked not to be ended by it.
+        # a process under nohup ignores SIGHUP and must not be ended by it
         self._in_terminal = has_terminal() and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
         self._reread: Callable[[], None] | None = None
         self._end: Callable[[], None] | None = None
@@ -21,7 +24,7 @@ class HangupSignal:
         signal.signal(signal.SIGHUP, self._hang_up)
 
     def enable_delivery(self, *, reread: Callable[[], None], end: Callable[[], None]) -> None:
-        """From now on who hangs up is heard at once; who has done so already, now."""
+        """Deliver signals from now on at once, and one that came before now."""
         self._reread = reread
         self._end = end
         if self._came:
@@ -38,7 +41,7 @@ class HangupSignal:
 
 
 def has_terminal() -> bool:
-    """We have a controlling terminal; the kernel takes it away before it tells that it hung up (tty(4))."""
+    """Check for a controlling terminal; the kernel removes it before it sends SIGHUP (tty(4))."""
     try:
         os.close(os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC))
     except OSError:

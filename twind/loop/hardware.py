@@ -1,7 +1,7 @@
 """All buses of a robot at once.
 
 `exchange` writes goals and read requests to every bus, collects all replies with one wait, then grants each
-bus at most one further transaction in the time that is left. One silent servo is `heard = False`.
+bus at most one further transaction in the rest of the tick. A silent servo is `heard = False`.
 """
 
 from collections.abc import Callable, Collection, Generator, Sequence
@@ -25,13 +25,14 @@ from twind_drivers.clock import Clock
 from twind_drivers.slow_read_rate import upkeep_stride
 
 T = TypeVar("T")
-SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
+# s kept free at the end of a tick: a rare transaction that ran into the next tick would delay its goals ...
+SPARE = 0.0015
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
 @dataclass(frozen=True, slots=True)
 class PortLost:
-    """A port went away in this tick."""
+    """Report that a port was lost in this tick."""
 
     bus: str
     error: PortError
@@ -53,26 +54,29 @@ class Hardware:
         self.period = period
         self.inertial = inertial
         self.ports = tuple(ports)
-        self.pairs: tuple[tuple[BusPort, JointBusMap], ...]  # a bus in the counts that goals have on its wire
+        # each port with its map in the counts of the wire
+        self.pairs: tuple[tuple[BusPort, JointBusMap], ...]
         self.readings = JointReadings(joints, period)
         self.slow = self.readings.slow
-        self.lost: list[PortLost] = []  # ports lost since the last look
+        self.lost: list[PortLost] = []  # ports lost since the last check
         self.clamped: WireClamp | None = None  # why the last goals were not sent
-        self.left = False  # the last goals went out, to every bus that holds
-        self.sent = -inf  # s, when all of the last exchange had been handed to the ports
+        self.left = False  # the last goals were sent to every bus that holds
+        self.sent = -inf  # s, when all requests of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (RX_SHAPE)
         self.traffic = tuple(BusTraffic() for _ in self.ports)  # of the last exchange, bus by bus
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
-        self.skew = nan  # s, of the last exchange: between the first and the last bus that had answered
+        self.skew = nan  # s, of the last exchange: between the replies of the first and the last bus
         self.worst_skew = nan  # s, of the run
         self._access = (False, False)
         self._stride = upkeep_stride(1.0 / period)
         self._turn = 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
-        self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
-        self.left_out: Bools = np.zeros(len(joints), np.bool_)  # who gets no goals until prepared himself
+        # ticks: whole turns subtracted from goals
+        self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]
+        # joints that get no goals until they are prepared
+        self.left_out: Bools = np.zeros(len(joints), np.bool_)
         self.resolution = np.full(len(joints), nan)  # rad per tick
         self.reach = (
             np.full(len(joints), nan),
@@ -81,7 +85,7 @@ class Hardware:
         self.rejoin(joints)
 
     def rejoin(self, joints: JointMap) -> None:
-        """The ranges that goals may have (WIRE_CLAMP); counts per rad, zeros, turns and who is where stay."""
+        """Take over new goal ranges (WIRE_CLAMP); counts per rad, zeros, turns and devices stay."""
         self.joints = joints
         self.readings.rejoin(joints)
         maps = [bus.turned(turns) for bus, turns in zip(joints.buses, self._turns, strict=True)]
@@ -93,8 +97,11 @@ class Hardware:
             self._bound(number)
 
     def turn(self, number: int, shift: Ints) -> None:
-        """The whole turns (m,) by which the counts of a bus are off, in ticks, chosen before torque: added to
-        readings, taken off goals. Raises ValueError for a goal that its register cannot hold."""
+        """Set the whole turns (m,) of a bus in ticks, which are chosen before torque.
+
+        They are added to readings and subtracted from goals. Raises ValueError for a goal that its register
+        cannot hold.
+        """
         self.readings.turn(number, shift)
         if not np.array_equal(shift, self._turns[number]):
             port = self.ports[number]
@@ -107,7 +114,7 @@ class Hardware:
     # --------------------------------------------------------------------------- access and life
 
     def access(self, *, read: bool, write: bool) -> None:
-        """What the mode allows: nothing (sim), reading (mirror), both (live)."""
+        """Open or close the ports as the mode allows: none (sim), reading (mirror), both (live)."""
         self._access = (read, write)
         for number, port in enumerate(self.ports):
             if read:
@@ -116,26 +123,28 @@ class Hardware:
                 port.close()
 
     def close(self) -> None:
-        """Let go of every port."""
+        """Close every port."""
         self.access(read=False, write=False)
 
     @property
     def writers(self) -> list[BusWriter]:
-        """The write halves that exist now."""
+        """The writers that exist now."""
         return [port.writer for port in self.ports if port.writer is not None]
 
     @property
     def connected(self) -> bool:
-        """Every bus is open and every device identified."""
+        """True when every bus is open and every device identified."""
         return all(port.link is PortState.CONNECTED for port in self.ports)
 
     def prepare(self, position: Floats, among: Bools | None = None) -> list[ScriptRun[None]]:
-        """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back. Who is not
-        `among` (n,), None: all, is left out: no goal goes there until everybody is prepared anew."""
+        """Clear device watchdogs with goal := position (n,), arm them, set gains; all is read back.
+
+        Joints not `among` (n,) are left out: they get no goal until all are prepared anew. None: all joints.
+        """
         return [self._prepare(pair, position, among) for pair in self.pairs if pair[0].writer is not None]
 
     def prepare_back(self, position: Floats, among: Bools | None = None) -> list[ScriptRun[None]]:
-        """The same, of buses that get no goals but are open and identified; the others go on as they are."""
+        """Prepare the buses that are open and identified but get no goals; the others are not touched."""
         back = [pair for pair in self.pairs if pair[0].link is PortState.CONNECTED and not pair[0].holding]
         return [self._prepare(pair, position, among) for pair in back if pair[0].writer is not None]
 
@@ -143,30 +152,33 @@ class Hardware:
         self, pair: tuple[BusPort, JointBusMap], position: Floats, among: Bools | None
     ) -> ScriptRun[None]:
         (port, bus), mine = pair, None if among is None else among[pair[1].joints]
-        assert port.writer is not None  # who asks looks first
+        assert port.writer is not None  # the caller has checked it
         self.left_out[bus.joints] = False if mine is None else ~mine
         return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
     def write_goals(self, position: Floats) -> list[ScriptRun[None]]:
-        """Goal := position (n,), read back."""
+        """Set goal := position (n,), rad, and read it back."""
         return self._order(lambda writer, bus: writer.write_goals(ticks(bus, position)))
 
     def torque(self, on: bool) -> list[ScriptRun[None]]:
-        """Torque of every device, read back."""
+        """Switch torque of every device on or off, and read it back."""
         return self._order(lambda writer, _: writer.torque(on))
 
     def damp(self) -> list[ScriptRun[tuple[int, ...]]]:
-        """Every device soft, with its torque on; ids of those that did not confirm it."""
+        """Make every device soft with its torque on; results: ids that did not confirm it."""
         return self._order(lambda writer, _: writer.damp())
 
     def read_goals(self) -> Generator[None, float, Floats]:
-        """The goals (n,) that the servos hold, rad; NaN on buses that are not open. Raises BusError."""
-        asked = [
+        """Return the goals (n,) in the servos' registers, rad; NaN on buses that are not open.
+
+        Raises BusError.
+        """
+        requested = [
             (port.run(port.writer.read_goals(), urgent=True), bus) for port, bus in self.pairs if port.writer
         ]
-        yield from all_of([task for task, _ in asked])
+        yield from all_of([task for task, _ in requested])
         held = np.full(len(self.joints), nan)
-        for task, bus in asked:
+        for task, bus in requested:
             if task.result is not None:
                 held[bus.joints] = radians(bus, task.result)
         return held
@@ -176,20 +188,22 @@ class Hardware:
         return now - float(self.readings.heard_at[bus.joints].max())
 
     def _order(self, script: Callable[[BusWriter, JointBusMap], Script[T]]) -> list[ScriptRun[T]]:
-        """The same script on the writer of every open bus, before anything else there."""
+        """Run the same script on the writer of every open bus, before anything else there."""
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
     def hold(self, on: bool, *, identified: bool = False) -> None:
-        """From now on goals go to the buses that are open now (`identified`: and known), and stay so; or to
-        none."""
+        """Send goals to the buses that are open from now on, or to none.
+
+        `identified`: only to identified ones.
+        """
         self.left_out &= on
         for port in self.ports:
-            known = port.link is PortState.CONNECTED or port.holding or not identified
-            port.holding = on and port.writer is not None and known
+            usable = port.link is PortState.CONNECTED or port.holding or not identified
+            port.holding = on and port.writer is not None and usable
 
     @property
     def energised_joints(self) -> Bools:
-        """Joints (n,) that goals go to: of a bus that was armed, and not lost since; not who was left out."""
+        """Joints (n,) that get goals: on a bus that was armed and not lost since, and not left out."""
         found = np.zeros(len(self.joints), np.bool_)
         for port, bus in self.pairs:
             found[bus.joints] = port.holding
@@ -204,24 +218,24 @@ class Hardware:
         return found
 
     def clear(self) -> None:
-        """Drop whatever is queued or pending: after a stop nothing stale may leave."""
+        """Drop all queued and pending requests: after a stop no stale request may leave."""
         for port in self.ports:
             port.drop("dropped for something more urgent")
             if port.writer is not None:
                 port.writer.clear()
 
     def give_up(self, bus: int, why: str) -> None:
-        """Close the bus of that place, so that nothing that waits leaves later; it counts as lost."""
+        """Close the bus at that place, so that nothing queued leaves later; it counts as lost."""
         pair = self.pairs[bus]
         if pair[0].reader is not None:
             self._lose(pair, PortError(pair[0].name, why, lost=True))
 
     def reachable(self, position: Floats) -> Floats:
-        """`position` (n,), or the nearest place that a goal may have; NaN stays."""
+        """Return `position` (n,), rad, clipped to the range of goals; NaN stays."""
         return np.clip(position, *self.reach)
 
     def quantised(self, position: Floats) -> Floats:
-        """The positions (n,) that goals at `position` really mean, after rounding to ticks."""
+        """Return the positions (n,), rad, that goals at `position` mean after rounding to ticks."""
         result = position.copy()
         for _, bus in self.pairs:
             result[bus.joints] = radians(bus, ticks(bus, position))
@@ -230,9 +244,9 @@ class Hardware:
     # --------------------------------------------------------------------------- the exchange
 
     def exchange(self, goal: Floats | None, now: float) -> JointState:
-        """Goals out (None: read only), readings in. Arrays of the result are (n,) and read-only.
+        """Send goals (None: read only) and read all joints. Arrays of the result are (n,) and read-only.
 
-        Afterwards `left` says whether the goals went out, `clamped` why they may not (WIRE_CLAMP).
+        Afterwards `left` is True if the goals went out, and `clamped` is why they may not (WIRE_CLAMP).
         """
         end = now + self.period - min(SPARE, self.period * SPARE_SHARE)
         self._open(now)
@@ -248,7 +262,7 @@ class Hardware:
                 if port.writer is not None and port.holding:
                     port.writer.goals(ticks(bus, goal))
                     self.left = True
-        except WireClamp as error:  # all or nothing: no bus moves on a goal that another may not have
+        except WireClamp as error:  # all or nothing: no bus moves on a goal while another refuses its goal
             self.clamped = error
             self.left = False
             for writer in self.writers:
@@ -260,7 +274,10 @@ class Hardware:
                 self._enable(number)
 
     def _enable(self, number: int) -> None:
-        """The write half as the mode has it, its clamp (WIRE_CLAMP) in the counts of the wire."""
+        """Make or drop the writer as the mode requires.
+
+        Its clamp (WIRE_CLAMP) is in the counts of the wire.
+        """
         self.ports[number].enable(self._access[1])
         self._bound(number)
 
@@ -271,22 +288,23 @@ class Hardware:
 
     def _read(self, now: float, end: float) -> JointState:
         self._begin()
+        # No request while quiet: any instruction packet feeds the watchdogs (e-manual, Bus Watchdog).
         quiet = now < self.quiet_until
         awake = [] if quiet else [pair for pair in self.pairs if not pair[0].resting]
-        asked = [pair for pair in awake if self._try(pair, "request")]
+        requested = [pair for pair in awake if self._try(pair, "request")]
         sent = self.sent = self.clock.now()
-        first = self._collect(asked)
+        first = self._collect(requested)
         received = sent
-        heard = np.zeros(len(self.joints), np.bool_)
-        # s, when the buses had answered
+        fresh = np.zeros(len(self.joints), np.bool_)
+        # s, when the first and the last bus had replied
         earliest = inf
         latest = -inf
         self.trips = [nan] * len(self.ports)
-        for port, bus in asked:
+        for port, bus in requested:
             sample = port.finish(self.clock.now())
             if sample is not None:
                 number = self._place[port.name]
-                heard[bus.joints] = self.readings.take(number, sample)
+                fresh[bus.joints] = self.readings.take(number, sample)
                 self._count(number, port, sample)
                 self._listen(number, bus, sample)
                 if self.traffic[number].answered:
@@ -294,24 +312,25 @@ class Hardware:
                     self.trips[number] = sample.received - sample.sent
                     earliest = min(earliest, sample.received)
                     latest = max(latest, sample.received)
-        self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
+        self.hops = (first - sent, received - first) if some(fresh) else (nan, nan)
         self._keep_skew(latest - earliest)
+        # The IMU is read after the servos: its late answer must not delay their readings.
         if self.inertial is not None and not quiet:
             self._sense(self.inertial, end)
         if not quiet:
             self._rare(end, now + self.period)
-        time, trip = (received, received - sent) if some(heard) else (self.clock.now(), nan)
-        return self.readings.state(heard, time, trip, None if self.inertial is None else self.inertial.imu)
+        time, trip = (received, received - sent) if some(fresh) else (self.clock.now(), nan)
+        return self.readings.state(fresh, time, trip, None if self.inertial is None else self.inertial.imu)
 
     def _keep_skew(self, skew: float) -> None:
-        """NaN where fewer than two buses answered: nothing is between them."""
+        """Keep the skew; NaN where fewer than two buses replied."""
         several = sum(traffic.answered for traffic in self.traffic) > 1
         self.skew = skew if several else nan
         if several and not skew <= self.worst_skew:
             self.worst_skew = skew
 
     def _begin(self) -> None:
-        """Forget what the last exchange brought."""
+        """Reset the results of the last exchange."""
         self.discarded = 0
         self.readings.begin()
         some_hold = any(port.holding for port in self.ports)
@@ -321,9 +340,9 @@ class Hardware:
             traffic.foreign = traffic.full = 0
 
     def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
-        """Count the exchange for BUS_ERRORS: only devices known to be present, and not what an IMU spoilt.
+        """Count the exchange for BUS_ERRORS, unless an IMU spoilt it.
 
-        `identity` reports missing devices.
+        Only identified devices count. `identity` reports missing devices.
         """
         traffic = self.traffic[number]
         whole = every(sample.heard)
@@ -345,30 +364,31 @@ class Hardware:
                 port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
 
     def _sense(self, inertial: ImuPoller, end: float) -> None:
-        """The IMU's reading, once the servos' is in: they never wait for it."""
+        """Read the IMU after the servos, which never wait for it."""
         pair = self.pairs[inertial.bus]
         if self._try(pair, "sense", end):
             self._collect([pair])
             inertial.end(pair[0], self.clock.now())
 
     def _rare(self, end: float, last: float) -> None:
-        """One further transaction per bus, all at once, in what is left of the tick, which ends at `last`."""
+        """Run one further transaction per bus in the rest of the tick, which ends at `last` (s)."""
         self._turn += 1  # the buses take turns where not every tick is needed
-        asked = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
-        self._collect(asked, look=not all(port.querying for port, _ in asked))
-        for port, _ in asked:
+        requested = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
+        self._collect(requested, poll_first=not all(port.querying for port, _ in requested))
+        for port, _ in requested:
             port.end_rare(self.clock.now())
-        ended = [port for port, _ in asked]
-        for number, port in enumerate(self.ports):  # some are told by the cyclic reading alone
+        ended = [port for port, _ in requested]
+        # a driver may update slow registers from the cyclic reading alone
+        for number, port in enumerate(self.ports):
             if port.reader is not None and (port in ended or self._is_turn_of(number)):
                 self.readings.keep(number, port.reader.registers)
 
     def _is_turn_of(self, number: int) -> bool:
-        """That bus has its upkeep in this tick."""
+        """Check whether that bus has its upkeep in this tick."""
         return (self._turn + number) % self._stride == 0
 
     def _try(self, pair: tuple[BusPort, JointBusMap], what: str, end: float = inf, last: float = inf) -> bool:
-        """Begin a transaction on an open port; False where there is none, or the port was lost."""
+        """Begin a transaction on an open port; False without one, or when the port was lost."""
         port, _ = pair
         if port.reader is None:
             return False
@@ -389,20 +409,23 @@ class Hardware:
             return False
         return True
 
-    def _collect(self, asked: list[tuple[BusPort, JointBusMap]], *, look: bool = False) -> float:
-        """Feed every asked bus until it is done or its deadline passes; time of the first bytes (s).
+    def _collect(self, requested: list[tuple[BusPort, JointBusMap]], *, poll_first: bool = False) -> float:
+        """Feed every requested bus until it is done or its deadline passes.
 
-        `look`: before the first wait. An answer is not there while the question still leaves (half-duplex),
-        and a look costs a system call; what is never answered is done at once, and must not be waited for.
+        Return the time of the first bytes (s).
+
+        `poll_first`: read before the first wait. A reply cannot be there while the request still leaves (half
+        duplex), and a read costs a system call. A request without a reply is done at once and must not be
+        waited for.
         """
-        waiting = [(pair[0].reader, pair) for pair in asked if pair[0].reader is not None]
+        waiting = [(pair[0].reader, pair) for pair in requested if pair[0].reader is not None]
         first = inf
         while waiting:
-            if look:
+            if poll_first:
                 ready: Collection[int] = range(len(waiting))
             else:
                 ready = ripe([reader for reader, _ in waiting], self.clock)
-            look = False
+            poll_first = False
             now = self.clock.now()
             first = min(first, now)
             still = []
@@ -411,7 +434,7 @@ class Hardware:
                     done = (place in ready or now >= reader.deadline) and reader.feed(now)
                 except PortError as error:
                     self._lose(pair, error)
-                    asked.remove(pair)
+                    requested.remove(pair)
                     continue
                 if not done and now < reader.deadline:
                     still.append((reader, pair))

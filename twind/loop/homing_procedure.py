@@ -1,8 +1,8 @@
-"""Drive of a joint against its stop: one servo with torque, weak and slow, all others without torque.
+"""End-stop search: drives one joint, weak and slow, against its stop; all other joints have no torque.
 
-Readings agree, the servo goes into the mode that has a current cap, torque on, the course (`motion/homing`),
-torque off. Whatever ends it, here or from outside, another procedure restores mode and settings. That one
-runs beside, was begun before anything was written, and sends the answer.
+Order: readings agree, the servo enters the mode with a current cap, torque on, the search
+(`motion/endstop_search`), torque off. However it ends, another procedure restores mode and settings. That
+procedure runs beside, starts before anything is written, and sends the reply.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ if TYPE_CHECKING:
     from twind_drivers.single_device import SingleDeviceControl
 
 T = TypeVar("T")
-PIN = "find stop"  # holds the lease while it lasts
+PIN = "find stop"  # holds the lease while the search lasts
 REPORT = 0.25  # s between two reports of progress
-SWINGS = 5  # times that goal := present is tried of a joint that moves
-READ = 3  # ticks until readings are newer than what was just written
-OFF_TURN = 16  # part of a turn that counts may be off a whole one when the mode changes
+SWINGS = 5  # attempts of goal := present on a joint that moves; without a bound the search would never reply
+READ = 3  # ticks until readings are newer than the last write; an older one shows the state before it
+# divisor of a turn: difference from a whole turn that a mode change may cause; more is a wrong offset
+OFF_TURN = 16
 
 
 class HomingEnded(Exception):
@@ -59,20 +60,20 @@ class HomingProcedure:
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self.owed: PendingRestore | None = None
-        self._told = (-1.0, "")  # s and phase of the last report
+        self._last_report = (-1.0, "")  # s and phase of the last report
 
     def ask(self, command: link.FindStop, now: float) -> None:
-        """Begin a search, or answer with the reason why not."""
+        """Begin a search, or reply with the reason why not."""
         loop = self._loop
         if loop.state is not RobotState.CALIBRATING and loop.state not in LATCHED:
             allowed = [RobotState.CALIBRATING.value]
             loop.say.error(command, "WrongState", state=loop.state.value, allowed=allowed)
             return
         if self.owed is not None or loop.procedures.rank is not None:
-            loop.say.error(command, "Busy", what="a joint is driven against its stop, or being given back")
+            loop.say.error(command, "Busy", what="an end-stop search or its restoring is under way")
             return
-        if (asking := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
-            what = f"somebody reads, writes, scans or reboots on bus {asking}: try again"
+        if (occupied := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
+            what = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
             loop.say.error(command, "Busy", what=what)
             return
         found = sought(loop, command, now)
@@ -87,7 +88,7 @@ class HomingProcedure:
         owed = self.owed
         if owed is None:
             return []
-        message = f"driven against its stop, and not given back yet: it has {owed.left}"
+        message = f"not restored after an end-stop search yet: it has {owed.left}"
         return [Finding(ReasonCode.CALIB_MISMATCH, owed.sought.joint, message=message)]
 
     def busy(self, bus: str | None = None, id: int | None = None) -> str:
@@ -98,7 +99,7 @@ class HomingProcedure:
         owed = self.owed
         if owed is None or (bus, id) not in ((None, None), (owed.sought.port.name, owed.sought.id)):
             return ""
-        return f"{self._loop.joints.names[owed.sought.joint]} is given back its mode and settings"
+        return f"{self._loop.joints.names[owed.sought.joint]} gets its mode and settings back"
 
     def report_pending_restore(self) -> None:
         """Report what is not restored yet when the daemon ends."""
@@ -115,7 +116,7 @@ class HomingProcedure:
             loop.hardware.clear()
             if loop.energising:
                 debt.findings += yield from self._switch_torque_off(debt)
-        except GeneratorExit:  # what took over takes the torque: `energising` is set
+        except GeneratorExit:  # the procedure that takes over switches torque off: `energising` is set
             debt.findings = debt.findings or (_cause(loop),)
             loop.unconfirmed = loop.unconfirmed or loop.energising
             loop.hardware.clear()
@@ -124,27 +125,27 @@ class HomingProcedure:
             self._end(debt)
 
     def _outcome(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
-        """What went wrong; nothing: it was found."""
+        """Run the search and return the findings of its failure; empty: the stop was found."""
         loop = self._loop
         joint = debt.sought.joint
         try:
             yield from self._run_search(debt)
         except HomingEnded as ended:
             return (self._attach_joint(debt, ended.finding),)
-        except ValueError as error:  # its model has no such mode, or not so little current
+        except ValueError as error:  # its model has no such mode, or not so small a current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
         except WireClamp as error:
             return (clamped(loop, debt, error),)
         except BusError as error:
             return (Finding(ReasonCode.BUS_ERRORS, joint, message=str(error)),)
-        except Exception as error:  # noqa: BLE001 - whatever broke, torque goes off
+        except Exception as error:  # noqa: BLE001 - any failure switches torque off
             broken = Finding(ReasonCode.INTERNAL, joint, message=repr(error))
             loop.fail(broken, loop.clock.now())
             return (broken,)
         return ()
 
     def _switch_torque_off(self, debt: PendingRestore) -> Generator[None, float, tuple[Finding, ...]]:
-        """Torque off, read back; what is to be said of it."""
+        """Switch torque off and read it back; return the findings of a failure."""
         loop = self._loop
         try:
             yield from switch_torque_off(loop)
@@ -156,7 +157,7 @@ class HomingProcedure:
 
     @staticmethod
     def _attach_joint(debt: PendingRestore, finding: Finding) -> Finding:
-        """What the course says is of its joint."""
+        """Return `finding` with the joint, where the search itself reported it."""
         own = (
             ReasonCode.STOP_NOT_FOUND,
             ReasonCode.OVERCURRENT,
@@ -168,12 +169,12 @@ class HomingProcedure:
     def _end(self, debt: PendingRestore) -> None:
         self._loop.lease.unpin(debt.command.client, PIN)
         debt.over = True
-        if debt.kept is None:  # nobody runs beside it
+        if debt.kept is None:  # no restoring procedure runs
             release(self._loop, debt)
             answer(self._loop, debt)
 
     def _run_search(self, debt: PendingRestore) -> Generator[None, float, None]:
-        """Run all steps from first look to last capture. Raises HomingEnded, BusError, ValueError."""
+        """Run all steps from first reading to last capture. Raises HomingEnded, BusError, ValueError."""
         loop = self._loop
         aim = debt.sought
         writer = aim.port.writer
@@ -183,9 +184,10 @@ class HomingProcedure:
         loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
-        loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque
+        loop.hardware.clear()  # no queued request may reach the servo between its checks and torque
         alone = writer.begin_single_device(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(debt, alone.look())
+        # What is kept is recorded before the first write: a search that ends now is still restored.
         debt.left = alone.describe_leftovers(kept)
         debt.watchdog = alone.watchdog
         self.owed = debt
@@ -200,7 +202,7 @@ class HomingProcedure:
         self._report(debt, "waiting", 0.0, now)
         now = yield
         quiet = StandstillCheck(now)
-        while (answer := quiet.step(self._look(debt), now)) is not True:
+        while (answer := quiet.step(self._sample(debt), now)) is not True:
             if isinstance(answer, Finding):
                 raise HomingEnded(answer)
             now = yield
@@ -212,7 +214,7 @@ class HomingProcedure:
         since = self._loop.clock.now()
         passed = 0
         now = 0.0
-        while passed < READ or not self._look(debt).at > since:
+        while passed < READ or not self._sample(debt).at > since:
             now = yield
             self._require(debt, now)
             passed += 1
@@ -221,12 +223,17 @@ class HomingProcedure:
     def _pinned(
         self, debt: PendingRestore, alone: SingleDeviceControl, kept: Any
     ) -> Generator[None, float, int]:
-        """In its other mode, with goal := present read back; the count (calibrated) that it is to hold."""
+        """Enter the other mode, set goal := present and read it back.
+
+        Return the count (calibrated) to hold.
+        """
         aim = debt.sought
         before = self._count(debt)
         yield from self._done(debt, alone.enter_current_mode(kept))
         yield from self._newer(debt)
         debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
+        # Another mode may count from another turn: the clamp (WIRE_CLAMP) must be in its counts before any
+        # goal.
         alone.set_goal_limits(aim.lower - debt.shift, aim.upper - debt.shift)
         for _ in range(SWINGS):
             held = self._count(debt)
@@ -245,9 +252,10 @@ class HomingProcedure:
     def _energised(
         self, debt: PendingRestore, alone: SingleDeviceControl, held: int
     ) -> Generator[None, float, float]:
-        """Torque on, read back, and it did not jump; the time."""
+        """Switch torque on, read it back and check that the joint did not jump; return the time, s."""
         loop = self._loop
         aim = debt.sought
+        # Set before the write: whatever ends the search from here on must switch torque off.
         loop.energising = True
         yield from self._done(debt, alone.energise())
         debt.powered = loop.clock.now()
@@ -261,10 +269,10 @@ class HomingProcedure:
     def _course(
         self, debt: PendingRestore, alone: SingleDeviceControl, course: EndstopSearch, now: float
     ) -> Generator[None, float, None]:
-        debt.looked_after = False  # the course does that itself
+        debt.looked_after = False  # the search checks the age of readings itself
         while True:
             self._require(debt, now)
-            goal = course.step(self._look(debt), now)
+            goal = course.step(self._sample(debt), now)
             if course.failed is not None:
                 raise HomingEnded(course.failed)
             if course.done:
@@ -277,7 +285,7 @@ class HomingProcedure:
     # ------------------------------------------------------------------------------- what ends it
 
     def _require(self, debt: PendingRestore, now: float) -> None:
-        """Raises HomingEnded where any condition forbids to continue."""
+        """Raises HomingEnded where a condition forbids to continue."""
         for finding in self._against(debt, now):
             raise HomingEnded(finding)
 
@@ -292,8 +300,10 @@ class HomingProcedure:
         if loop.unreachable is not None:
             yield loop.unreachable
         if not loop.hardware.connected:
-            yield Finding(ReasonCode.HW_DISCONNECTED, message="a bus was lost, or is asked anew who is there")
-        if debt.looked_after and not (age := now - self._look(debt).at) <= LOST:
+            yield Finding(
+                ReasonCode.HW_DISCONNECTED, message="a bus was lost, or its devices are identified anew"
+            )
+        if debt.looked_after and not (age := now - self._sample(debt).at) <= LOST:
             message = "s since its last reading: check cable and power"
             yield Finding(ReasonCode.STATE_STALE, value=age, bound=LOST, message=message)
         slow = loop.hardware.slow
@@ -310,10 +320,10 @@ class HomingProcedure:
                 ReasonCode.TORQUE_MISMATCH, joint, value=value, bound=1.0, message="torque went off"
             )
         if slow.watchdog[joint] == TRIPPED:
-            message = "its watchdog tripped: nobody spoke on its bus for too long"
+            message = "its watchdog tripped: no request on its bus for too long"
             yield Finding(ReasonCode.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
         elif (watchdog := float(slow.watchdog[joint])) != debt.watchdog:
-            message = "its watchdog is another than was set: nobody would stop it if the daemon died"
+            message = "its watchdog differs from the one set: nothing would stop it if the daemon died"
             yield Finding(
                 ReasonCode.DEVICE_MISMATCH, joint, value=watchdog, bound=debt.watchdog, message=message
             )
@@ -331,15 +341,15 @@ class HomingProcedure:
             raise task.error
         return task.result  # type: ignore[return-value]
 
-    # ------------------------------------------------------------------------------- what is said
+    # ------------------------------------------------------------------------------- reports
 
     def _report(self, debt: PendingRestore, phase: str, progress: float, now: float) -> None:
-        at, last = self._told
+        at, last = self._last_report
         if debt.command.more and (phase != last or not now - at < REPORT):
-            self._told = (now, phase)
+            self._last_report = (now, phase)
             self._loop.say.reply(debt.command, continues=True, phase=phase, progress=progress)
 
-    # ------------------------------------------------------------------------------- what is read
+    # ------------------------------------------------------------------------------- readings
 
     def _raw(self, debt: PendingRestore) -> int:
         return int(self._loop.hardware.readings.raw.ticks[debt.sought.joint])
@@ -347,7 +357,7 @@ class HomingProcedure:
     def _count(self, debt: PendingRestore) -> int:
         return self._raw(debt) + debt.shift
 
-    def _look(self, debt: PendingRestore) -> HomingSample:
+    def _sample(self, debt: PendingRestore) -> HomingSample:
         raw = self._loop.hardware.readings.raw
         joint = debt.sought.joint
         return HomingSample(float(raw.heard_at[joint]), self._count(debt), float(raw.effort[joint]))

@@ -1,4 +1,4 @@
-"""Request to find a joint's stop, in counts; or the reasons why it is not begun. Loop's process.
+"""Request of an end-stop search, in counts; or the reasons against it. Loop's process.
 
 Nothing here writes. The bounds are few and hard: a client may request less, never more.
 """
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
     from twind.loop.bus_port import BusPort
     from twind.loop.tick import Loop
 
-# What may be asked for.
+# Ranges of the request.
 SHARES = (0.03, 0.15)  # of the current limit
 SPEEDS = (0.02, 0.5)  # rad/s of the joint
 TIMES = (2, 10)
-# rad that it backs off; and so far inside its limits, that it can be armed there
+# rad that the joint backs off, and rad inside its limits, so that it can be armed there
 BACK = 0.1
 INSIDE = 0.02
 LEAD = 0.2  # rad that a goal may be ahead of the joint
-ASTRAY = 0.15  # rad that it may go against its way
+ASTRAY = 0.15  # rad that the joint may go against the search direction; more means a wrong sign or load
 STILL = 0.006  # rad that a standing joint may flicker, two counts at least
-SLACK = 8  # counts that it may hang further away than it did when this was asked for
-SLOWEST = 0.025  # s, the longest period of a loop that looks often enough
-HASTE = 2.0  # of the goals' speed that the servo's own profile allows
+SLACK = 8  # counts that the joint may hang further away than when the search was requested
+SLOWEST = 0.025  # s, the longest period of a loop that reads often enough to stop the joint in time
+HASTE = 2.0  # factor on the goals' speed for the servo's own profile
 
 
 @dataclass(frozen=True, slots=True)
 class HomingRequest:
-    """One joint and its stop. Counts are calibrated: raw and whole turns."""
+    """End-stop search of one joint. Counts are calibrated: raw plus whole turns."""
 
     joint: int
     port: BusPort
@@ -95,17 +95,17 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
     if loop.torque_off is not True:
         against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
     if spec.stops.endstop_of_side(command.side) is None:
-        against(f"the robot file has no stop_rad.{command.side} of it: nobody knows where that stop is")
+        against(f"the robot file has no stop_rad.{command.side} of it: the position of that stop is unknown")
     if robot.bus(spec.bus).kind != SERIAL:
         against(f"a {spec.type.device} is not driven against a stop: move it there by hand, and sweep it")
     if spec.transmission:
         against(f"transmission {spec.transmission} turns it: its stop is not that of one actuator")
     if robot.support not in ("fixed", "gantry") and spec.name in robot.legs:
-        against("it carries a robot that stands freely: hang the robot up and say support: gantry")
+        against("it carries a robot that stands freely: hang the robot up and set support: gantry")
     if loop.period > SLOWEST:
-        against(f"the loop runs at {1.0 / loop.period:g} Hz, and {1.0 / SLOWEST:g} are needed to watch it")
+        against(f"the loop runs at {1.0 / loop.period:g} Hz, and a search needs {1.0 / SLOWEST:g} Hz")
     if not isfinite(spec.type.full_effort):
-        against("its type has no current_limit_a, or tells no current: there is nothing to cap")
+        against("its type has no current_limit_a, or reports no current: there is nothing to cap")
     return found
 
 

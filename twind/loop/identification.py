@@ -1,6 +1,6 @@
 """Identification of the devices on each bus: ports that open and close, missing devices, wrong devices.
 
-A device is wrong when it is not the calibrated one. The ports are watched after each exchange, and changes
+A device is wrong when it is not the calibrated one. The ports are checked after each exchange, and changes
 become states and findings.
 """
 
@@ -27,12 +27,12 @@ from twind_drivers.bus import IdentifiedDevice
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
-SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
-GONE = 0.1  # s without an answer from anybody: their power may have gone (docs/safety.md, a stale state)
-UNREAD = 1.0  # s without a sound reading of a device that answers when it is asked who it is
-READINGS = 5  # that must have been tried before that is said
-DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells; disconnect one"
-SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
+SILENT = 2.0  # s without a reply of any device: the bus counts as disconnected
+GONE = 0.1  # s without a reply of any device: their power may have gone (docs/safety.md, a stale state)
+UNREAD = 1.0  # s without a sound reading of a device that replies to identification
+READINGS = 5  # readings that must have been tried before that is reported; one lost reading is no fault
+DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` shows them; disconnect one"
+SPOKE = 0.05  # s: a device of a silent bus replied just now, so its power is back
 
 # (bus name, id) -> device, for every device that replied -> CALIB_MISMATCH findings, joints as indices
 Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
@@ -46,13 +46,17 @@ class IdentificationState:
         self.judge = judge
         self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
         self._again: dict[str, float] = {}
-        self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
-        self._waited: dict[str, frozenset[tuple[int, bool]]] = {}  # bus -> whom patience has found
-        self._mute: set[str] = set()  # buses on which the last identification found nobody at all
-        self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
-        self._told = False  # that torque was found on
-        self._found_all = False  # everybody is there: the simulation may start where they are
-        self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
+        self._gone: dict[str, float] = {}  # bus -> s without a reply of any device on it
+        # bus -> devices that a patient identification has found
+        self._waited: dict[str, frozenset[tuple[int, bool]]] = {}
+        self._mute: set[str] = set()  # buses on which the last identification found no device
+        self._reported: dict[
+            str, str
+        ] = {}  # bus -> the trouble, or the warning of an open port, last reported
+        self._inherited_reported = False  # torque that was found on has been reported
+        self._found_all = False  # all devices are present: the simulation may start at their positions
+        # bus -> findings on missing devices and other models
+        self.missing: dict[str, tuple[Finding, ...]] = {}
         self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
         self.verified = JointVerification(loop)
 
@@ -63,7 +67,7 @@ class IdentificationState:
         return [*missing, *self.mismatches, *self.verified.findings()]
 
     def watch(self, now: float) -> None:
-        """Once per tick, after the exchange."""
+        """Process the result of the exchange; called once per tick."""
         loop = self._loop
         for lost in loop.hardware.lost:
             self._on_bus_lost(lost.bus, str(lost.error), now)
@@ -73,20 +77,20 @@ class IdentificationState:
         self.verified.watch(now)
         self._place(loop)
         self.settle_state(now)
-        if loop.inherited and not self._told:
+        if loop.inherited and not self._inherited_reported:
             message = "torque was found on; nothing is written until an operator arms or disarms"
             loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
-        self._told = loop.inherited
+        self._inherited_reported = loop.inherited
 
     def settle_state(self, now: float) -> None:
-        """Bring the robot's state in line with its ports, whatever came between."""
+        """Bring the robot's state in line with its ports."""
         loop = self._loop
         ports = loop.hardware.ports
         if loop.mode is Mode.SIM or loop.state is RobotState.INHIBITED:
             return
         identified = loop.hardware.connected
         if not identified and loop.state is RobotState.CONNECTED:
-            loop.change(RobotEvent.PORT_LOST, now)  # a latched state says so until it is reset
+            loop.change(RobotEvent.PORT_LOST, now)  # a latched state keeps its own state until a reset
         if loop.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
             loop.change(RobotEvent.PORT_OPENED, now)
         waits = loop.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
@@ -118,13 +122,13 @@ class IdentificationState:
     def _step_port(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         loop = self._loop
         if port.link is PortState.CLOSED:
-            if port.trouble and self._said.get(port.name) != port.trouble:
-                self._said[port.name] = port.trouble
+            if port.trouble and self._reported.get(port.name) != port.trouble:
+                self._reported[port.name] = port.trouble
                 loop.say.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
             return
         warning = port.warning
-        if self._said.get(port.name, "") != warning:
-            self._said[port.name] = warning
+        if self._reported.get(port.name, "") != warning:
+            self._reported[port.name] = warning
             if warning:
                 loop.say.event("warning", "PORT_WARNING", f"{port.name}: {warning}")
         if port.link is PortState.CONNECTED:
@@ -133,16 +137,20 @@ class IdentificationState:
             self._identify(port, bus, now)
 
     def _listen(self, port: BusPort, silence: float) -> None:
-        """Nobody answers, or nobody did for a moment: a servo that lost its power may have lost its settings
-        and its turns, so everybody is asked anew."""
+        """Identify a silent bus anew, also after a short silence.
+
+        A servo that lost its power may have lost its settings and its turns.
+        """
         before = self._gone.pop(port.name, 0.0)
         if silence > SILENT:
-            message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
-        elif silence > GONE and not self._loop.inhibited:  # then it is we who are silent
+            message = f"{port.name}: no device answers any more: check power; all are identified anew"
+        elif silence > GONE and not self._loop.inhibited:  # inhibited, the daemon itself is silent
             self._gone[port.name] = silence
             return
         elif before:
-            message = f"{port.name}: nobody answered for {before:.2f} s: check power; everybody is asked anew"
+            message = (
+                f"{port.name}: no device answered for {before:.2f} s: check power; all are identified anew"
+            )
         else:
             return
         self._loop.say.event("error", ReasonCode.HW_DISCONNECTED, message)
@@ -184,10 +192,10 @@ class IdentificationState:
 
     def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
         """Return the mask (m,) of the devices of this bus that are identified and match the robot file."""
-        said = {device.id for device in port.devices}
+        present = {device.id for device in port.devices}
         wrong = {finding.joint for finding in findings}
         rows = zip(bus.ids, bus.joints.tolist(), strict=True)
-        return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
+        return np.array([id in present and joint not in wrong for id, joint in rows], np.bool_)
 
     def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
         """Yield a finding for each device of this bus that is silent, or does not match the robot file."""
@@ -196,7 +204,7 @@ class IdentificationState:
             if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
             elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
-                hint = f"; but bytes come that are no answer: {DOUBLE}" if port.strays else ""
+                hint = f"; but bytes arrive that are no valid reply: {DOUBLE}" if port.strays else ""
                 yield replace(finding, message=finding.message + hint)
 
     def _again_patiently(self, port: BusPort) -> bool:
@@ -205,10 +213,10 @@ class IdentificationState:
         It allows for the slowest setting of a servo (return delay 508 us). Where a patient identification
         found no more devices, it is not repeated.
         """
-        who = frozenset((device.id, bool(device.settings)) for device in port.devices)
-        if port.patient or self._waited.get(port.name) == who:
+        found = frozenset((device.id, bool(device.settings)) for device in port.devices)
+        if port.patient or self._waited.get(port.name) == found:
             if port.patient:
-                self._waited[port.name] = who
+                self._waited[port.name] = found
             return False
         port.identify(patient=True)
         return True
@@ -228,10 +236,10 @@ class IdentificationState:
 
         Two of one model identify themselves alike, and show different positions (fault matrix row 12).
         """
-        said = {device.id for device in port.devices}
+        present = {device.id for device in port.devices}
         age = self._loop.measured.age[bus.joints]
         for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
-            if id in said and unheard:
+            if id in present and unheard:
                 message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
                 yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
 
@@ -276,9 +284,10 @@ class IdentificationState:
             loop.executor.stop("aborted", (finding,))
             self._others(now)
         elif not any(port.reader for port in loop.hardware.ports):
-            loop.procedures.abandon()  # nobody is left to write to
+            loop.procedures.abandon()  # no bus is left to write to
             loop.armed = loop.energising = False
-            loop.soft_since = None  # what comes back may be stiff and elsewhere: it is lowered as any other
+            # devices that come back may be stiff and elsewhere: they are lowered as any others
+            loop.soft_since = None
             if loop.mode is Mode.LIVE:
                 loop.executor.stop("aborted", (finding,))
                 loop.executor.idle()

@@ -1,8 +1,8 @@
-"""The IMU of a robot: when it is read, what its registers mean. One transaction a tick, after the servos'.
+"""The IMU of a robot: schedule of its readings and meaning of its registers. One transaction a tick.
 
-It is data: a silent IMU keeps its last numbers with their time, and stops nothing. A reading of the servos
-that its late answer spoils counts as its error, not as their bus's. Registers become SI here and nowhere
-else.
+It is read after the servos. A silent IMU keeps its last values with their time, and stops nothing. A reading
+of the servos that its late reply spoils counts as its error, not as that of their bus. Only this module
+converts its registers to SI.
 """
 
 from math import isfinite
@@ -17,14 +17,14 @@ from twind.robot.state import Imu
 from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel.register_sensor import Sensor, SensorField
 
-UNIT = 0.1  # how far the length of a quaternion may be from 1: beyond, it is no attitude
-# rad/s, m/s²: more than a body can have and stay whole
+UNIT = 0.1  # deviation of a quaternion's length from 1; beyond it the value is no attitude
+# rad/s, m/s²: more than a robot can have and stay whole
 SPIN = 200.0
 SHOCK = 100.0 * G
-CALM = 5.0  # s without a failure after which it is said to be sound again
+CALM = 5.0  # s without a failure after which it is reported as sound again
 SILENT = "it does not answer, or not soundly"
 TARDY = "its answers come late"
-HARMS = "its late answers have spoilt readings of the servos"
+HARMS = "its late answers spoil readings of the servos"
 REMEDY = "is left alone but for probes; check its cable, its power, and return_delay_us"
 
 
@@ -32,9 +32,9 @@ class ImuPoller:
     """One IMU on the bus of that number among the ports. Times in s."""
 
     def __init__(self, spec: ImuSpec, mount: Quaternion, bus: int) -> None:
-        """`mount`: from the sensor's axes to the base's."""
+        """`mount`: rotation from the sensor's axes to the base's."""
         self.bus = bus
-        self.imu: Imu | None = None  # the last that was heard
+        self.imu: Imu | None = None  # the last reading
         self.asked = self.missed = self.late = self.spoilt = 0
         self._name = f"imu (id {spec.id})"
         self._faults = set[str]()
@@ -45,7 +45,7 @@ class ImuPoller:
         self._gyro = turn * spec.gyro.lsb
         self._force = turn * spec.acceleration.lsb
         self._zeros = [each.zero for each in spec.registers]
-        self._told = spec.quaternion
+        self._quaternion_spec = spec.quaternion
         self._back = conjugate(mount)
         self._attitude = Attitude()
         self._waited = 0  # ticks without room
@@ -64,8 +64,11 @@ class ImuPoller:
         return f"{self._name}: {worst}: it {REMEDY}"
 
     def listen(self, sample: BusSample) -> bool:
-        """The servos' reading and what came in between. True: an answer of this device spoilt it, so it is no
-        fault of the bus; at most one reading for each question that was not answered in time."""
+        """Process the servos' reading and the bytes in between; True: a reply of this device spoilt it.
+
+        Such a reading is no fault of the bus. At most one is accepted per request that was not answered in
+        time.
+        """
         now = sample.sent
         paid = [size for size in sample.late if self._sensor.late(size, now)]
         self.late += len(sample.late)
@@ -81,9 +84,11 @@ class ImuPoller:
         return True
 
     def begin(self, port: BusPort, now: float, end: float) -> bool:
-        """Ask it, where that ends before `end` and keeps nothing more urgent waiting. Raises PortError.
+        """Request a reading if it ends before `end` (s) and no more urgent request waits.
 
-        Where there is never room it is asked all the same after `PATIENCE` ticks, as the slow registers are.
+        Raises PortError.
+
+        Without room it is requested after `PATIENCE` ticks anyway, as the slow registers are.
         """
         reader = port.reader
         port.beside = self.trouble(now)
@@ -101,7 +106,7 @@ class ImuPoller:
         return True
 
     def end(self, port: BusPort, now: float) -> None:
-        """Take the answer, which was there at `now`."""
+        """Take the reply that was complete at `now` (s)."""
         if port.reader is None:
             self._sensor.forget()
             return
@@ -116,14 +121,16 @@ class ImuPoller:
         self.imu = imu or self.imu
 
     def _reading(self, raw: list[Floats], now: float) -> Imu | None:
-        """Return the registers in SI; None: they are no numbers that a body can have."""
+        """Return the registers in SI; None for values that a robot cannot have."""
         if not all(np.isfinite(each).all() for each in raw) or _blank(raw, self._zeros[1]):
             return None
         gyro = self._gyro @ (raw[0] - self._zeros[0])
         force = self._force @ (raw[1] - self._zeros[1])
         if not (np.linalg.norm(gyro) <= SPIN and np.linalg.norm(force) <= SHOCK):
             return None
-        turned = self._attitude.update(gyro, force, now) if self._told is None else self._device(raw[2])
+        turned = (
+            self._attitude.update(gyro, force, now) if self._quaternion_spec is None else self._device(raw[2])
+        )
         if turned is None:
             return None
         quaternion = np.array(turned)
@@ -132,10 +139,10 @@ class ImuPoller:
         return Imu(now, gyro, force, quaternion)
 
     def _device(self, raw: Floats) -> Quaternion | None:
-        """Return the attitude that the device reports; None: it is none."""
-        assert self._told is not None
-        w, x, y, z = ((raw - self._zeros[2]) * self._told.lsb).tolist()
-        if self._told.order == "xyzw":
+        """Return the attitude that the device reports; None: the value is none."""
+        assert self._quaternion_spec is not None
+        w, x, y, z = ((raw - self._zeros[2]) * self._quaternion_spec.lsb).tolist()
+        if self._quaternion_spec.order == "xyzw":
             w, x, y, z = z, w, x, y
         size = float(np.sqrt(w * w + x * x + y * y + z * z))
         if not (isfinite(size) and abs(size - 1.0) <= UNIT):
@@ -144,8 +151,10 @@ class ImuPoller:
 
 
 def _blank(raw: list[Floats], zero: float) -> bool:
-    """Registers as a chip has them that sleeps, boots or is gone: an accelerometer feels something and is
-    noisy, also where it falls; nor are six numbers ever the same."""
+    """Check for registers of a chip that sleeps, boots or is gone.
+
+    An accelerometer is noisy and never reads all zeros, also in free fall; six equal values never occur.
+    """
     force = raw[1]
     same = bool((np.concatenate(raw[:2]) == force[0]).all())
     return same or not force.any() or not (force - zero).any()

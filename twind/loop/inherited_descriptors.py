@@ -8,27 +8,30 @@ from dataclasses import dataclass, field
 from twind.listening_sockets import NAMES
 from twind.standard_streams import write_line
 
-WRECK = "flight"  # FDNAME of what the loop stores: the flight recorder of a daemon that is gone
+WRECK = "flight"  # FDNAME of the flight recorder that a former daemon stored
 _FIRST = 3  # SD_LISTEN_FDS_START
 
 
 @dataclass(frozen=True, slots=True)
 class InheritedDescriptors:
-    """What the service manager handed over, ours to close; the memfd by who takes it (`CrashRecording`)."""
+    """Descriptors from the service manager, which this process closes.
 
-    sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
-    wreck: int | None = None  # memfd of a daemon before us
+    `close` closes the sockets; `CrashRecording` closes the memfd.
+    """
+
+    sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # listening sockets by name
+    wreck: int | None = None  # memfd of a former daemon
 
     def close(self) -> None:
-        """Let go of the sockets."""
+        """Close the sockets."""
         for listener in self.sockets.values():
             listener.close()
 
 
 def handed_over() -> InheritedDescriptors:
-    """What the service manager hands over, by FileDescriptorName= or FDNAME=; clears LISTEN_*.
+    """Return the descriptors of the service manager, by FileDescriptorName= or FDNAME=; clears LISTEN_*.
 
-    A socket by another name is told, and left to the manager: we neither serve nor close it.
+    A socket by another name is reported and left to the manager: it is neither served nor closed.
     """
     count = os.environ.get("LISTEN_FDS", "")
     mine = os.environ.get("LISTEN_PID", "")
@@ -50,7 +53,9 @@ def handed_over() -> InheritedDescriptors:
                 os.close(wreck)
             wreck = fd
         else:
-            known = " or ".join(NAMES)
-            said = f"a socket named {name!r} was handed over, and nobody serves it"
-            write_line(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
+            names_text = " or ".join(NAMES)
+            message = f"a socket named {name!r} was handed over, and is not served"
+            write_line(
+                2, "warning", f"twind: {message}: FileDescriptorName= of its unit must be {names_text}"
+            )
     return InheritedDescriptors(found, wreck)

@@ -1,8 +1,8 @@
-"""What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
+"""Last reading of every joint, raw ↔ SI: the only place that multiplies ticks. Does no I/O.
 
-Takes the sample of one bus after the other. A joint without a plausible reading (SENSE_JUMP) keeps its
-number, and says how old it is. The whole turns by which counts are off (`safety/multiturn.py`) are kept in
-the zeros of a bus, so that a tick pays nothing for them. Does no I/O.
+Takes the sample of one bus after the other. A joint without a plausible reading (SENSE_JUMP) keeps its value
+and reports its age. The whole turns by which counts are off (`safety/multiturn.py`) are part of the zeros of
+a bus, so that they cost a tick nothing.
 """
 
 from math import inf, nan
@@ -19,25 +19,25 @@ from twind.safety.plausibility_filter import PlausibilityFilter
 from twind_drivers.bus import BusSample, SlowRegisterValues
 
 NOWHERE = 1 << 40  # ticks: beyond every goal register
-SILENT = 0.5  # s: of a joint not heard for longer nobody knows what it draws
+SILENT = 0.5  # s: the load of a joint without a reading for longer is unknown
 
 
 def ticks(bus: JointBusMap, position: Floats) -> Ints:
-    """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
+    """Return goals (m,) of one bus in ticks from positions (n,) in rad, rounded to nearest.
 
-    NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
+    NaN and values that no register holds become `NOWHERE`, which every clamp refuses.
     """
     angles = position[bus.joints]
     for each in bus.linked:
         each.angles(angles)
     exact = np.rint(bus.zero + angles / bus.scale)
-    # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
+    # The integer that a CPU makes of NaN is undefined (0 on ARM, which may be a valid goal).
     wanted: Ints = np.where(np.abs(exact) < NOWHERE, exact, NOWHERE).astype(np.int64)
     return wanted
 
 
 def radians(bus: JointBusMap, place: Ints) -> Floats:
-    """Positions (m,) of one bus in rad, from ticks (m,)."""
+    """Return positions (m,) of one bus in rad from ticks (m,)."""
     angle = _angles(bus, place)
     for each in bus.linked:
         each.position(angle)
@@ -45,13 +45,13 @@ def radians(bus: JointBusMap, place: Ints) -> Floats:
 
 
 def _angles(bus: JointBusMap, place: Ints) -> Floats:
-    """What the actuators (m,) stand at: the positions, but of joints of transmissions."""
+    """Return the angles (m,) of the actuators, rad: positions, except for joints of transmissions."""
     angle: Floats = (place - bus.zero) * bus.scale
     return angle
 
 
 def velocities(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
-    """Velocities (m,) of one bus in rad/s, from raw ones (m,) read at ticks (m,)."""
+    """Return velocities (m,) of one bus in rad/s from raw ones (m,) read at ticks (m,)."""
     speed = raw * bus.velocity_scale
     for each in bus.linked:
         each.velocity(_angles(bus, place), speed)
@@ -59,8 +59,10 @@ def velocities(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
 
 
 def efforts(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
-    """Efforts (m,) of one bus in N·m, from raw ones (m,) read at ticks (m,); NaN of one is NaN of all that it
-    turns together with others."""
+    """Return efforts (m,) of one bus in N·m from raw ones (m,) read at ticks (m,).
+
+    NaN of one actuator makes all joints of its transmission NaN.
+    """
     effort = raw * bus.effort_scale
     for each in bus.linked:
         each.effort(_angles(bus, place), effort)
@@ -68,8 +70,10 @@ def efforts(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
 
 
 def resolution(bus: JointBusMap) -> Floats:
-    """How far a count takes the joints (m,) of one bus, rad: one of a transmission, a count of each of its
-    actuators."""
+    """Return the travel of one count (m,) on one bus, rad.
+
+    With a transmission, of a count of each actuator.
+    """
     found = np.abs(bus.scale)
     for each in bus.linked:
         found[each.rows] = forth(each.law) @ found[each.rows]
@@ -77,8 +81,11 @@ def resolution(bus: JointBusMap) -> Floats:
 
 
 def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
-    """The range (m,) of goals that may be sent (WIRE_CLAMP), rad. Counts of a transmission's actuators reach
-    further: not every place of theirs is one that its joints may have."""
+    """Return the range (m,) of goals that may be sent (WIRE_CLAMP), rad.
+
+    The counts of a transmission's actuators reach further: not every pair of counts is a valid pose of its
+    joints.
+    """
     angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
     least = np.minimum(*angles)
     most = np.maximum(*angles)
@@ -89,15 +96,18 @@ def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
 
 
 def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
-    """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators."""
-    known = heard.copy()
+    """Return the joints (m,) whose actuators are all `heard` (m,)."""
+    complete = heard.copy()
     for each in bus.linked:
-        known[each.rows] = every(heard[each.rows])
-    return known
+        complete[each.rows] = every(heard[each.rows])
+    return complete
 
 
 def where(bus: JointBusMap) -> slice | Ints:
-    """The joints of a bus as an index; joints side by side as a slice, which takes a third of the time."""
+    """Return the joints of a bus as an index.
+
+    Consecutive joints as a slice, which takes a third of the time.
+    """
     first = int(bus.joints[0])
     count = len(bus.joints)
     side_by_side = np.array_equal(bus.joints, np.arange(first, first + count))
@@ -105,9 +115,9 @@ def where(bus: JointBusMap) -> slice | Ints:
 
 
 def _measured_efforts(sample: BusSample) -> Floats:
-    """Efforts (m,), raw; NaN of those who did not tell it."""
-    told = sample.heard if sample.effort_told is None else sample.effort_told
-    return np.where(told, sample.effort, nan)
+    """Return efforts (m,), raw; NaN for devices that did not report it."""
+    reported = sample.heard if sample.effort_told is None else sample.effort_told
+    return np.where(reported, sample.effort, nan)
 
 
 class SlowReadings:
@@ -124,7 +134,7 @@ class SlowReadings:
         self.health_time = np.full(count, -inf)
 
     def keep(self, places: slice | Ints, registers: SlowRegisterValues) -> None:
-        """What the reader of one bus knows now."""
+        """Store the registers of one bus."""
         self.torque[places] = registers.torque
         self.fault[places] = registers.fault
         self.watchdog[places] = registers.watchdog
@@ -135,7 +145,7 @@ class SlowReadings:
         self.health_time[places] = registers.health_time
 
     def forget(self, places: slice | Ints) -> None:
-        """A lost bus: what its registers said is no longer known."""
+        """Reset the registers of a lost bus to unknown."""
         for array in (self.torque, self.fault, self.watchdog, self.tick):
             array[places] = -1
         self.voltage[places] = self.temperature[places] = nan
@@ -157,7 +167,7 @@ class JointReadings:
         self.effort = np.full(count, nan)
         self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
         self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
-        self.placed: Bools = np.ones(count, np.bool_)  # of the others nobody knows where they are
+        self.placed: Bools = np.ones(count, np.bool_)  # False: the position of the joint is unknown
         self.heard_at = np.full(count, -inf)  # s
         self._maps = joints.buses
         self._period = period
@@ -167,12 +177,12 @@ class JointReadings:
         self._senses = [PlausibilityFilter(bus.fastest, period) for bus in joints.buses]
 
     def begin(self) -> None:
-        """Forget what the last exchange said of jumps: each is told once."""
+        """Reset the jumps of the last exchange: each is reported once."""
         if some(self.jumps):
             self.jumps[:] = 0
 
     def take(self, number: int, sample: BusSample) -> Bools:
-        """Keep what was read of a bus; whose position (m,) is believed."""
+        """Store the sample of one bus; return the mask (m,) of accepted positions."""
         heard = sample.heard
         senses = self._senses[number]
         bus = self._buses[number]
@@ -201,18 +211,21 @@ class JointReadings:
         return heard
 
     def turn(self, number: int, shift: Ints) -> None:
-        """The whole turns (m,) that the counts of a bus lack, in ticks; positions already read go along."""
+        """Set the whole turns (m,) that the counts of a bus lack, in ticks.
+
+        Stored positions change with them.
+        """
         places = self._where[number]
         moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
         self._shift(number, shift)
         anew = radians(self._buses[number], self.raw.ticks[places])
-        for each in self._maps[number].linked:  # theirs do not add up
-            known = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
-            moved[each.rows] = anew[each.rows] if known else nan
+        for each in self._maps[number].linked:  # positions of a transmission do not add up
+            complete = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
+            moved[each.rows] = anew[each.rows] if complete else nan
         self.position[places] = moved
 
     def rejoin(self, joints: JointMap) -> None:
-        """The same joints in other ranges; zeros and who is where stay."""
+        """Take over the same joints with other ranges; zeros and devices stay."""
         self._maps = joints.buses
         for number, places in enumerate(self._where):
             self._shift(number, self.shift[places])
@@ -229,26 +242,32 @@ class JointReadings:
         return np.flatnonzero(new).tolist()
 
     def keep(self, number: int, registers: SlowRegisterValues) -> None:
-        """What the reader of a bus knows of the slow registers."""
+        """Store the slow registers of one bus."""
         self.slow.keep(self._where[number], registers)
 
     def forget(self, number: int) -> None:
-        """A lost bus: its registers are not known, and its joints may be anywhere when it is back."""
+        """Reset a lost bus: its registers are unknown, and its joints may be anywhere when it is back."""
         self.slow.forget(self._where[number])
         self.alerts[self._where[number]] = 0
         self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
 
     def loads(self, now: float) -> Floats:
-        """Share of the current limit (n,), as of `now` (s); NaN: not known, or of a joint that is silent."""
+        """Return the share of the current limit (n,) at `now` (s).
+
+        NaN: unknown, or without a fresh reading.
+        """
         recent = now - self.heard_at <= SILENT
         return self.load if every(recent) else np.where(recent, self.load, nan)
 
     def where(self) -> Floats:
-        """Positions (n,), rad; NaN of who was never heard, or is not placed."""
+        """Return positions (n,), rad; NaN for joints that were never read or are not placed."""
         return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
 
     def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
-        """All joints at `time` (s), whose reading took `trip` (s), and the IMU. Arrays are read-only."""
+        """Return all joints at `time` (s) with the IMU; `trip`: s that the reading took.
+
+        Arrays are read-only.
+        """
         position = self.where()
         velocity = self.velocity.copy()
         effort = self.effort.copy()
@@ -262,7 +281,7 @@ class JointReadings:
         self._buses[number] = self._maps[number].turned(shift)
 
     def _believe(self, number: int, sample: BusSample) -> Bools:
-        """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
+        """Drop impossible positions; without torque a hand may move a joint faster than its motor."""
         senses = self._senses[number]
         bus = self._buses[number]
         places = self._where[number]

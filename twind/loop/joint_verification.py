@@ -1,7 +1,7 @@
-"""Verification of joints: present, as calibrated, its turn known, unharmed since. Loop's process.
+"""Verification of joints: present, as calibrated, turn known, no fault since. Loop's process.
 
 The turn of a device is chosen after its identification, from readings that agree, and never while this
-daemon's torque is on. Other missing devices of its bus do not matter. Until then the position of its joint is
+daemon's torque is on. Missing devices of the same bus do not matter. Until then the position of the joint is
 unknown: NaN.
 """
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
     from twind.robot.turn_range import TurnRange
 
-AGREEING = 3  # readings in a row that must say the same turn
-ASTRAY = 1.0  # s out of its travel, limp, after which another turn is taken if one fits
+AGREEING = 3  # readings in a row with the same turn; a single wrong reading would place the joint a turn away
+ASTRAY = 1.0  # s outside its travel, without torque, after which another turn is chosen if one fits
 
 
 class JointVerification:
@@ -36,21 +36,24 @@ class JointVerification:
     def __init__(self, loop: Loop) -> None:
         count = len(loop.parts.joints)
         self._loop = loop
-        self._answered: Bools = np.zeros(count, np.bool_)  # who said who it is, and fits
-        self._told: Bools = np.zeros(count, np.bool_)  # whose turn is known since then
-        self._marred: Bools = np.zeros(count, np.bool_)  # who restarted or had a hardware error since
-        self._turn: Ints = np.zeros(count, np.int64)  # ticks, what the last reading says ...
-        self._agreeing: Ints = np.zeros(count, np.int64)  # ... and so many before it said too
+        self._answered: Bools = np.zeros(count, np.bool_)  # device identified and matching
+        self._turn_known: Bools = np.zeros(count, np.bool_)  # turn known since the identification
+        # restarted or with a hardware error since the identification
+        self._marred: Bools = np.zeros(count, np.bool_)
+        self._turn: Ints = np.zeros(count, np.int64)  # ticks, the turn of the last reading ...
+        # ... and the number of readings in a row that agree with it
+        self._agreeing: Ints = np.zeros(count, np.int64)
         self._astray: Floats = np.full(count, inf)  # s, since when
         self._links = [PortState.CLOSED] * len(loop.hardware.ports)
-        self._unfit: dict[str, Sequence[Finding]] = {}  # bus -> whose turn cannot be told, or not be used
-        loop.hardware.readings.placed = self._told.copy()
+        # bus -> findings on joints whose turn is unknown or unusable
+        self._unfit: dict[str, Sequence[Finding]] = {}
+        loop.hardware.readings.placed = self._turn_known.copy()
 
     @property
     def joints(self) -> Bools:
         """Mask (n,) of the joints that are verified now."""
         loop = self._loop
-        found = np.array(loop.joints.calibrated, np.bool_) & self._told & ~self._marred
+        found = np.array(loop.joints.calibrated, np.bool_) & self._turn_known & ~self._marred
         for port, bus in loop.hardware.pairs:
             if port.link is not PortState.CONNECTED:
                 found[bus.joints] = False
@@ -62,7 +65,7 @@ class JointVerification:
     @property
     def unjudged(self) -> Bools:
         """Mask (n,) of the joints whose turn has not been determined yet, neither chosen nor refused."""
-        waiting = ~self._told
+        waiting = ~self._turn_known
         waiting[[_joint(each) for found in self._unfit.values() for each in found]] = False
         return waiting
 
@@ -75,12 +78,12 @@ class JointVerification:
         loop = self._loop
         if loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
             return found
-        said = {finding.joint for finding in (*found, *loop.parts.guard.bars)}
+        listed = {finding.joint for finding in (*found, *loop.parts.guard.bars)}
         waits = self.unjudged
         for joint in np.flatnonzero(self._marred | waits).tolist():
-            if joint not in said:
+            if joint not in listed:
                 message = "restarted, or had a hardware error: wait until it has been identified anew"
-                message = message if self._marred[joint] else "nobody knows yet which turn it is on: wait"
+                message = message if self._marred[joint] else "its turn is not known yet: wait"
                 found.append(Finding(ReasonCode.CALIB_MISMATCH, joint, message=message))
         return found
 
@@ -97,7 +100,7 @@ class JointVerification:
         turns = loop.joints.turns
         readings = loop.hardware.readings
         if turns is not None:
-            found += strayed(readings.raw.ticks, readings.shift, turns, self._told)
+            found += strayed(readings.raw.ticks, readings.shift, turns, self._turn_known)
         return found
 
     def mar(self, findings: Sequence[Finding]) -> None:
@@ -116,7 +119,7 @@ class JointVerification:
         """
         rows = bus.joints
         self._answered[rows] = fits
-        self._told[rows] &= fits & (not port.holding)  # those that we hold are looked at anew
+        self._turn_known[rows] &= fits & (not port.holding)  # those held by this daemon are checked anew
         bad = self._loop.hardware.slow.fault[rows] > 0
         self._marred[rows] = np.where(fits, bad, self._marred[rows])
 
@@ -124,24 +127,25 @@ class JointVerification:
         """Choose the turns of identified devices that are not known yet; called once per tick."""
         loop = self._loop
         turns = self._loop.joints.turns
-        self._look_at_links()
-        if some(self._marred) and loop.procedures.rank is None:  # nobody is asked on a way down
-            self._ask_again()
+        self._process_link_changes()
+        # no identification while the robot is lowered
+        if some(self._marred) and loop.procedures.rank is None:
+            self._identify_healed()
         if turns is None:
-            self._told |= self._answered
+            self._turn_known |= self._answered
         else:
-            if not (loop.armed or loop.energising) and some(self._told):
-                self._look_astray(turns, now)
-            if not every(self._told):
+            if not (loop.armed or loop.energising) and some(self._turn_known):
+                self._recheck_turns(turns, now)
+            if not every(self._turn_known):
                 self._count(turns)
                 for number, (port, bus) in enumerate(loop.hardware.pairs):
                     self._choose(number, port, bus.joints, turns)
         self._place()
 
-    def _look_at_links(self) -> None:
+    def _process_link_changes(self) -> None:
         """Forget the turns of the joints on a bus that was lost, or is identified anew.
 
-        They may be on another turn. Joints that this daemon holds with torque keep theirs when identified
+        They may be on another turn. Joints that this daemon holds with torque keep their turn when identified
         anew.
         """
         for number, (port, bus) in enumerate(self._loop.hardware.pairs):
@@ -155,10 +159,10 @@ class JointVerification:
             self._links[number] = port.link
 
     def _doubt(self, joints: Ints) -> None:
-        self._told[joints] = False
+        self._turn_known[joints] = False
         self._agreeing[joints] = 0
 
-    def _ask_again(self) -> None:
+    def _identify_healed(self) -> None:
         """Identify anew the buses of devices whose hardware error is gone.
 
         Such a device may have restarted, or be another one.
@@ -170,7 +174,7 @@ class JointVerification:
             if port.link is PortState.CONNECTED and some(healed[bus.joints]):
                 port.identify()
 
-    def _look_astray(self, turns: TurnRange, now: float) -> None:
+    def _recheck_turns(self, turns: TurnRange, now: float) -> None:
         """Choose anew the turn of joints that jumped by half a turn or more, or stay out of their travel.
 
         The latter only where another turn fits. Either a reading was wrong, or the servo has lost its turns.
@@ -178,51 +182,51 @@ class JointVerification:
         hardware = self._loop.hardware
         raw = hardware.readings.raw.ticks
         readings = hardware.readings
-        outside = self._told & ~inside(raw + readings.shift, turns)
+        outside = self._turn_known & ~inside(raw + readings.shift, turns)
         if some(outside) or some(readings.jumps):
             self._astray = np.where(outside, np.minimum(self._astray, now), inf)
             long = (now - self._astray >= ASTRAY) & (self._loop.torque_known == 0)
             leapt = (readings.jumps > 0) & (2 * readings.leaps >= turns.whole * hardware.resolution)
             anew = (long & inside(raw + chosen(raw, turns), turns)) | (leapt & turns.known)
-            self._doubt(np.flatnonzero(self._told & anew))
+            self._doubt(np.flatnonzero(self._turn_known & anew))
         else:
             self._astray[:] = inf
 
     def _count(self, turns: TurnRange) -> None:
         """Count the readings in a row that give the same turn."""
         turn = chosen(self._loop.hardware.readings.raw.ticks, turns)
-        heard = self._loop.measured.heard
+        fresh = self._loop.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
-        self._agreeing = np.where(heard, again, self._agreeing)
-        self._turn = np.where(heard, turn, self._turn)
+        self._agreeing = np.where(fresh, again, self._agreeing)
+        self._turn = np.where(fresh, turn, self._turn)
 
     def _choose(self, number: int, port: BusPort, rows: Ints, turns: TurnRange) -> None:
         loop = self._loop
         hardware = self._loop.hardware
         raw = hardware.readings.raw.ticks
         before = hardware.readings.shift
-        due = np.zeros_like(self._told)
-        due[rows] = (self._answered & ~self._told & (self._agreeing >= AGREEING))[rows]
+        due = np.zeros_like(self._turn_known)
+        due[rows] = (self._answered & ~self._turn_known & (self._agreeing >= AGREEING))[rows]
         if not some(due):
             return
         shift = np.where(due, self._turn, before)
         found = [each for each in unfit(raw, shift, turns, loop.torque_known == 1) if due[_joint(each)]]
         due[_joints(found)] = False
         shift = np.where(due, shift, before)
-        ours = port.holding or loop.energising
-        self._told |= due & (shift == before) & ~hardware.left_out if ours else due
+        held = port.holding or loop.energising
+        self._turn_known |= due & (shift == before) & ~hardware.left_out if held else due
         self._report_unverified(port.name, found)
-        if not ours and some(shift != before):
+        if not held and some(shift != before):
             hardware.turn(number, shift[rows])
             loop.measured = replace(loop.measured, position=frozen(hardware.readings.where()))
 
     def _place(self) -> None:
-        """Where everybody else is, nobody knows; who gets goals of ours is where it was."""
+        """Mark joints without a known turn as unknown; joints that get goals keep their position."""
         loop = self._loop
         hardware = self._loop.hardware
-        placed = self._told if every(self._told) else self._told | hardware.energised_joints
+        placed = self._turn_known if every(self._turn_known) else self._turn_known | hardware.energised_joints
         for _, bus in hardware.pairs:
-            for each in bus.linked:  # by all of its actuators
+            for each in bus.linked:  # known only with all of its actuators
                 mates = bus.joints[each.rows]
                 placed = placed.copy()
                 placed[mates] = every(placed[mates])

@@ -1,7 +1,7 @@
-"""Restoring of a servo after a search for its stop: mode and settings are written back, read back, reported.
+"""Restoring of a servo after an end-stop search: mode and settings are written back, read back, reported.
 
-Until then the joint is owed: no client arms, leaves the mode or writes to it. An interrupted try is made
-again. A servo that refuses, or another one in its place, ends the restoring, and that is reported.
+Until then the joint is owed: no client arms, leaves the mode or writes to it. An interrupted attempt is
+repeated. A servo that refuses, or another one in its place, ends the restoring, which is reported.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireClamp
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
-REFUSALS = 3  # times that a servo may refuse what it is given back
-PAUSE = 25  # ticks between two tries
-ANSWER = 3.0  # s after its end by which the caller is answered, given back or not
-ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings by which a servo is known again
+REFUSALS = 3  # refusals of the servo after which restoring ends and is reported
+PAUSE = 25  # ticks between two attempts, so that other requests get bus time
+ANSWER = 3.0  # s after the end of the search by which the caller gets its reply, restored or not
+ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings that identify the servo
 
 
 @dataclass(eq=False)
@@ -33,20 +33,20 @@ class PendingRestore:
     command: link.FindStop
     sought: HomingRequest
     device: IdentifiedDevice  # as it was identified before
-    kept: Any = None  # of the driver: what is given back; None: nothing was written
-    left: str = ""  # what it is left with, if it is not given back
-    watchdog: int = 0  # what its watchdog reads while it has torque
-    shift: int = 0  # counts: calibrated count minus raw, in the mode that it is in now
-    looked_after: bool = False  # an old reading ends it: from when they agreed until the course begins
+    kept: Any = None  # state of the driver for the restoring; None: nothing was written
+    left: str = ""  # settings that stay changed without restoring
+    watchdog: int = 0  # value of its watchdog register while it has torque
+    shift: int = 0  # counts: calibrated count minus raw, in the present mode
+    looked_after: bool = False  # True from agreeing readings until the search begins: an old reading ends it
     powered: float | None = None  # s, when torque was read back on
-    over: bool = False  # the search has ended, and torque of ours with it, or is being taken
+    over: bool = False  # the search has ended, and its torque too, or another procedure takes it
     answered: bool = False
     captures: list[float] = field(default_factory=list)
     findings: tuple[Finding, ...] = ()
 
 
 def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
-    """Once it is over and torque is off: as it was, read back, identified anew. Then the answer."""
+    """Restore the servo once the search is over and torque is off, identify its bus anew, then reply."""
     port = debt.sought.port
     while not debt.over:
         yield
@@ -57,7 +57,7 @@ def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
     release(loop, debt)
     port.identify()
     while not debt.answered and not loop.hardware.connected and loop.clock.now() < until:
-        yield  # so that whoever is answered may go on at once
+        yield  # the client may go on at once after the reply
     answer(loop, debt)
 
 
@@ -65,6 +65,7 @@ def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None,
     """Try to restore until it succeeds or never will; return the findings of the failure."""
     refusals = 0
     while True:
+        # Another device may have the id by now; settings of the old one must not be written to it.
         if (strange := _stranger(debt)) is not None:
             return (unrestored(debt, strange),)
         if _free(loop, debt):
@@ -83,24 +84,24 @@ def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None,
 
 
 def _free(loop: Loop, debt: PendingRestore) -> bool:
-    """Check that no other procedure writes there, that our torque is off, and that the device at the id is
-    identified."""
+    """Check that no other procedure runs, no torque is on, and the device is identified."""
     port = debt.sought.port
     calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
-    known = port.identification is None and _now(debt) is not None
-    return calm and known and port.writer is not None and port.reader is not None and not port.full
+    identified = port.identification is None and _now(debt) is not None
+    return calm and identified and port.writer is not None and port.reader is not None and not port.full
 
 
 def _now(debt: PendingRestore) -> IdentifiedDevice | None:
-    """Return the device that has the id of `debt`, as last identified; None: it has not answered since the
-    bus was opened."""
+    """Return the device with the id of `debt` as last identified; None: no reply since the bus was opened."""
     found = (each for each in debt.sought.port.devices if each.id == debt.sought.id and each.settings)
     return next(found, None)
 
 
 def _stranger(debt: PendingRestore) -> str | None:
-    """Return the reason why the device that has the id now is not the one that was driven; None: no
-    difference is known."""
+    """Return the reason why the device with the id is not the one that was driven.
+
+    None: no difference is known.
+    """
     was = debt.device
     found = _now(debt)
     if found is None:
@@ -126,7 +127,7 @@ def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
     except ValueError as error:
         return error
     finally:
-        port.writer.end_single_device()  # what is given back is judged as everybody's is
+        port.writer.end_single_device()  # the restoring writes are checked as any others
     task = port.run(alone.give_back(debt.kept))
     while not task.done:
         yield
@@ -147,19 +148,19 @@ def release(loop: Loop, debt: PendingRestore) -> None:
     loop.homing.owed = None
 
 
-# ------------------------------------------------------------------------------------------- what is said
+# ------------------------------------------------------------------------------------------- reports
 
 
 def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
-    """The last answer: captures, or why there are none; nothing is found where anything is wrong."""
+    """Send the last reply: captures, or findings; with any finding no capture is reported."""
     if debt.answered:
         return
     debt.answered = True
     findings = [*debt.findings, *more]
     name = loop.joints.names[debt.sought.joint]
     if findings:
-        said = f"{name}: its stop was not found: {findings[0].message}"
-        loop.say.event("warning", findings[0].code, said, findings)
+        message = f"{name}: its stop was not found: {findings[0].message}"
+        loop.say.event("warning", findings[0].code, message, findings)
         loop.say.reply(debt.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
         return
     counts = [round(count) for count in debt.captures]
@@ -183,7 +184,7 @@ def unrestored(debt: PendingRestore, why: str) -> Finding:
 
 
 def clamped(loop: Loop, debt: PendingRestore, error: WireClamp) -> Finding:
-    """WIRE_CLAMP: bytes that may not leave are a fault of ours, and latch as everywhere."""
+    """Latch WIRE_CLAMP: bytes that may not leave are an internal fault."""
     finding = Finding(ReasonCode.WIRE_CLAMP, debt.sought.joint, value=float(error.value), message=str(error))
     loop.fail(finding, loop.clock.now())
     return finding

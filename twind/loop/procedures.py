@@ -1,7 +1,7 @@
-"""Work that takes more than a slice of a tick: generators, stepped once per tick, answering when done.
+"""Procedures: work over several ticks, as generators that are stepped once per tick.
 
-One procedure at a time may own the torque; a more urgent one takes it over. Others (checks, register
-reads) run beside it.
+One procedure at a time may own the torque; a more urgent one takes it over. Others (checks, register reads)
+run beside it.
 """
 
 from collections.abc import Callable, Generator, Iterable
@@ -26,8 +26,7 @@ class Priority(IntEnum):
 
 
 class ProcedureRunner:
-    """Running procedures: at most one that owns the torque, and any number beside it that do not touch the
-    torque."""
+    """Running procedures: at most one that owns the torque, and any number beside it."""
 
     def __init__(self) -> None:
         self._torque: Procedure | None = None
@@ -74,7 +73,7 @@ class ProcedureRunner:
 
 
 def _first(body: Procedure) -> bool:
-    """Run to its first wait; False when it ended already."""
+    """Run to the first wait; False when it ended already."""
     try:
         next(body)
     except StopIteration:
@@ -91,7 +90,7 @@ def _next(body: Procedure, now: float) -> bool:
 
 
 def all_of(tasks: Iterable[ScriptRun[Any]]) -> Generator[None, float, None]:
-    """Wait until every task is done; then raise the first error there was."""
+    """Wait until every task is done; then raise the first error."""
     waiting = list(tasks)
     while not all(task.done for task in waiting):
         yield
@@ -101,7 +100,7 @@ def all_of(tasks: Iterable[ScriptRun[Any]]) -> Generator[None, float, None]:
 
 
 def ticks(count: int) -> Generator[None, float, float]:
-    """Wait `count` ticks; the time of the last."""
+    """Wait `count` ticks; return the time of the last, s."""
     now = 0.0
     for _ in range(count):
         now = yield

@@ -1,4 +1,4 @@
-"""What the loop does about the guard's judgement: tell, latch, hold, lower, fall silent. Loop's process."""
+"""Reactions of the loop to the guard's decision: report, latch, hold, lower, inhibit. Loop's process."""
 
 from __future__ import annotations
 
@@ -23,13 +23,17 @@ if TYPE_CHECKING:
 
 
 def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now: float) -> Floats | None:
-    """Do what the guard says; what may be written. A goal that may not leave becomes the last goal again."""
+    """Carry out the decision; return the goal (n,) that may be written, rad, or None.
+
+    A refused goal is replaced by the last goal.
+    """
     if judgement.findings or loop.parts.guard.bars:
         _report_decision(loop, judgement)
     if judgement.latches:
         loop.change(RobotEvent.FAULT, now)
     for bus in judgement.gone:
-        loop.hardware.give_up(bus, "nobody heard us there: emptied, opened anew")
+        loop.hardware.give_up(bus, "requests did not reach the devices: emptied, opened anew")
+    # After FAULT: the events of the reaction then keep the latched state.
     if judgement.reaction >= Reaction.HOLD:
         _act(loop, judgement, now)
     _slow(loop, judgement)
@@ -43,29 +47,32 @@ def react(loop: Loop, judgement: GuardDecision, reference: Reference | None, now
 
 
 def _report_decision(loop: Loop, judgement: GuardDecision) -> None:
-    """News of each code once, latches, and who began anew."""
+    """Report each code once, latch faults, and mark joints of servos that restarted or raised an alert."""
     stop = judgement.reaction.name.lower() if judgement.reaction else ""
     for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
         same = tuple(with_contact(loop, finding) for finding in findings)
         loop.say.event("warning", code, same[0].message, same, stop=stop)
         if judgement.latches:
             loop.latch(_of_many(same))
-    told = (*judgement.findings, *loop.parts.guard.bars)  # a second restart within a second is not told
-    if restarted := [finding for finding in told if finding.code is ReasonCode.SERVO_REBOOTED]:
+    reported = (
+        *judgement.findings,
+        *loop.parts.guard.bars,
+    )  # a second restart within a second is not reported
+    if restarted := [finding for finding in reported if finding.code is ReasonCode.SERVO_REBOOTED]:
         loop.identity.restarted(restarted)
-    loop.identity.verified.mar([finding for finding in told if finding.code is ReasonCode.SERVO_ALERT])
+    loop.identity.verified.mar([finding for finding in reported if finding.code is ReasonCode.SERVO_ALERT])
 
 
 def _act(loop: Loop, judgement: GuardDecision, now: float) -> None:
-    """The ladder: a harder reaction takes a softer one over, never the other way."""
+    """Apply the reaction ladder: a harder reaction takes over from a softer one, never the reverse."""
     causes = judgement.causes
     if judgement.reaction >= Reaction.INHIBIT:
         loop.inhibit(judgement.findings[0], now)
     elif loop.inhibited:
-        return  # nothing softer ends it: torque stays until an operator lets go
+        return  # no softer reaction ends it: torque stays until an operator switches it off
     elif judgement.reaction >= Reaction.SETTLE and loop.armed:
         if judgement.reaction >= Reaction.DAMP:
-            damping.demand(loop, causes, now)  # a way to the rest pose under way ends by it
+            damping.demand(loop, causes, now)  # a motion to the rest pose ends by it
         loop.procedures.own(Priority.FAULT, lambda: torque_release.fault(loop, now, causes))
     elif judgement.here and loop.procedures.rank is None:
         target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
@@ -75,14 +82,14 @@ def _act(loop: Loop, judgement: GuardDecision, now: float) -> None:
 
 
 def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
-    """With those that their motors turn too: as commanded, these would push the motors on."""
+    """Return these joints and all joints that the same motors turn, whose goals would push the motors on."""
     named = np.zeros(len(loop.joints), np.bool_)
     named[list(joints)] = True
     return np.flatnonzero(spread_over_groups(named, loop.joints.transmission_groups)).tolist()
 
 
 def _slow(loop: Loop, judgement: GuardDecision) -> None:
-    """The pace of motions. The way to the rest pose is a stop: never slowed."""
+    """Set the pace of motions. The motion to the rest pose is a stop and is never slowed."""
     before = loop.executor.pace
     loop.executor.pace = judgement.pace if loop.procedures.rank is None else 1.0
     if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
@@ -91,7 +98,7 @@ def _slow(loop: Loop, judgement: GuardDecision) -> None:
 
 
 def _of_many(findings: tuple[Finding, ...]) -> Finding:
-    """One finding for all of a code: the first, that says how many joints it speaks for."""
+    """Return one finding for all of a code: the first, with the number of further joints."""
     first = findings[0]
     others = {finding.joint for finding in findings} - {None, first.joint}
     return replace(first, message=f"{first.message} (and {len(others)} more joints)") if others else first

@@ -1,4 +1,4 @@
-"""Real-time set-up of the loop's process: what was asked, what was got. Nothing here is required to run."""
+"""Real-time set-up of the loop's process: requests and results. The daemon runs without any of it."""
 
 import ctypes
 import gc
@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 PRIORITY = 40  # SCHED_FIFO: above the usual desktop services, below the kernel's own interrupt threads
-LIMIT = 60  # LimitRTPRIO= of the units, and what a user who starts it by hand is told to ask for
+LIMIT = 60  # LimitRTPRIO= of the units, and the value that messages name to users
 # <sys/mman.h>
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
@@ -22,22 +22,21 @@ _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """What the system answered to one request. `text` is for people."""
+    """Result of one request to the system. `text` is for people."""
 
     text: str  # "fifo 40"; of a denied request "no: <reason>"
     granted: bool = True
 
 
 def denied(reason: str) -> Granted:
-    """A request that the system did not grant."""
+    """Return the result of a request that the system did not grant."""
     return Granted(f"no: {reason}", granted=False)
 
 
 def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, Granted]:
-    """Ask for FIFO scheduling, locked memory and fine timers, freeze the garbage collector.
+    """Request FIFO scheduling, locked memory and fine timers; freeze the garbage collector.
 
-    `cpu`: the core to stay on; None: wherever the scheduler likes.
-    Returns what was got, by request, for `GetStatus`.
+    `cpu`: the core to stay on; None: any. Returns the results by request, for `GetStatus`.
     """
     got = {"blas": one_thread(), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
     got["cpu"] = Granted("any") if cpu is None else pin(cpu)
@@ -45,12 +44,12 @@ def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, Granted
     gc.freeze()
     gc.disable()
     got["gc"] = Granted("frozen, off")
-    got["scheduler"] = fifo(priority)  # last: what came before took long, and others may be running
+    got["scheduler"] = fifo(priority)  # last: the steps before take long, and would hold up other processes
     return got
 
 
 def drop_realtime() -> None:
-    """As any other process from now on: what comes takes its time, and may take much memory."""
+    """Return to normal scheduling and pageable memory, for work that takes time and memory."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     if policy in (os.SCHED_FIFO, os.SCHED_RR):  # the flag stays: to clear it takes a right of its own
         with suppress(OSError):
@@ -59,10 +58,10 @@ def drop_realtime() -> None:
 
 
 def one_thread() -> Granted:
-    """Matrix products stay in the calling thread, and their work space is had before time counts.
+    """Keep matrix products in the calling thread, and allocate their work space before the first tick.
 
-    OpenBLAS maps some 30 MB at its first product; in a process whose future memory is locked that is faulted
-    in at once: 86 ms of a tick (2026-11). A second thread of normal priority would starve behind a FIFO one.
+    OpenBLAS maps some 30 MB at its first product. In a process with locked memory that is faulted in at once:
+    86 ms of a tick (measured 2026-11). A second thread of normal priority would starve behind a FIFO thread.
     """
     threadpool_limits(limits=1)
     square = np.ones((64, 64))
@@ -70,7 +69,7 @@ def one_thread() -> Granted:
 
 
 def fifo(priority: int) -> Granted:
-    """SCHED_FIFO for this process, not for its children. What was got."""
+    """Set SCHED_FIFO for this process, not for its children; return the result."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     if policy == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
         return Granted(f"fifo {os.sched_getparam(0).sched_priority}")
@@ -83,7 +82,7 @@ def fifo(priority: int) -> Granted:
 
 
 def pin(cpu: int) -> Granted:
-    """Keep the calling thread on one core. What was got."""
+    """Keep the calling thread on one core; return the result."""
     try:
         os.sched_setaffinity(0, {cpu})
     except (OSError, OverflowError, ValueError):
@@ -93,7 +92,10 @@ def pin(cpu: int) -> Granted:
 
 
 def _heap() -> Granted:
-    """Freed memory stays ours: else every array of 100 kB is mapped, faulted in and given back anew."""
+    """Keep freed memory in the process.
+
+    Else every array of 100 kB is mapped, faulted in and returned anew.
+    """
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "mallopt"):  # not glibc
         return denied("this C library has no mallopt")

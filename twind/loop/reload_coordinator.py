@@ -1,8 +1,8 @@
-"""Changes while the daemon runs: when they may be made, and everything that has to know of them at once.
+"""Reload of settings while the daemon runs: checks, and the update of all parts between two ticks.
 
-The front reads the files again (`front/reload_queue.py`) and sends what may change; here it is judged once
-more and put in force between two ticks, whole or not at all. Changes of the robot need it at rest: nothing
-moves, and in live no torque is on. Loop's process.
+The front reads the files (`front/reload_queue.py`) and sends the changes. Here they are judged once more and
+put in force completely or not at all. Changes of the robot need it at rest: no motion, and in live no torque.
+Loop's process.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from twind.twin.binding import BindingError
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
-PATIENCE = 20.0  # s that reading and checking the files may take, from the last sign that it began
-FRESH = 0.5  # s: an older reading does not say where a limp joint is now
-LISTED = 6  # keys that one line names
+PATIENCE = 20.0  # s that reading and checking the files may take, since the last report of its start
+FRESH = 0.5  # s: an older reading is not the place of a joint without torque
+LISTED = 6  # keys that one line lists
 
 
 class ReloadCoordinator:
@@ -40,18 +40,21 @@ class ReloadCoordinator:
         self._loop = loop
         self.wanted = False
         self.generation = 0  # changes made since the start
-        self.judged_since = 0  # generation of the last that changed the robot: older verdicts do not count
-        self.told = ""  # of the last reading of the files, for the status line; empty: nothing to tell
-        self._until = inf  # s, when the front's answer is due; inf: none is
+        self.judged_since = 0  # generation of the last change of the robot: older verdicts do not count
+        self.told = ""  # result of the last reload for the status line; empty: nothing to report
+        self._until = inf  # s, when the front's reply is due; inf: none is
 
-    # ------------------------------------------------------------------------------- asked and answered
+    # ------------------------------------------------------------------------------- requests and replies
 
     def want(self) -> None:
-        """The files shall be read again; may be called by a signal's handler."""
+        """Request a reload; may be called by a signal handler."""
         self.wanted = True
 
     def serve(self, now: float) -> None:
-        """Once per tick: pass on what SIGHUP asked, and give up on a front that does not answer."""
+        """Forward the request of SIGHUP, and fail a reload whose front does not reply.
+
+        Called once per tick.
+        """
         if self.wanted:
             self.wanted = False
             if not self._loop.stop_wanted:
@@ -61,7 +64,10 @@ class ReloadCoordinator:
             self.failed(f"the files were not read within {PATIENCE:g} s; nothing was changed")
 
     def begin(self, now: float) -> None:
-        """The front reads the files: notify the service manager once (sd_notify(3), RELOADING=1)."""
+        """Note that the front reads the files.
+
+        Notify the service manager once (sd_notify(3), RELOADING=1).
+        """
         if self._until == inf:
             since = self._loop.clock.now()
             self._loop.parts.notifier.send(RELOADING="1", MONOTONIC_USEC=f"{since * 1e6:.0f}")
@@ -77,9 +83,9 @@ class ReloadCoordinator:
         if self._until < inf:
             self.failed("the front was lost while it read the files; reload again")
 
-    def _end(self, told: str) -> None:
-        """READY=1 ends a reload, refused or not: the daemon serves on."""
-        self.told = told
+    def _end(self, result: str) -> None:
+        """End a reload with READY=1, also a refused one: the daemon serves on."""
+        self.told = result
         self._loop.publisher.urgent = True
         if self._until < inf:
             self._until = inf
@@ -88,7 +94,10 @@ class ReloadCoordinator:
     # ------------------------------------------------------------------------------- put in force
 
     def adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> None:
-        """Put changes in force, all or none. `briefing`: descriptor for the next front, which is ours now."""
+        """Put changes in force, all or none.
+
+        `briefing`: descriptor for the next front, closed here if refused.
+        """
         try:
             kept = self._adopt(command, briefing, now)
         except (ValueError, BindingError) as error:  # NotHot, or a gain that a driver's field does not hold
@@ -98,9 +107,12 @@ class ReloadCoordinator:
             os.close(briefing)
 
     def _adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> bool:
-        """True: in force, and `briefing` is kept. Raises ValueError, BindingError: nothing has changed."""
+        """Put changes in force; True: `briefing` is kept.
+
+        Raises ValueError, BindingError without any change.
+        """
         loop = self._loop
-        if command.reread and self._until == inf:  # it was told that nothing was changed: so it stays
+        if command.reread and self._until == inf:  # the reload was reported as failed, so nothing may change
             self._refuse(
                 command, (Finding(ReasonCode.BUSY, message="the files came too late: reload again"),)
             )
@@ -164,12 +176,12 @@ def at_rest(loop: Loop) -> tuple[Finding, ...]:
         why = "a motion is under way: `twindctl stop`, or wait for its end"
     elif loop.submissions.busy:
         why = "a trajectory is being judged: try again"
-    elif asking := next((port.name for port in loop.hardware.ports if port.busy), None):
-        why = f"somebody reads, writes, scans or reboots on bus {asking}: try again"
+    elif occupied := next((port.name for port in loop.hardware.ports if port.busy), None):
+        why = f"a client reads, writes, scans or reboots on bus {occupied}: try again"
     elif loop.mode is Mode.LIVE and loop.energised:
         why = "torque is on, or not known to be off: `twindctl disarm`"
     elif loop.mode is Mode.LIVE and loop.torque_off is not True:
-        why = _not_known(loop)
+        why = _describe_unknown_torque(loop)
     return (
         ()
         if why is None
@@ -177,14 +189,14 @@ def at_rest(loop: Loop) -> tuple[Finding, ...]:
     )
 
 
-def _not_known(loop: Loop) -> str:
+def _describe_unknown_torque(loop: Loop) -> str:
     """Return why torque is not known to be off: a bus has no reader, or joints have not answered.
 
     Torque may have been left on by the limits in force before.
     """
     port = next((port for port in loop.hardware.ports if port.reader is None), None)
     if port is None:
-        return "torque is not known to be off: wait until everybody has answered"
+        return "torque is not known to be off: wait until every servo has answered"
     away = port.trouble or "it is not open"
     return f"whether torque is on is not known of bus {port.name}: {away}; connect it, or restart the daemon"
 
@@ -195,7 +207,7 @@ def _still_stopping(loop: Loop) -> bool:
 
 
 def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
-    """Joints that stand inside the limits in force and would be outside of `limits`."""
+    """Return findings for joints inside the limits in force that would be outside of `limits`."""
     measured = loop.measured
     old = loop.limits
     places: list[Floats] = []
@@ -224,7 +236,7 @@ def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
 
 
 def put_in_force(loop: Loop, one: BoundRobot) -> None:
-    """Everybody who keeps limits, ranges or gains gets those of `one`. Raises before anything has changed."""
+    """Set limits, ranges and gains of `one` in all parts. Raises before anything has changed."""
     parts = loop.parts
     binding = one.binding
     hardware = loop.hardware
@@ -234,6 +246,8 @@ def put_in_force(loop: Loop, one: BoundRobot) -> None:
         for port in hardware.ports
         if enabler is not None and port.writer is not None and port.reader is not None
     }
+    # All writers are made before any part changes: a gain that a driver refuses must leave the old ones
+    # whole.
     outlook = None if loop.outlook is None else loop.outlook.within(binding.limits)
     hardware.clear()
     for port in hardware.ports:
@@ -257,12 +271,12 @@ def put_in_force(loop: Loop, one: BoundRobot) -> None:
 
 
 def thresholds_with(old: GateThresholds, changes: dict[str, Any]) -> GateThresholds:
-    """The thresholds in force once these changes are made. Raises NotHot."""
+    """Return the thresholds in force after these changes. Raises NotHot."""
     warn, block = hot_changes.thresholds(changes, old.latency_warn * 1e3, old.latency_block * 1e3)
     return replace(old, latency_warn=warn / 1e3, latency_block=block / 1e3)
 
 
 def listed(keys: list[str]) -> str:
-    """Some keys, and how many more."""
+    """Return the first keys as text, and the number of further ones."""
     more = f" and {len(keys) - LISTED} more" if len(keys) > LISTED else ""
     return ", ".join(keys[:LISTED]) + more

@@ -1,4 +1,4 @@
-"""What each command of the front does: an answer at once, or a procedure begun."""
+"""Handler of each command of the front: a reply at once, or a procedure begun."""
 
 from __future__ import annotations
 
@@ -23,13 +23,16 @@ LOWERING = "wait until torque is off, as `twindctl status --joints` shows"
 
 
 def serve(loop: Loop, now: float) -> None:
-    """Everything that asks something of the loop in this tick. An e-stop goes before all else."""
+    """Serve all commands and pending requests of this tick.
+
+    An e-stop precedes all others: a command of the same tick must not start a motion that it should stop.
+    """
     incoming = loop.link.commands(now)
     incoming.sort(key=lambda each: not isinstance(each.command, link.EStop))
     for each in incoming:
         try:
             begin(loop, each, now)
-        except Exception as error:  # noqa: BLE001 - one call must not cost the others theirs
+        except Exception as error:  # noqa: BLE001 - an error in one call must not affect the others
             loop.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
             if isinstance(each.command, link.Command):
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
@@ -40,11 +43,11 @@ def serve(loop: Loop, now: float) -> None:
     if loop.stop_wanted and loop.procedures.own(
         Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
     ):
-        loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
+        loop.say.event("info", "STOPPING", "the daemon ends" + (": lowering the robot" if loop.armed else ""))
 
 
 def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
-    """Answer a command, or start what will answer it."""
+    """Reply to a command, or start the procedure that will reply."""
     command = incoming.command
     if isinstance(command, link.Submit):
         loop.submissions.begin(command, incoming.data, now)
@@ -63,7 +66,7 @@ def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
 
 
 def _gone(loop: Loop, client: int) -> None:
-    """A connection closed: its lease lapses, and what it began to arm is let go."""
+    """Process a closed connection: its lease lapses, and an arming that it began ends with torque off."""
     loop.lease.release_client(client)
     loop.submissions.drop_client(client)
     loop.stops.drop_client(client)
@@ -72,7 +75,7 @@ def _gone(loop: Loop, client: int) -> None:
 
 
 def front_lost(loop: Loop) -> None:
-    """The front died, and every connection with it: leases lapse, motion holds, torque stays."""
+    """Process the loss of the front and of every connection: leases lapse, motion holds, torque stays."""
     loop.link.lost = False
     loop.lease.front_lost()
     loop.submissions.forget()
@@ -82,7 +85,7 @@ def front_lost(loop: Loop) -> None:
 
 
 def _hold(loop: Loop, reason: Finding) -> None:
-    """End motions, those that wait for their start too, and an arming under way. Ways to rest go on."""
+    """End a motion, also one that waits for its start, and an arming. A motion to the rest pose goes on."""
     busy = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or loop.executor.waiting
     if loop.procedures.rank is Priority.ARM:
         loop.procedures.own(Priority.DISARM, lambda: arming.give_up(loop))
@@ -91,7 +94,7 @@ def _hold(loop: Loop, reason: Finding) -> None:
 
 
 def _reachable(loop: Loop, news: link.Reachable) -> None:
-    """While no new client can connect, motion holds and none begins; nothing moves by itself afterwards."""
+    """Hold motion while no new client can connect; nothing moves by itself afterwards."""
     before = loop.unreachable
     loop.unreachable = Finding(ReasonCode.SOCKETS_GONE, message=news.missing) if news.missing else None
     for path in news.rebound:
@@ -102,7 +105,7 @@ def _reachable(loop: Loop, news: link.Reachable) -> None:
         loop.say.event("error", ReasonCode.SOCKETS_GONE, news.missing, (loop.unreachable,))
         _hold(loop, loop.unreachable)
     elif loop.unreachable is None and before is not None:
-        loop.say.event("info", ReasonCode.SOCKETS_GONE, "clients can connect again; motion may be ordered")
+        loop.say.event("info", ReasonCode.SOCKETS_GONE, "clients can connect again; motion may be requested")
     loop.publisher.urgent = loop.publisher.urgent or loop.unreachable != before
 
 
@@ -111,15 +114,16 @@ def _reachable(loop: Loop, news: link.Reachable) -> None:
 
 def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
     if command.mode not in [mode.value for mode in Mode]:
-        known = [mode.value for mode in Mode]
-        loop.say.error(command, "NotFound", what="mode", name=command.mode, known=known)
+        names = [mode.value for mode in Mode]
+        loop.say.error(command, "NotFound", what="mode", name=command.mode, known=names)
         return
     wanted = Mode(command.mode)
     if wanted is not loop.mode and (what := loop.homing.busy()):
         loop.say.error(command, "Busy", what=what)
         return
     refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
-    to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE  # where torque found on can be taken off
+    # where torque that was found on can be switched off
+    to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE
     if refusal is None and loop.energised and wanted is not loop.mode and not to_live:
         refusal = Finding(ReasonCode.MODE_DENIES, message="torque is on: disarm first")
     if refusal is None and wanted is Mode.LIVE:
@@ -140,7 +144,7 @@ def _lease(loop: Loop, client: int, now: float) -> dict[str, Any]:
 
 
 def link_dict(info: link.LeaseInfo) -> dict[str, Any]:
-    """The lease as the interface spells it."""
+    """Return the lease as the interface encodes it."""
     return {"holder": info.holder, "uid": info.uid, "expires_in": info.expires_in}
 
 
@@ -150,7 +154,7 @@ def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
         loop.say.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
         return
     moving = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
-    if held_by_other and moving and loop.procedures.rank is None:  # never the way to the rest pose
+    if held_by_other and moving and loop.procedures.rank is None:  # never the motion to the rest pose
         reason = Finding(ReasonCode.LEASE_LOST, message=f"the lease was taken by {command.holder}")
         loop.executor.stop("aborted", (reason,))  # taken from another: motion holds first
     if held_by_other:
@@ -219,12 +223,12 @@ def _own(loop: Loop, command: link.Command, rank: Priority, start: Callable[[], 
 
 
 def _lowering(loop: Loop) -> bool:
-    """Whether a procedure is on its way to torque off."""
+    """Check for a procedure that leads to torque off."""
     return loop.procedures.rank is not None and loop.procedures.rank >= Priority.DISARM
 
 
 def _reset(loop: Loop, command: link.Reset, now: float) -> None:
-    """Acknowledge latches; torque must be off. Never arms: what is still wrong refuses the next Arm."""
+    """Acknowledge latches; torque must be off. Never arms: a fault that persists refuses the next Arm."""
     if loop.torque_on:
         allowed = f"torque off: {LOWERING if _lowering(loop) else 'disarm'}"
         loop.say.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=[allowed])
@@ -232,8 +236,8 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     wanted = set(command.codes) if command.codes is not None else {code.value for code in loop.latches}
     unknown = wanted - {code.value for code in loop.latches}
     if unknown:
-        known = [code.value for code in loop.latches]
-        loop.say.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=known)
+        codes = [code.value for code in loop.latches]
+        loop.say.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=codes)
         return
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
@@ -241,7 +245,7 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
         loop.stop_level = None
     if not loop.latches:
         if loop.inhibited:
-            for port in loop.hardware.ports:  # who they are was not watched: ask anew
+            for port in loop.hardware.ports:  # devices were not checked while inhibited: identify them anew
                 port.identify()
         loop.inhibited = False
         if loop.condition.latched or loop.state is RobotState.INHIBITED:
@@ -268,17 +272,17 @@ ENDED = {True: "succeeded", False: "failed", None: "ended"}
 
 
 def _mark(loop: Loop, command: link.Mark, now: float) -> None:
-    said = command.annotation
-    ended = ENDED[said.success] if said.kind == "end" else None
-    words = [word for word in (said.task, ended, said.text) if word]
-    loop.say.mark(command, MARKS[said.kind], ": ".join(words))
+    annotation = command.annotation
+    ended = ENDED[annotation.success] if annotation.kind == "end" else None
+    words = [word for word in (annotation.task, ended, annotation.text) if word]
+    loop.say.mark(command, MARKS[annotation.kind], ": ".join(words))
 
 
 # ------------------------------------------------------------------------------------------- motion
 
 
 def _cancel(loop: Loop, command: link.Cancel, now: float) -> None:
-    if loop.procedures.rank is None:  # a settling robot is already stopping
+    if loop.procedures.rank is None:  # a robot on its way to the rest pose is stopping already
         loop.executor.stop()
     loop.say.reply(command, state=loop.state.value)
 

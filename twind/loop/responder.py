@@ -1,4 +1,4 @@
-"""What the loop says: answers to calls, and events for whoever watches. Everything leaves by the link."""
+"""Replies to calls, and events for subscribers and the log. All leave by the link."""
 
 from collections.abc import Sequence
 from math import isnan
@@ -12,22 +12,22 @@ from twind_drivers.clock import Clock
 
 
 class Responder:
-    """Answers and events."""
+    """Sender of replies and events."""
 
     def __init__(self, out: ControlLink, clock: Clock) -> None:
         self._link = out
         self._clock = clock
 
     def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:
-        """An answer to a call."""
+        """Send a reply to a call."""
         self._link.reply(link.Reply(ticket=command.ticket, parameters=parameters, continues=continues))
 
     def error(self, command: link.Command, error: str, /, **parameters: Any) -> None:
-        """A call that failed: the interface's `error`."""
+        """Send the interface's `error` for a call that failed."""
         self._link.reply(link.Reply(ticket=command.ticket, parameters=parameters, error=error))
 
     def refuse(self, command: link.Command, findings: Sequence[Finding]) -> None:
-        """A call that the gate refused."""
+        """Send the refusal of the gate for a call."""
         self.error(command, "Refused", findings=list(findings))
 
     def event(
@@ -61,12 +61,14 @@ class Responder:
         )
 
     def slow(self, alert: LatencyAlert) -> None:
-        """A hop became too slow, or has recovered."""
+        """Report that a hop became too slow, or has recovered."""
         if alert.calm:
-            said = f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
+            message = (
+                f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
+            )
             if isnan(alert.value):
-                said = f"{alert.hop} is not measured any longer: no robot is read"
-            self.event("info", "LATENCY_CALM", said)
+                message = f"{alert.hop} is not measured any longer: no robot is read"
+            self.event("info", "LATENCY_CALM", message)
             return
         finding = Finding(
             ReasonCode.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}"
@@ -74,7 +76,7 @@ class Responder:
         self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
     def mark(self, command: link.Mark, code: str, message: str) -> None:
-        """What a client says of what the robot is doing, as an event; the reply names it."""
+        """Send a client's annotation as an event; the reply gives its sequence number."""
         sequence = self._link.sequence()
         self._link.event(
             link.Event(

@@ -1,6 +1,6 @@
-"""sd_notify: one datagram a message to $NOTIFY_SOCKET (sd_notify(3)). Without it, nothing.
+"""sd_notify: one datagram per message to $NOTIFY_SOCKET (sd_notify(3)); nothing without that variable.
 
-READY does not say that the servos answer: an unplugged robot must not fail the start. The status does.
+READY does not depend on the servos: an unplugged robot must not fail the start. The status line reports it.
 """
 
 import array
@@ -8,11 +8,14 @@ import contextlib
 import os
 import socket
 
-STATUS = 1.0  # s between two status lines: a servo that comes and goes must not flood the manager
+STATUS = 1.0  # s between two status lines: a servo that comes and goes must not flood the service manager
 
 
 class Notifier:
-    """Tells the service manager; never blocks and never raises: a lost notice must not cost a tick."""
+    """Sender of notices to the service manager.
+
+    Never blocks or raises, so that a lost notice costs no tick.
+    """
 
     def __init__(self, environment: dict[str, str] | None = None) -> None:
         env = dict(os.environ) if environment is None else environment
@@ -34,16 +37,18 @@ class Notifier:
         return int(wanted) / 4e6 if mine and wanted.isdecimal() and int(wanted) > 0 else float("inf")
 
     def send(self, **fields: str) -> None:
-        """KEY=VALUE lines in one datagram; dropped when nobody listens or the buffer is full."""
+        """Send KEY=VALUE lines in one datagram; dropped without a receiver or with a full buffer."""
         if self._socket is None:
             return
         lines = "\n".join(f"{key}={value}" for key, value in fields.items())
-        with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout speaks then
+        with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout handles that
             self._socket.sendto(lines.encode(), self._address)
 
     def store(self, name: str, fd: int) -> None:
-        """Keep `fd` over our death, however we die, for the next start (FDSTORE), in place of what is stored
-        by that name."""
+        """Store `fd` with the service manager for the next start (FDSTORE), however this process ends.
+
+        It replaces the descriptor stored by that name.
+        """
         self.drop(name)
         if self._socket is not None:
             message = f"FDSTORE=1\nFDNAME={name}".encode()
@@ -52,36 +57,39 @@ class Notifier:
                 self._socket.sendmsg([message], rights, 0, self._address)
 
     def drop(self, name: str) -> None:
-        """Let go of what is stored by that name."""
+        """Remove the descriptor stored by that name."""
         self.send(FDSTOREREMOVE="1", FDNAME=name)
 
     def extend(self, seconds: float) -> None:
-        """The start, or the end, that is under way may take so much longer (EXTEND_TIMEOUT_USEC)."""
+        """Request more time for the start or end under way (EXTEND_TIMEOUT_USEC), s."""
         self.send(EXTEND_TIMEOUT_USEC=f"{seconds * 1e6:.0f}")
 
     def close(self) -> None:
-        """Say no more."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def alive(self, now: float) -> None:
-        """WATCHDOG=1 when it is due. Called after a tick that finished every stage, from nowhere else.
+        """Send WATCHDOG=1 when it is due. Called only after a tick that finished every stage.
 
-        The first such tick is what READY=1 means: files valid, sockets listening, loop ticking.
+        The first such tick sends READY=1: files valid, sockets listening, loop ticking.
         """
         if not self._ready:
             self._ready = True
             self.send(READY="1")
+        # Sent four times per watchdog interval: a single late tick must not end the daemon
+        # (sd_watchdog_enabled(3) advises half).
         if now >= self._next:
             self._next = now + self.watchdog
             if self.watchdog != float("inf"):
                 self.send(WATCHDOG="1")
 
     def status(self, text: str, now: float) -> None:
-        """STATUS= for people; sent when it changed, at most once a second.
+        """Send STATUS= for people when it changed, at most once a second.
 
-        Made one line: a client's words may be in it, and a further line would be an order to the manager.
+        It is made one line: it may hold a client's text, and a further line would be a command to the
+        manager.
         """
         if text != self._status and now >= self._status_next:
             self._status = text

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 ALERT = 0x80  # of a status' error byte: read the hardware error
 OVERVIEW = 0.1  # s between two overviews
 WHOLE = 0.9  # s between two with histograms: every tenth, however urgent the others are
-FRESH = 5.0  # s: what a hop took is told as of now for so long
+FRESH = 5.0  # s: the last value of a hop counts as present for so long
 
 
 class StatePublisher:
-    """Builds and sends the news of a tick. `urgent`: something changed that cannot wait for 10 Hz."""
+    """Builds and sends the messages of a tick. `urgent`: a change that cannot wait for 10 Hz."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
@@ -35,7 +35,7 @@ class StatePublisher:
         self._unknown = np.full(len(loop.joints), np.nan).tobytes()
 
     def publish(self, now: float) -> None:
-        """State first, then the answers it explains."""
+        """Send the state first, then the replies that refer to it."""
         loop = self._loop
         loop.link.supervise_front(now)
         if self.urgent or now >= self._next:
@@ -47,7 +47,7 @@ class StatePublisher:
         loop.link.flush()
 
     def tick(self, now: float) -> link.Tick:
-        """The state after this tick."""
+        """Return the state after this tick."""
         loop = self._loop
         state = loop.simulated if loop.mode is Mode.SIM else loop.measured
         imu = state.imu
@@ -82,16 +82,18 @@ class StatePublisher:
     def status(self) -> str:
         """Return one line for the service manager: the state, and the first problem."""
         loop = self._loop
-        heard = int(loop.measured.heard.sum())
+        fresh = int(loop.measured.heard.sum())
         rate = 1.0 / loop.period
-        said = (
-            f"{loop.mode.value}, {loop.state.value}, {heard} of {len(loop.joints)} joints heard, {rate:g} Hz"
+        summary = (
+            f"{loop.mode.value}, {loop.state.value}, {fresh} of {len(loop.joints)} joints fresh, {rate:g} Hz"
         )
-        return "; ".join(part for part in (said, self._wrong(), loop.reloads.told) if part)
+        return "; ".join(part for part in (summary, self._wrong(), loop.reloads.told) if part)
 
     def _wrong(self) -> str:
-        """Return the first problem: no front, a latched or arming-blocking finding, a bus problem, torque
-        found on; "": none."""
+        """Return the first problem as text; "": none.
+
+        Problems: no front, a latched or arming-blocking finding, a bus problem, torque found on.
+        """
         loop = self._loop
         if loop.link.no_front:
             return f"no client can be served: {loop.link.no_front}"
@@ -106,8 +108,7 @@ class StatePublisher:
         return "torque was found on" if loop.inherited else ""
 
     def overview(self, now: float) -> link.Overview:
-        """Build the slowly changing part of the state: latencies, buses, lease, faults, temperature, voltage,
-        torque."""
+        """Build the slowly changing part of the state, such as latencies, buses, lease and faults."""
         loop = self._loop
         slow = loop.hardware.slow
         latency = loop.health.total
@@ -144,7 +145,7 @@ class StatePublisher:
         return list({(each.code, each.joint, each.message): each for each in found}.values())
 
     def _faults(self) -> NDArray[np.int16]:
-        """Hardware error bits (n,), -1 unknown; bit 8: the last answer carried the alert, whatever it is."""
+        """Return hardware error bits (n,), -1 unknown; bit 8: the last reply carried the alert flag."""
         hardware = self._loop.hardware
         alert = (hardware.readings.alerts & ALERT) != 0
         faults: NDArray[np.int16] = np.where(

@@ -23,10 +23,12 @@ from twind.telemetry.command_latency import STREAM, StartedCommand
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
-STALE_VERDICT = 0.5  # s: the front's share of the verdict may be this old (design 6.4)
-SLICE = 250  # points judged in one tick: some 2.5 ms when every single one is refused
+# s: the age up to which the front's part of the verdict counts; it rests on a state that changes
+STALE_VERDICT = 0.5
+# points judged in one tick: some 2.5 ms when every single one is refused, a quarter of a tick at 100 Hz
+SLICE = 250
 PROGRESS = 0.1  # s between two reports of progress
-ABOUT_NOW = frozenset(  # LEASE_MISSING to LATENCY_BLOCK, THERMAL_HEADROOM, BUSY: they depend on the moment
+ABOUT_NOW = frozenset(  # depend on the present state, not on the path
     {
         ReasonCode.LEASE_MISSING,
         ReasonCode.ESTOP_LATCHED,
@@ -47,18 +49,21 @@ ABOUT_NOW = frozenset(  # LEASE_MISSING to LATENCY_BLOCK, THERMAL_HEADROOM, BUSY
 
 
 class SubmissionTracker:
-    """One being judged, and those being followed with `more`."""
+    """The trajectory that is being judged, and those that are followed with `more`."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self.busy = False  # one is being judged (BUSY)
+        self.busy = False  # a trajectory is being judged (BUSY)
         self._followed: dict[str, link.Submit] = {}
         self._report_at = 0.0
 
     # --------------------------------------------------------------------------- trajectories
 
     def begin(self, command: link.Submit, data: bytes, now: float) -> None:
-        """Start judging; answers `accepted` or Refused, or the verdict alone for `check_only`."""
+        """Start to judge a trajectory.
+
+        Replies `accepted` or Refused, or the verdict alone for `check_only`.
+        """
         way = self._loop.way
         clock = self._loop.clock
         taken = None if command.check_only else way.take(command.received, clock.now(), inf)
@@ -83,12 +88,12 @@ class SubmissionTracker:
             busy = Finding(ReasonCode.BUSY, message=f"{message}: try again, or cancel")
             self._refuse(command, Verdict((busy,)), taken, now)
             return
-        asked = loop.snapshot(command.client, now)
+        before = loop.snapshot(command.client, now)
         soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
         if soon and loop.executor.reference is not None:
-            asked = replace(asked, reference=loop.executor.ahead(command.start_in))
+            before = replace(before, reference=loop.executor.ahead(command.start_in))
         demand = gate.TrajectoryRequest(command.policy, command.append_stop, command.start_in)
-        steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds, SLICE)
+        steps = gate.checking(path, before, loop.limits, demand, loop.parts.thresholds, SLICE)
         self.busy = True
         sliced = False
         try:
@@ -108,7 +113,7 @@ class SubmissionTracker:
             return
         refusals = judged.verdict.refusals
         if sliced and not refusals:
-            refusals = self._still_true(command, asked, path.commanded, now)
+            refusals = self._still_true(command, before, path.commanded, now)
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         if verdict.refusals:
             self._refuse(command, verdict, taken, now)
@@ -121,20 +126,20 @@ class SubmissionTracker:
             self._accept(command, verdict, followed, now)
 
     def _still_true(
-        self, command: link.Submit, asked: gate.GateSnapshot, commanded: Any, now: float
+        self, command: link.Submit, before: gate.GateSnapshot, commanded: Any, now: float
     ) -> tuple[Finding, ...]:
-        """A long check took several ticks: what admitted it, and where it starts, must still hold."""
+        """Return refusals that arose during a check of several ticks: admission and start must still hold."""
         loop = self._loop
         again = loop.snapshot(command.client, now)
         refusals = gate.admit(again, commanded, loop.parts.thresholds).refusals
         here = loop.executor.reference
-        if here is None or not np.array_equal(here.position, asked.reference.position):
+        if here is None or not np.array_equal(here.position, before.reference.position):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
             refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
         return refusals
 
     def _follow(self, command: link.Submit, path: Trajectory, now: float) -> float | Finding:
-        """Have a path without refusals followed: by how much it begins later, s, or why it does not."""
+        """Give an accepted path to the executor; return its lead-in time (s), or the refusal."""
         loop = self._loop
         if command.front_checked and now - command.front_checked > STALE_VERDICT:
             age = now - command.front_checked
@@ -155,23 +160,23 @@ class SubmissionTracker:
         return lead if refused is None else refused
 
     def _ending(self, command: link.Submit) -> tuple[GoalTolerances | None, float | None]:
-        """Tolerances of a goal, and the time (s) it has to meet them after its end.
+        """Return the tolerances of a goal, and the time (s) to meet them after its end.
 
-        A simulated joint must come as near to its goal as FOLLOW_ERR demands of a real one at rest. Without
-        a goal tolerance of the client it has the time that starting and stopping at full speed takes twice.
+        A simulated joint must come as near to its goal as FOLLOW_ERR demands of a real one at rest. Without a
+        goal tolerance of the client it has the time that starting and stopping at full speed takes twice.
         """
         loop = self._loop
         count = len(loop.joints)
-        asked = command.tolerances
+        tolerances = command.tolerances
         if loop.mode is Mode.LIVE:
-            return (GoalTolerances.from_entries(count, asked) if asked else None), command.goal_time
+            return (GoalTolerances.from_entries(count, tolerances) if tolerances else None), command.goal_time
         bounds = loop.parts.guard.bounds
-        own = any(goal is not None and goal > 0.0 for _, _, goal in asked)
+        own = any(goal is not None and goal > 0.0 for _, _, goal in tolerances)
         goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
-        return GoalTolerances.from_entries(count, asked, bounds.follow), goal_time
+        return GoalTolerances.from_entries(count, tolerances, bounds.follow), goal_time
 
     def _lead(self, path: Trajectory, start_in: float) -> float:
-        """How long the way to a first point at t = 0 takes, s, from where the path is foreseen to begin."""
+        """Return the time (s) of the lead-in to a first point at t = 0, from the foreseen start position."""
         executor = self._loop.executor
         if executor.reference is None:
             return 0.0
@@ -198,7 +203,10 @@ class SubmissionTracker:
         )
 
     def _on_its_way(self, command: link.Submit, taken: StartedCommand | None, commanded: Bools) -> None:
-        """Its figures; of one that is to begin later the verdict's is the last: it waits on purpose."""
+        """Record the latencies of a submission.
+
+        Of a delayed start only the verdict's, as the delay is intended.
+        """
         loop = self._loop
         reference = self._loop.executor.reference
         at = self._loop.clock.now()
@@ -210,14 +218,14 @@ class SubmissionTracker:
     def _refuse(
         self, command: link.Submit, verdict: Verdict, taken: StartedCommand | None, now: float
     ) -> None:
-        """The caller is told, and unless it only asked whoever watches and the log."""
+        """Send the refusal to the caller; unless the call only checks, also to subscribers and the log."""
         loop = self._loop
         if taken is not None:
             loop.way.judge(taken, loop.clock.now())
             self._send_verdict(command.id, verdict, now)
             codes = sorted({finding.code.value for finding in verdict.refusals})
-            said = f"refused {command.id}: {', '.join(codes)}"
-            loop.say.event("warning", codes[0], said, verdict.refusals[:8], id=command.id)
+            message = f"refused {command.id}: {', '.join(codes)}"
+            loop.say.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
         loop.say.refuse(command, verdict.refusals)
 
     def _send_verdict(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
@@ -228,7 +236,7 @@ class SubmissionTracker:
     # --------------------------------------------------------------------------- setpoints
 
     def setpoint(self, command: link.Setpoint, now: float) -> None:
-        """One streamed goal: judged at once, in place of the last."""
+        """Judge one streamed setpoint at once; accepted, it replaces the last."""
         loop = self._loop
         taken = loop.way.take(command.received, loop.clock.now())
         judged = self._streamed(command, now)
@@ -247,7 +255,7 @@ class SubmissionTracker:
         loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
 
     def _streamed(self, command: link.Setpoint, now: float) -> setpoint_gate.SetpointResult:
-        """Judged, and followed unless its verdict says otherwise."""
+        """Judge a setpoint, and follow it unless it is refused."""
         loop = self._loop
         snapshot = loop.snapshot(command.client, now)
         joints = np.array(command.joints, np.int64)
@@ -276,16 +284,16 @@ class SubmissionTracker:
     # --------------------------------------------------------------------------- outcomes
 
     def drop_client(self, client: int) -> None:
-        """A connection closed: nobody waits for its reports."""
+        """Drop the reports for a connection that closed."""
         for name in [name for name, command in self._followed.items() if command.client == client]:
             self._unfollow(name)
 
     def forget(self) -> None:
-        """Nobody is connected any more."""
+        """Drop the reports for all connections."""
         self._followed.clear()
 
     def report(self, now: float) -> None:
-        """Progress ten times a second, and the end of each goal."""
+        """Report progress ten times a second, and the end of each goal."""
         loop = self._loop
         for outcome in loop.executor.outcomes():
             self._end(outcome)
@@ -302,8 +310,8 @@ class SubmissionTracker:
             loop.way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
         findings = tuple(with_contact(loop, finding) for finding in outcome.findings)
-        said = f"{outcome.id} {outcome.phase}"
-        loop.say.event(level, "MOTION", said, findings, id=outcome.id, phase=outcome.phase)
+        message = f"{outcome.id} {outcome.phase}"
+        loop.say.event(level, "MOTION", message, findings, id=outcome.id, phase=outcome.phase)
         loop.publisher.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:
@@ -319,21 +327,24 @@ class SubmissionTracker:
 
 
 def with_front(verdict: Verdict, command: link.Submit) -> Verdict:
-    """The loop's share of a verdict and the front's, SELF_COLLISION to UNSTABLE_POSE."""
+    """Join the loop's part of a verdict with the front's, SELF_COLLISION to UNSTABLE_POSE."""
     refusals = (*verdict.refusals, *command.refused)
     warnings = (*verdict.warnings, *command.warned)
     return Verdict(refusals, warnings, verdict.changes)
 
 
 def of_the_path(verdict: Verdict) -> Verdict:
-    """What a check says: who asks and in which state the robot is are no fault of the path, so they warn."""
+    """Return the verdict of a check: findings on the client or the robot's state become warnings.
+
+    They are no fault of the path.
+    """
     about_now = [finding for finding in verdict.refusals if finding.code in ABOUT_NOW]
     refusals = [finding for finding in verdict.refusals if finding.code not in ABOUT_NOW]
     return Verdict(tuple(refusals), (*verdict.warnings, *about_now), verdict.changes)
 
 
 def plain(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as the link carries it; joints are still indices."""
+    """Return a verdict as the link carries it; joints are still indices."""
     return {
         "refusals": [asdict(finding) for finding in verdict.refusals],
         "warnings": [asdict(finding) for finding in verdict.warnings],

@@ -1,6 +1,6 @@
-"""The loop: one tick on one screen, and what it keeps. Runs in the daemon's main process, in one thread.
+"""The loop: its tick and its state. Runs in the daemon's main process, in one thread.
 
-No asyncio, no files, no logging: news leave by the link. Time is an argument below `run`.
+No asyncio, no files, no logging: reports leave by the link. Time is an argument below `run`.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 
-QUIET = 0.3  # s without a packet after an inhibit: the servos' watchdogs are set to 0.1 s
-GONE = 0.5  # s: a servo that silent says nothing about its torque any more
-PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon gives up (INTERNAL)
+QUIET = 0.3  # s without a packet after an inhibit: any packet would feed the servos' watchdogs (0.1 s)
+GONE = 0.5  # s without a reading after which a servo's torque counts as unknown
+PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon ends (INTERNAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,8 @@ class LoopParts:
     notifier: Notifier
     realtime: Mapping[str, Granted]
     judge: Judge  # devices -> findings of CALIB_MISMATCH
-    live_denied: Finding | None  # why this daemon cannot go live; None: it can
-    one: BoundRobot  # what joints, limits and ratings come from
+    live_denied: Finding | None  # reason why mode live is refused; None: it is allowed
+    one: BoundRobot  # source of joints, limits and ratings
     rewire: Callable[[BoundRobot], Enabler] | None = (
         None  # how write halves are made for a robot that was changed
     )
@@ -120,18 +120,18 @@ class Loop:
         self.latches: dict[ReasonCode, Finding] = {}
         self.identity = IdentificationState(self, parts.judge)
         self.armed = self.inhibited = self.finished = False
-        self.energising = False  # torque was ordered on or off, and is not read back yet
-        self.unconfirmed = False  # torque off was ordered, and somebody has not said that it is
+        self.energising = False  # torque was switched on or off, and is not read back yet
+        self.unconfirmed = False  # torque off was sent, and a device has not confirmed it
         self.unreachable: Finding | None = None  # why no new client can connect; None: clients can
-        self.owed = False  # a bus went away with torque that was ours
+        self.owed = False  # a bus with torque of this daemon was lost
         self.soft_since: float | None = None  # s, when damping was demanded; until torque is off
         self.stop_level: str | None = None  # of the e-stop that is latched
-        self.arming_client = 0  # whose Arm is under way
+        self.arming_client = 0  # client whose Arm is under way
         self.motion_epoch = -1  # of the lease under which the motion was accepted
-        self._resets = 0  # of the simulation, said so far
+        self._resets = 0  # resets of the simulation reported so far
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
-        self.untouched = True  # nobody has moved the simulation since the mode was entered
-        self.written: Floats | None = None  # the last goal that really left, rad (n,)
+        self.untouched = True  # the simulation has not moved since the mode was entered
+        self.written: Floats | None = None  # the last goal that was sent, rad (n,)
         self.lateness = 0.0
         self.missed_in_a_row = 0
         self._failures = 0
@@ -146,7 +146,7 @@ class Loop:
     # ------------------------------------------------------------------------------- time
 
     def run(self, until: float = np.inf) -> None:
-        """Tick at absolute deadlines until finished. A missed tick is counted, never caught up."""
+        """Tick at absolute deadlines until finished. A missed tick is counted and never caught up."""
         deadline = self.clock.now()
         while not self.finished and deadline < until:
             self.clock.sleep_until(deadline)
@@ -160,11 +160,11 @@ class Loop:
             self.figures.tick(self.lateness, self.missed_in_a_row)
 
     def tick(self, now: float) -> None:
-        """One period: commands, procedures, gate, exchange, twin, news."""
+        """Run one period: commands, procedures, gate, exchange, twin, reports."""
         requests.serve(self, now)
         self.procedures.step(now)
         live = self.mode is Mode.LIVE
-        target = self.measured if live else self.simulated  # whom commands go to, and who judges them
+        target = self.measured if live else self.simulated  # the state that follows commands and is judged
         goal = self.guard(self.executor.goal(now), target, now)
         self.measured = self.hardware.exchange(goal if live and self.armed else None, now)
         left = goal if self.hardware.left or not live else None
@@ -176,7 +176,7 @@ class Loop:
         self.publisher.publish(now)
 
     def _attempt(self, now: float) -> None:
-        """A tick, and the loop's catch-all: hold the last goal; give up when that fails again (INTERNAL)."""
+        """Run a tick; hold the last goal after an exception, give up after several in a row (INTERNAL)."""
         try:
             self.tick(now)
         except Exception as error:
@@ -187,6 +187,7 @@ class Loop:
             self.fail(Finding(ReasonCode.INTERNAL, message=repr(error)), now)
         else:
             self._failures = 0
+            # Only a complete tick feeds the service manager's watchdog: else it restarts the daemon.
             self.parts.notifier.alive(now)
 
     # ------------------------------------------------------------------------------- the per-tick gate
@@ -199,7 +200,7 @@ class Loop:
     # ------------------------------------------------------------------------------- state
 
     def enter(self, mode: Mode) -> None:
-        """Take up a mode: what is open, and where the target of commands stands."""
+        """Enter a mode: open or close ports, and set the start position of commands."""
         self.mode = mode
         self.written = None
         self.way.forget()
@@ -216,29 +217,29 @@ class Loop:
             self.executor.begin(place)
 
     def change(self, event: RobotEvent, now: float, stop: str = "") -> None:
-        """The robot's state takes an event; news of it leave this tick. `stop`: as in `link.Event`."""
+        """Apply an event to the robot's state and report a change. `stop`: as in `link.Event`."""
         before = self.state
         self.condition = self.condition.after(event)
         if self.state is not before:
             self.publisher.urgent = True
-            said = f"{before.value} → {self.state.value} ({event.value})"
+            message = f"{before.value} → {self.state.value} ({event.value})"
             cause = event.name.lower()
-            self.say.event("info", self.state.value, said, before=before.value, cause=cause, stop=stop)
+            self.say.event("info", self.state.value, message, before=before.value, cause=cause, stop=stop)
 
     def change_if(self, event: RobotEvent, now: float) -> None:
-        """The same where the state allows it; torque that goes off is never held up by a state."""
+        """Apply an event where the state allows it; torque off must not depend on the state."""
         if self.state in TABLE[event]:
             self.change(event, now)
 
     def latch(self, finding: Finding) -> None:
-        """Keep a fault until an operator acknowledges it: the first of its code, or the same known better."""
+        """Keep a fault until an operator acknowledges it: the first of its code, or the same with a value."""
         first = self.latches.get(finding.code)
         if first is None or (first.joint == finding.joint and first.value is None):
             self.latches[finding.code] = finding
             self.publisher.urgent = True
 
     def fail(self, finding: Finding, now: float) -> None:
-        """A fault of our own: hold the last goal, latch, say so. A robot on its way down goes on."""
+        """Handle an internal fault: hold the last goal, latch, report. A robot on its way down goes on."""
         self.say.event("error", finding.code, finding.message, (finding,), stop="hold")
         self.latch(finding)
         self.change(RobotEvent.FAULT, now)
@@ -251,11 +252,11 @@ class Loop:
     def inhibit(self, finding: Finding, now: float) -> None:
         """Write nothing until the servos' own watchdogs have ended the motion; torque stays.
 
-        A way down ends by it: to go on would write, to release would drop the robot. Torque that is being
-        switched on or off already is left to go off.
+        A procedure that lowers the robot ends: to go on would write, to release would drop the robot. Torque
+        that is being switched on or off already goes off.
         """
         self.inhibited = True
-        self.latch(finding)  # first: what is ended by it says so
+        self.latch(finding)  # first: the procedures that it ends report this cause
         if self.procedures.rank is Priority.ARM or not self.energising:
             self.procedures.abandon()
         self.soft_since = None if self.procedures.rank is None else self.soft_since
@@ -272,17 +273,17 @@ class Loop:
 
     @property
     def torque_on(self) -> bool:
-        """Torque is on somewhere: ours, or read back on from a servo that still answers."""
+        """True while torque of this daemon is on, or read back on from a servo that still replies."""
         return self.armed or self.energising or self.inherited
 
     @property
     def torque_known(self) -> NDArray[np.int8]:
-        """Torque (n,) as read back, 1 on, 0 off; -1 never read, or of a servo that is silent by now."""
+        """Torque (n,) as read back: 1 on, 0 off; -1 never read, or of a servo without a fresh reading."""
         return np.where(self.measured.age <= GONE, self.hardware.slow.torque, np.int8(-1))
 
     @property
     def inherited(self) -> bool:
-        """Torque read back on that is not ours: found at start, or left where it could not be taken off."""
+        """True for torque read back on that this daemon did not switch on, or could not switch off."""
         if self.armed or self.energising:
             return False
         return bool((self.torque_known == 1).any())
@@ -294,14 +295,14 @@ class Loop:
 
     @property
     def torque_off(self) -> bool | None:
-        """Read back off everywhere; False: on somewhere; None: not known of some joint."""
+        """True if torque is read back off everywhere; False: on somewhere; None: unknown of a joint."""
         torque = self.hardware.slow.torque
         if self.energising or bool((torque == 1).any()):
             return False
         return True if self.mode is not Mode.SIM and bool((torque == 0).all()) else None
 
     def close(self) -> None:
-        """Let go of the ports, and of the front."""
+        """Close the ports, and end the front."""
         self.say.event("info", "END", f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
         self.hardware.close()
@@ -342,15 +343,15 @@ class Loop:
         )
 
     def may_arm(self, client: int, now: float) -> Verdict:
-        """LEASE_MISSING to LATENCY_BLOCK for the verb Arm."""
+        """Judge the request Arm: LEASE_MISSING to LATENCY_BLOCK."""
         verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
         if self.mode is Mode.LIVE and not self.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))
         return verdict
 
-    def _broke_down(self) -> None:
-        """The simulation met what is no number, and stands where it was sound last: what it followed ends."""
+    def _report_simulation_reset(self) -> None:
+        """Report that the simulation became non-finite and was reset; its motion ends."""
         self._resets = self.twin.resets
         message = "the simulation broke down; it is back where it was sound last: check the model"
         finding = Finding(ReasonCode.INTERNAL, value=float(self._resets), message=message)
@@ -369,7 +370,7 @@ class Loop:
             self.health.hop("twin", self.clock.now() - read, now)
         self.health.update(self.measured, self.hardware, now, live=self.mode is not Mode.SIM)
         if self.twin.resets != self._resets:
-            self._broke_down()
+            self._report_simulation_reset()
         self.executor.observe(self.measured if self.mode is Mode.LIVE else self.simulated)
         self.submissions.report(now)
         self.stops.answer()
@@ -392,4 +393,4 @@ class Loop:
 
 
 def _torque_text(off: bool | None) -> str:
-    return {None: "unknown: not every servo has said", True: "is off", False: "is left on"}[off]
+    return {None: "unknown: not every servo has reported", True: "is off", False: "is left on"}[off]

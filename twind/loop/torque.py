@@ -1,6 +1,6 @@
-"""The torque itself: who may be taken over, ours from now on, or off and read back off.
+"""Torque: take-over of goals, torque off with read-back, and its retry.
 
-Torque off that somebody did not confirm is not forgotten: it is ordered again when they answer.
+Torque off that a device did not confirm is pending: it is sent again when the device replies.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
     from twind.robot.arrays import Bools, Floats
 
-INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
-EDGE = (
-    GuardThresholds().beyond_hard
-)  # rad beyond a hard limit that are the encoder's, not the joint's (OUT_OF_LIMIT)
+# s that torque off is repeated to devices that do not confirm it; one lost packet must not leave torque on
+INSIST = 1.0
+EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that count as encoder error (OUT_OF_LIMIT)
 
 
 def beyond_hard_limit(loop: Loop) -> Bools:
-    """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step.
-    None of them is who is nowhere (NaN)."""
+    """Return joints (n,) measured beyond a hard limit: no goal may be there, and one inside is a step.
+
+    Joints with unknown position (NaN) are not among them.
+    """
     position = loop.measured.position
     limits = loop.limits
     return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
 
 
 def joint_names(loop: Loop, which: Bools) -> str:
-    """Joints of the mask (n,) by name; of many the first ones."""
+    """Return the names of the joints of the mask (n,); of many the first ones."""
     names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more
 
 
 def error_text(loop: Loop, error: Exception) -> str:
-    """What the bus said, and whose devices did not answer by their joints' names."""
+    """Return the text of a bus error, with the joints whose devices did not reply."""
     which = np.zeros(len(loop.joints), np.bool_)
     if isinstance(error, NoReply):
         for bus in loop.joints.buses:
@@ -51,13 +52,13 @@ def error_text(loop: Loop, error: Exception) -> str:
 
 
 def say_unconfirmed(loop: Loop, error: BusError) -> None:
-    """Torque off that somebody did not confirm."""
-    said = f"torque could not be read back off: {error_text(loop, error)}"
-    loop.say.event("error", ReasonCode.TORQUE_MISMATCH, said)
+    """Report torque off that a device did not confirm."""
+    message = f"torque could not be read back off: {error_text(loop, error)}"
+    loop.say.event("error", ReasonCode.TORQUE_MISMATCH, message)
 
 
 def take(loop: Loop, held: Floats) -> None:
-    """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
+    """Take over the goals (n,), rad: every bus holds at `held`, which was written and read back."""
     loop.armed = True
     loop.energising = False
     loop.owed = False
@@ -68,13 +69,19 @@ def take(loop: Loop, held: Floats) -> None:
 
 
 def switch_torque_off(loop: Loop) -> Procedure:
-    """Torque off, read back. Raises BusError naming who did not confirm it: see `again`."""
+    """Switch torque off and read it back. Raises BusError that names the devices without confirmation.
+
+    `retry_torque_off` sends it again later.
+    """
     loop.executor.idle()
     loop.hardware.clear()
+    # Goals stop first, or the next one would follow the cut. The cut goes out with whatever packet is next,
+    # before the script below that reads it back.
     loop.hardware.hold(False)
     for writer in loop.hardware.writers:
-        writer.cut()  # twice, with the next packet of any kind
-    loop.hardware.quiet_until = -inf  # torque off waits for nobody's watchdog
+        # sent a second time with the next packet of any kind, as a sync write is not acknowledged
+        writer.cut()
+    loop.hardware.quiet_until = -inf  # torque off does not wait for device watchdogs
     # not known to be off until it is read back
     loop.armed = False
     loop.energising = True
@@ -88,14 +95,15 @@ def switch_torque_off(loop: Loop) -> Procedure:
             if loop.clock.now() < until and loop.hardware.writers:
                 yield
                 continue
-            loop.energising = False  # who is still on stands in the registers, and is reported as inherited
+            # devices that are still on show it in their registers, and are reported as inherited
+            loop.energising = False
             raise
         loop.energising = loop.unconfirmed = False
         return
 
 
 def retry_torque_off(loop: Loop) -> Procedure:
-    """Somebody who did not confirm torque off is heard again, with torque on: off."""
+    """Switch torque off once more after a device that did not confirm it replies with torque on."""
     loop.say.event(
         "warning", ReasonCode.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more"
     )

@@ -1,8 +1,8 @@
-"""Letting go: disarm, fault, shutdown, e-stop. Each goes the way to the rest pose where the robot can be
-held, then takes the torque off, twice, and reads it back. Only an explicit cut skips the way. A way that
-comes to no end is damped (`damping`) before torque goes off.
+"""Torque release: disarm, fault, shutdown, e-stop.
 
-What a procedure says of torque it has read back. What could not be read back is said to be so.
+Each lowers the robot to its rest pose where it can be held, then switches torque off, twice, and reads it
+back. Only an explicit cut skips the motion. A motion that does not end is damped (`damping`) before torque
+goes off. A procedure reports torque as read back; what could not be read back is reported as unknown.
 """
 
 from __future__ import annotations
@@ -35,19 +35,20 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
     from twind.robot.arrays import Bools, Floats
 
-SETTLE = 4.0  # s from the first packet to torque off (W6); a robot that stands freely is damped then
-WAY = 3.2  # s for the way to the rest pose, more where the limits need it (docs/reason-codes.md)
-LATE = 1.0  # s beyond a planned way that takes longer than that, before it is given up
-WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
+# s from the first packet to torque off (docs/proof.md); a robot that stands freely is damped then
+SETTLE = 4.0
+WAY = 3.2  # s for the motion to the rest pose, more where the limits need it (docs/reason-codes.md)
+LATE = 1.0  # s beyond the end of a longer motion, before it is given up
+WAYS = 2  # motions that are tried: a fault on the first one ends it where the robot stands
 OBEYED = 6  # ticks that a goal read back may be behind the one being written
-LETTING_GO = 10.0  # s from the end of a way to the end of damping and to torque read back off
-AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with torque of ours
+LETTING_GO = 10.0  # s from the end of the motion to the end of damping and to torque read back off
+AWAITED = 1.5  # s that an ending daemon waits for a lost bus with torque of its own
 ARRIVED = 0.02  # rad from the rest pose, of the goals
-NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
+NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is released only there ...
 # rad/s ... and when it has been at rest for so many s
 SLOW = 0.05
 SLOW_FOR = 0.5
-# s that the turn of a joint is waited for that was heard so lately
+# s to wait for the turn of a joint; s, the age of a reading that makes the wait worthwhile
 KNOWN = 0.5
 HEARD = 0.1
 RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
@@ -57,19 +58,19 @@ RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
 class SettleProfile:
     """Settings of how a robot is lowered."""
 
-    speed: float = SPEED  # share of every limit on the way, when there is time for it
-    way: float = WAY  # s for the way, more where the limits need it
+    speed: float = SPEED  # share of every limit on the motion, when there is time for it
+    way: float = WAY  # s for the motion, more where the limits need it
     within: float = SETTLE  # s from the take-over to torque off; a robot that stands freely is damped then
-    whole: bool = False  # who cannot be taken over whole keeps its torque, instead of losing it where it is
+    whole: bool = False  # True: a robot that cannot be taken over completely keeps its torque
 
 
 USUAL = SettleProfile()
 
 
 def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
-    """SETTLE, then torque off. Answers when torque is read back off."""
+    """Lower the robot, then switch torque off. Replies when torque is read back off."""
     if not loop.energised:
-        _say_disarmed(loop, command)
+        _reply_disarmed(loop, command)
         return
     loop.change_if(RobotEvent.SETTLE, now)
     try:
@@ -81,12 +82,13 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
         raise
     else:
         loop.change_if(RobotEvent.SETTLED, loop.clock.now())
-        _say_disarmed(loop, command)
+        _reply_disarmed(loop, command)
         return
-    loop.change_if(RobotEvent.SETTLED, loop.clock.now())  # `inherited` and `torque` tell who is still on
+    # `inherited` and `torque` report the devices that are still on
+    loop.change_if(RobotEvent.SETTLED, loop.clock.now())
 
 
-def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
+def _reply_disarmed(loop: Loop, command: link.Disarm) -> None:
     """Answer a disarm: success, unless a bus is closed and the torque on it is not known."""
     closed = [port for port in loop.hardware.ports if port.reader is None]
     if loop.mode is Mode.LIVE and closed:
@@ -112,8 +114,11 @@ def _down(loop: Loop, why: Finding) -> Procedure:
 
 
 def shutdown(loop: Loop, now: float) -> Procedure:
-    """SIGTERM: lower the robot if its torque is ours, then end. What was found energised, or may not be
-    written to any more, is left as it is; torque of ours that went with a bus is waited for."""
+    """Handle SIGTERM: lower the robot if this daemon has torque on, then end.
+
+    Torque that was found on, or may not be written any more, stays as it is. A lost bus with torque of this
+    daemon is waited for.
+    """
     until = now + AWAITED
     while loop.owed and not loop.hardware.connected and now < until:
         now = yield
@@ -123,14 +128,16 @@ def shutdown(loop: Loop, now: float) -> Procedure:
         loop.change_if(RobotEvent.SETTLED, loop.clock.now())
     until = loop.clock.now() + AWAITED
     while loop.homing.owed is not None and loop.clock.now() < until:
-        yield  # what was driven against its stop is given back
+        yield  # the servo of an end-stop search is restored
     loop.homing.report_pending_restore()
     loop.finished = True
 
 
 def stop(loop: Loop, level: str, now: float) -> None:
-    """Begin an e-stop, unless one as hard is under way. While it is latched it is begun again for every bus
-    that comes back with torque on."""
+    """Begin an e-stop, unless one as hard is under way.
+
+    While it is latched, it begins again for every bus that comes back with torque on.
+    """
     loop.stop_level = "cut" if "cut" in (level, loop.stop_level) else level
     rank = RANKS[level]
     if loop.procedures.rank is None or loop.procedures.rank < rank:
@@ -139,7 +146,7 @@ def stop(loop: Loop, level: str, now: float) -> None:
 
 
 def estop(loop: Loop, level: str, now: float) -> Procedure:
-    """Stop, by level. `Loop.stops` answers those who asked: when it has begun, and when it is over."""
+    """Stop, by level. `Loop.stops` replies to the calls: when the stop has begun, and when it is over."""
     loop.change(RobotEvent.ESTOP, now, stop=level)
     loop.executor.stop("aborted", (loop.latches[ReasonCode.ESTOP],))
     if loop.mode is not Mode.LIVE or not loop.hardware.writers:
@@ -158,13 +165,14 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 
 
 def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedure:
-    """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError.
+    """Lower the robot to the rest pose if it can be held, then switch torque off and read it back.
 
-    What was under way ends as aborted, for the reason `why`. What does not come to rest there is damped.
-    With `manner.whole` torque stays on where not every device took the goals over; BusError says who.
+    Raises BusError. A motion under way ends as aborted, for the reason `why`. A robot that does not come to
+    rest is damped. With `manner.whole` torque stays on where not every device took the goals over; BusError
+    names the devices.
     """
     loop.executor.stop("aborted", (why,))
-    loop.hardware.clear()  # what this takes over may have begun to give servos their strength back
+    loop.hardware.clear()  # a procedure that ends here may have begun to restore the servos' stiffness
     try:
         held = not loop.inhibited and (yield from _held(loop, manner))
         if held and not (yield from _settled(loop, manner)):
@@ -172,46 +180,51 @@ def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedur
     except BusError as error:
         if manner.whole and not loop.armed:
             raise
-        said = f"the way to the rest pose was cut short: {error_text(loop, error)}"
-        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
+        message = f"the way to the rest pose was cut short: {error_text(loop, error)}"
+        loop.say.event("error", ReasonCode.BUS_ERRORS, message)
+    # Whatever failed above, torque off is still sent: an error on the way must not leave torque on.
     yield from switch_torque_off(loop)
 
 
 def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
-    """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
-    be energised: then there is nothing to lower."""
+    """Hold the robot, or take over torque that was found on or whose watchdog tripped.
+
+    False: it has no torque, or was being energised; then there is nothing to lower.
+    """
     held = loop.hardware.energised_joints
     tripped = loop.hardware.slow.watchdog == 255
     if loop.armed and loop.soft_since is not None:
-        return True  # it sinks: to clear tripped watchdogs would give it its strength back
+        return True  # it sinks: to clear tripped watchdogs would restore its stiffness
     if loop.armed and held.any() and not (held & tripped).any():
         yield from _rejoined(loop)
         return True
     if loop.energising or not loop.torque_on:
         return False
-    yield from _looked_for(loop)
-    (here, known), stepped = _where_it_is(loop), beyond_hard_limit(loop)
-    if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
+    yield from _wait_for_turns(loop)
+    (here, located), stepped = _where_it_is(loop), beyond_hard_limit(loop)
+    # a joint that holds well goes on: a goal at its measured position would make it sag
+    if loop.armed and loop.written is not None:
         well = held & ~tripped
         here = np.where(well, loop.written, here)
-        known = known | well
+        located = located | well
         stepped = stepped & ~well
     if some(stepped):
         _leave(loop, stepped, manner)
         return False
-    if not every(known):
-        _leave_out(loop, ~known, manner)
-        if not some(known):
+    if not every(located):
+        _leave_out(loop, ~located, manner)
+        if not some(located):
             return False
     loop.executor.idle()
     loop.hardware.clear()
     try:
-        yield from all_of(loop.hardware.prepare(here, known))  # clears watchdogs with goal := present
-    except NoReply as error:  # the others took it: to lower what listens is better than to drop it
+        yield from all_of(loop.hardware.prepare(here, located))  # clears watchdogs with goal := present
+    # the other devices took it over: to lower those is better than to drop the robot
+    except NoReply as error:
         if manner.whole:
             raise
-        said = f"lowered without everybody's answer: {error_text(loop, error)}"
-        loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
+        message = f"lowered although a device did not answer: {error_text(loop, error)}"
+        loop.say.event("error", ReasonCode.DEVICE_MISSING, message)
     take(loop, here)
     return True
 
@@ -228,8 +241,8 @@ def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
     found = Finding(
         ReasonCode.OUT_OF_LIMIT, joint, value=float(loop.measured.position[joint]), message=message
     )
-    said = f"{message}: torque goes off where the robot stands; support it"
-    loop.say.event("error", ReasonCode.OUT_OF_LIMIT, said, (found,))
+    report = f"{message}: torque goes off where the robot stands; support it"
+    loop.say.event("error", ReasonCode.OUT_OF_LIMIT, report, (found,))
 
 
 def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
@@ -237,16 +250,16 @@ def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
 
     Raises BusError where the whole robot is wanted and it is not armed.
     """
-    message = f"nobody knows where {joint_names(loop, nowhere)} is"
+    message = f"the position of {joint_names(loop, nowhere)} is unknown"
     if manner.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(nowhere)[0])
     found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
-    said = f"{message}: no goal goes there, it is let go where it stands; support it"
-    loop.say.event("error", ReasonCode.CALIB_MISMATCH, said, (found,))
+    report = f"{message}: it gets no goal, and torque goes off where it stands; support it"
+    loop.say.event("error", ReasonCode.CALIB_MISMATCH, report, (found,))
 
 
-def _looked_for(loop: Loop) -> Procedure:
+def _wait_for_turns(loop: Loop) -> Procedure:
     """Wait at most `KNOWN` s for the turn check of joints that answered within the last `HEARD` s.
 
     Such joints are still unchecked when the daemon has just begun.
@@ -257,26 +270,28 @@ def _looked_for(loop: Loop) -> Procedure:
 
 
 def _rejoined(loop: Loop) -> Procedure:
-    """A bus that was lost and is back is taken over where its joints are; the others hold what they held."""
+    """Take over a bus that was lost and is back at its present positions; the others hold their goals."""
     if loop.hardware.energised_joints.all():
         return
     while loop.executor.reference is not None and loop.executor.reference.velocity.any():
-        yield  # those that we hold brake
+        yield  # the joints that are held brake
     back_with = ~loop.hardware.energised_joints & loop.hardware.open & beyond_hard_limit(loop)
     if some(back_with):
         why = f"to hold {joint_names(loop, back_with)} inside the hard limits would be a step"
-        loop.say.event("error", ReasonCode.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
+        loop.say.event(
+            "error", ReasonCode.OUT_OF_LIMIT, f"not taken over, torque goes off where it stands: {why}"
+        )
         return
-    here, known = _where_it_is(loop)
-    back = loop.hardware.prepare_back(here, known)
+    here, located = _where_it_is(loop)
+    back = loop.hardware.prepare_back(here, located)
     try:
         yield from all_of(back)
     except NoReply as error:
-        said = f"lowered without everybody's answer: {error_text(loop, error)}"
-        loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
-    except BusError as error:  # never a reason to drop those that we hold
-        said = f"not taken over, let go where it stands: {error_text(loop, error)}"
-        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
+        message = f"lowered although a device did not answer: {error_text(loop, error)}"
+        loop.say.event("error", ReasonCode.DEVICE_MISSING, message)
+    except BusError as error:  # never a reason to drop the joints that are held
+        message = f"not taken over, torque goes off where it stands: {error_text(loop, error)}"
+        loop.say.event("error", ReasonCode.BUS_ERRORS, message)
         return
     if back and loop.written is not None:
         place = np.where(loop.hardware.energised_joints, loop.written, here)
@@ -291,13 +306,15 @@ def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
     The rest pose stands for joints that never answered, or whose turn is unknown: it is not sent to them.
     """
     position = loop.measured.position
-    known = np.isfinite(position)
-    return loop.hardware.reachable(np.where(known, position, loop.rest)), known
+    finite = np.isfinite(position)
+    return loop.hardware.reachable(np.where(finite, position, loop.rest)), finite
 
 
 def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
-    """The robot rests where it may be let go. False: the way there is refused, interrupted or too long, or
-    nothing but damping is wanted any more."""
+    """Lower the robot and return True when it rests where torque may go off.
+
+    False: the motion is refused, interrupted or too long, or only damping is allowed any more.
+    """
     until = loop.clock.now() + manner.within
     free = loop.support not in ("fixed", "gantry")
     for _ in range(WAYS):
@@ -313,7 +330,8 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
         lasts = float(way.time[-1])
         if lasts > manner.within:
             loop.say.event("warning", "SETTLE", f"the way to the rest pose takes {lasts:.1f} s")
-            loop.parts.notifier.extend(lasts + LETTING_GO)  # a service manager that waits for our end
+            # a service manager that waits for the end of the daemon
+            loop.parts.notifier.extend(lasts + LETTING_GO)
             until = until if free else now + lasts + LATE
         yield from _wait_for_settle(loop, until)
         reference = loop.executor.reference
@@ -325,32 +343,34 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
 
 
 def _wait_for_settle(loop: Loop, until: float) -> Procedure:
-    """Wait for the end of the way, or for what ends it."""
-    loop.stops.begun = loop.stops.begun or (yield from _obeyed(loop))
+    """Wait for the end of the motion, or for its interruption."""
+    loop.stops.begun = loop.stops.begun or (yield from _check_goals_taken(loop))
     now = yield
     while loop.executor.motion is Motion.ACTIVE and now < until and loop.soft_since is None:
         now = yield
 
 
-def _obeyed(loop: Loop) -> Generator[None, float, bool]:
-    """The servos hold the goals that the last ticks wrote: the way has begun where it counts."""
+def _check_goals_taken(loop: Loop) -> Generator[None, float, bool]:
+    """Check that the servos hold the goals of the last ticks: the motion has begun on the devices."""
     yield from ticks(2)
     try:
         held = yield from loop.hardware.read_goals()
     except BusError as error:
-        said = f"the goals of the way could not be read back: {error_text(loop, error)}"
-        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
+        message = f"the goals of the way could not be read back: {error_text(loop, error)}"
+        loop.say.event("error", ReasonCode.BUS_ERRORS, message)
         return False
     if loop.written is None:
         return False
     lag = OBEYED * loop.limits.velocity * loop.period + loop.hardware.resolution
-    ours = loop.hardware.energised_joints
-    return bool((np.abs(held - loop.written)[ours] <= lag[ours]).all())
+    held_joints = loop.hardware.energised_joints
+    return bool((np.abs(held - loop.written)[held_joints] <= lag[held_joints]).all())
 
 
 def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
-    """Wait until every joint answers, is near its rest pose, and is slow for a while; False if not by `until`
-    (s)."""
+    """Wait until every joint answers, is near its rest pose, and is slow for a while.
+
+    False if not by `until` (s).
+    """
     now = quiet_since = loop.clock.now()
     while now < until and loop.soft_since is None:
         state = loop.measured

@@ -1,5 +1,6 @@
-"""`--virtual`: a `twind-virtual` of the same robot as our child, with a calibration of its own in a folder
-of its own. It never touches a real robot's files, and ends with us: its standard input is our pipe.
+"""`--virtual`: a `twind-virtual` of the same robot as a child process with its own calibration.
+
+It never touches a real robot's files. It ends with the daemon: its standard input is a pipe of the daemon.
 """
 
 import select
@@ -16,14 +17,14 @@ START = 30.0  # s it may take to be ready
 
 
 class VirtualRobotError(Exception):
-    """The virtual robot did not start."""
+    """Exception: the virtual robot did not start."""
 
 
 class VirtualRobotProcess:
-    """Context manager: started and ready inside, ended outside. `ports` by bus name."""
+    """Context manager: the virtual robot is ready inside, and ended outside. `ports` by bus name."""
 
     def __init__(self, robot: str, *options: str) -> None:
-        """`options`: of `twind-virtual`, beside its robot and its files."""
+        """`options`: for `twind-virtual`, besides its robot and its files."""
         self._folder = tempfile.TemporaryDirectory(prefix="twind-virtual-")
         self.calibration = Path(self._folder.name) / "calibration.yaml"
         self.faults = Path(self._folder.name) / "faults.sock"
@@ -55,7 +56,7 @@ class VirtualRobotProcess:
             ready, _, _ = select.select([output], [], [], START)
             more = output.read1(4096) if ready else b""  # type: ignore[attr-defined]
             if not more:
-                raise VirtualRobotError("the virtual robot did not start; its own words are above")
+                raise VirtualRobotError("the virtual robot did not start; its own messages are above")
             text += more
         for line in text.decode().splitlines():
             word, _, rest = line.partition(" ")
@@ -69,7 +70,7 @@ class VirtualRobotProcess:
         self.close()
 
     def close(self) -> None:
-        """End it: end-of-file on its input, then patience, then force."""
+        """End it: end-of-file on its input, then a wait, then SIGKILL."""
         with suppress(OSError):
             if self._process.stdin is not None:
                 self._process.stdin.close()

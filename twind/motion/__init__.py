@@ -1,1 +1,1 @@
-"""How a goal moves in time: executor, stops, settling. Pure."""
+"""Motion in time: trajectories, setpoints, stops, settling, end-stop search. Pure."""

@@ -1,8 +1,8 @@
-"""The course of finding a joint's stop: slowly and weakly against it, back off, again. Pure: no clock.
+"""Search for a joint's endstop: slowly and weakly against it, back off, repeat. Pure: no clock.
 
-Counts are those of the calibration, continued over turns; efforts are raw. Goals begin where the servo was
-told to hold and go on from the last one commanded, never from what was measured: that would take away the
-error that carries the load, and the limb dips.
+Counts are calibrated and continue over turns; efforts are raw. Goals begin at the servo's hold goal and go on
+from the last one commanded. A goal from the measured position would take away the error that carries the
+load, and the limb would dip.
 """
 
 from collections import deque
@@ -13,26 +13,26 @@ from statistics import median
 
 from twind.robot.finding import Finding, ReasonCode
 
-# of the current limit; rad/s; where nothing is asked
+# share of the current limit, rad/s, and captures, where the request has none
 USUAL_SHARE = 0.12
 USUAL_SPEED = 0.2
 USUAL_TIMES = 3
 MARGIN = 0.2  # rad either side of where the stop should be
-PRESSED = 0.15  # s at the cap and standing that are a stop
+PRESSED = 0.15  # s at the cap without movement that count as a stop
 LEAST = 5  # readings in that time
 AT_CAP = 0.85  # of the cap, which a current regulated to it flickers around
-OVER_CAP = 1.5  # of the cap ...
+OVER_CAP = 1.5  # share of the cap ...
 OVER_CAP_SLACK = 5.0  # raw, and so much more ...
-OVER_CAP_ROW = 3  # ... readings in a row: the cap is not obeyed
-STALE = 0.03  # s: older readings let no goal advance ...
-LOST = 0.1  # s ... and older ones end it; the servo's own watchdog is set to that
-GAP = 0.1  # s between two steps: nobody knows what happened meanwhile
-SPREAD = 5.0  # counts between the captures
+OVER_CAP_ROW = 3  # ... readings in a row: the servo exceeds its cap
+STALE = 0.03  # s: with an older reading no goal advances ...
+LOST = 0.1  # s ... and an even older one ends the search; the servo's own watchdog is set to that
+GAP = 0.1  # s between two steps; after a longer gap the joint's movement is unknown
+SPREAD = 5.0  # counts between the captures; more means a loose joint or a soft stop
 SETTLE = 0.3  # s that a joint is given to follow its last goal
 NO_STOP = 1.0  # s at the end of the way without a stop
 READS = 10  # readings that must agree before anything begins ...
-AGREE = 3  # counts ... so far
-WAIT = 3.0  # s that they are waited for
+AGREE = 3  # counts ... of difference
+WAIT = 3.0  # s to wait for them
 SPARE = 5.0  # s beyond the planned time, twice of it
 
 
@@ -50,13 +50,13 @@ class HomingParameters:
     """Direction, expected place, speed and effort limits of one end-stop search. Counts and raw efforts."""
 
     way: int  # +1 or -1: towards the stop, in counts
-    expected: float  # count of the stop by what is known so far
-    margin: float  # counts that it may be on either side of that
+    expected: float  # count of the stop from the coarse zero
+    margin: float  # counts that the stop may be on either side of that
     speed: float  # counts/s of the goals
     cap: float  # raw effort, the most that the servo may use
     back: float  # counts that it backs off
     lead: float  # counts that a goal may be ahead of the joint
-    astray: float  # counts that the joint may go against the way
+    astray: float  # counts that the joint may go against the search direction
     still: float  # counts that a standing joint may flicker within `PRESSED`
     times: int  # captures
 
@@ -67,22 +67,22 @@ class HomingSample:
 
     at: float  # s, when it was read
     count: int
-    effort: float  # raw; NaN: not told
+    effort: float  # raw; NaN: not reported
 
 
 class StandstillCheck:
-    """Does the joint hang still, and do its readings agree? Before anything is written."""
+    """Check before the first write: the joint hangs still and its readings agree."""
 
     def __init__(self, now: float) -> None:
         self._until = now + WAIT
-        self._looks: deque[HomingSample] = deque(maxlen=READS)
+        self._samples: deque[HomingSample] = deque(maxlen=READS)
 
-    def step(self, look: HomingSample, now: float) -> bool | Finding:
-        """True: so many readings agree. A finding: they did not in time."""
-        if not self._looks or look.at > self._looks[-1].at:
-            self._looks.append(look)
-        counts = [each.count for each in self._looks]
-        if len(counts) == READS and now - look.at <= STALE and max(counts) - min(counts) <= AGREE:
+    def step(self, sample: HomingSample, now: float) -> bool | Finding:
+        """Process a reading; True: enough readings agree. A finding: they did not in time."""
+        if not self._samples or sample.at > self._samples[-1].at:
+            self._samples.append(sample)
+        counts = [each.count for each in self._samples]
+        if len(counts) == READS and now - sample.at <= STALE and max(counts) - min(counts) <= AGREE:
             return True
         if now < self._until:
             return False
@@ -92,26 +92,31 @@ class StandstillCheck:
 
 
 class EndstopSearch:
-    """Approach, stop, back off, so many times. `failed` says why it ended; then nothing may be written."""
+    """State machine of a search: approach, stop, back off, several times.
+
+    `failed` is the reason of a failure.
+
+    After a failure nothing may be written.
+    """
 
     def __init__(self, search: HomingParameters, start: float, now: float) -> None:
-        """`start`: the count of the servo's hold goal, read back."""
+        """`start`: count of the servo's hold goal, read back."""
         self.search = search
         self.goal = start
         self.phase = HomingPhase.APPROACHING
         self.captures: list[float] = []
         self.failed: Finding | None = None
         self._began = self._now = now
-        self._looks: deque[HomingSample] = deque()  # of the last PRESSED s
+        self._samples: deque[HomingSample] = deque()  # readings of the last PRESSED s
         self._over = 0  # readings in a row over the cap
-        self._farthest = -inf  # along the way, of this approach
+        self._farthest = -inf  # count in search direction, of this approach
         self._ended: float | None = None  # s, since when the goals of this phase are at their end
         self._home = abs(self._end - start)
         self._patience = self._planned() * 2.0 + SPARE
 
     @property
     def progress(self) -> float:
-        """0 to 1: the captures, and how far the way to the first is gone."""
+        """Progress, 0 to 1: the captures, and the share of the way to the first."""
         first = 1.0 - min(1.0, abs(self._end - self.goal) / max(self._home, 1.0))
         done = len(self.captures) if self.captures else first
         return min(1.0, done / self.search.times)
@@ -121,29 +126,29 @@ class EndstopSearch:
         """True when the stop was found or the search failed: no more goals are to be written."""
         return self.phase in (HomingPhase.FOUND, HomingPhase.FAILED)
 
-    def step(self, look: HomingSample, now: float) -> float:
-        """The goal (counts) of this tick; that of the last one where nothing may advance."""
+    def step(self, sample: HomingSample, now: float) -> float:
+        """Return the goal (counts) of this tick; the last one where nothing may advance."""
         passed = now - self._now
         self._now = now
         if not self.done:
-            self.failed = self._check_lost_reading(look, now, passed)
+            self.failed = self._check_lost_reading(sample, now, passed)
         if not self.done and self.failed is None:
-            self._keep(look)
-            self.failed = self._astray(look) or self._overdue(now)
+            self._keep(sample)
+            self.failed = self._astray(sample) or self._overdue(now)
         if self.failed is not None:
             self.phase = HomingPhase.FAILED
-        elif not self.done and now - look.at <= STALE:
-            (self._approach if self.phase is HomingPhase.APPROACHING else self._back)(look, now, passed)
+        elif not self.done and now - sample.at <= STALE:
+            (self._approach if self.phase is HomingPhase.APPROACHING else self._back)(sample, now, passed)
         return self.goal
 
     # ------------------------------------------------------------------------------- the two ways
 
-    def _approach(self, look: HomingSample, now: float, passed: float) -> None:
+    def _approach(self, sample: HomingSample, now: float, passed: float) -> None:
         search = self.search
         if self._pressed(now):
-            self._capture(float(median(each.count for each in self._looks)))
+            self._capture(float(median(each.count for each in self._samples)))
             return
-        ahead = (self.goal - look.count) * search.way
+        ahead = (self.goal - sample.count) * search.way
         left = (self._end - self.goal) * search.way
         self.goal += search.way * max(0.0, min(search.speed * passed, search.lead - ahead, left))
         if left > 0.0 and ahead < search.lead:
@@ -151,11 +156,13 @@ class EndstopSearch:
         elif self._ended is None:
             self._ended = now
         elif now - self._ended > NO_STOP:
-            self._fail(self._held_back(look) if ahead >= search.lead else self._no_stop(look))
+            self._fail(self._held_back(sample) if ahead >= search.lead else self._no_stop(sample))
 
-    def _back(self, look: HomingSample, now: float, passed: float) -> None:
-        """Move to the place beside the last capture, at the same speed. The joint must follow there;
-        otherwise it is held."""
+    def _back(self, sample: HomingSample, now: float, passed: float) -> None:
+        """Move to the place beside the last capture, at the same speed.
+
+        The joint must follow there; otherwise it is held.
+        """
         search = self.search
         place = self.captures[-1] - search.way * search.back
         left = (self.goal - place) * search.way
@@ -165,9 +172,9 @@ class EndstopSearch:
         self._ended = now if self._ended is None else self._ended
         if now - self._ended < SETTLE:
             return
-        if abs(look.count - self.goal) > search.back / 2.0:
+        if abs(sample.count - self.goal) > search.back / 2.0:
             message = "counts from where it was sent, away from its stop: it does not come back"
-            off = abs(look.count - self.goal)
+            off = abs(sample.count - self.goal)
             self._fail(
                 Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.back / 2.0, message=message)
             )
@@ -178,7 +185,7 @@ class EndstopSearch:
         self.phase = phase
         self._ended = None
         self._farthest = -inf
-        self._looks.clear()
+        self._samples.clear()
 
     def _capture(self, count: float) -> None:
         search = self.search
@@ -198,53 +205,55 @@ class EndstopSearch:
             self._begin(HomingPhase.BACKING)
 
     def _pressed(self, now: float) -> bool:
-        """At the cap, and standing, for long enough."""
-        looks = self._looks
+        """Check that the joint is at the cap and stands for long enough."""
+        samples = self._samples
         search = self.search
-        if len(looks) < LEAST or looks[-1].at - looks[0].at < PRESSED - 1e-9:
+        if len(samples) < LEAST or samples[-1].at - samples[0].at < PRESSED - 1e-9:
             return False
-        counts = [each.count for each in looks]
-        loaded = all(abs(each.effort) >= AT_CAP * search.cap for each in looks)
+        counts = [each.count for each in samples]
+        loaded = all(abs(each.effort) >= AT_CAP * search.cap for each in samples)
         return loaded and max(counts) - min(counts) <= search.still
 
     # ------------------------------------------------------------------------------- what ends it
 
     @property
     def _end(self) -> float:
-        """The farthest count that a goal may have."""
+        """Farthest count that a goal may have."""
         return self.search.expected + self.search.way * self.search.margin
 
     def _planned(self) -> float:
-        """s that it takes at its speed, as far as the way may be."""
+        """Return the time (s) of the search at its speed over the longest way."""
         search = self.search
         again = search.times * (2.0 * (search.back + search.margin) / search.speed + PRESSED + SETTLE)
         return self._home / search.speed + again
 
-    def _keep(self, look: HomingSample) -> None:
-        if self._looks and look.at <= self._looks[-1].at:
+    def _keep(self, sample: HomingSample) -> None:
+        if self._samples and sample.at <= self._samples[-1].at:
             return
-        self._looks.append(look)
-        while len(self._looks) > 1 and self._looks[1].at <= look.at - PRESSED:
-            self._looks.popleft()
-        over = abs(look.effort) > OVER_CAP * self.search.cap + OVER_CAP_SLACK
+        self._samples.append(sample)
+        while len(self._samples) > 1 and self._samples[1].at <= sample.at - PRESSED:
+            self._samples.popleft()
+        over = abs(sample.effort) > OVER_CAP * self.search.cap + OVER_CAP_SLACK
         self._over = self._over + 1 if over else 0
-        self._farthest = max(self._farthest, look.count * self.search.way)
+        self._farthest = max(self._farthest, sample.count * self.search.way)
 
-    def _check_lost_reading(self, look: HomingSample, now: float, passed: float) -> Finding | None:
+    def _check_lost_reading(self, sample: HomingSample, now: float, passed: float) -> Finding | None:
         if not 0.0 <= passed <= GAP:
-            message = "s since the last step: nobody knows what the joint did meanwhile"
+            message = "s since the last step: the joint's movement meanwhile is unknown"
             return Finding(ReasonCode.TIME_GAP, value=passed, bound=GAP, message=message)
-        if not now - look.at <= LOST:
+        if not now - sample.at <= LOST:
             message = "s since its last reading: check cable and power"
-            return Finding(ReasonCode.STATE_STALE, value=now - look.at, bound=LOST, message=message)
+            return Finding(ReasonCode.STATE_STALE, value=now - sample.at, bound=LOST, message=message)
         return None
 
-    def _astray(self, look: HomingSample) -> Finding | None:
+    def _astray(self, sample: HomingSample) -> Finding | None:
         search = self.search
         if self._over >= OVER_CAP_ROW:
-            message = "raw effort, over the cap that it was given: it does not obey it"
-            return Finding(ReasonCode.OVERCURRENT, value=abs(look.effort), bound=search.cap, message=message)
-        along = look.count * search.way
+            message = "raw effort, over the cap that it was given: the servo exceeds it"
+            return Finding(
+                ReasonCode.OVERCURRENT, value=abs(sample.effort), bound=search.cap, message=message
+            )
+        along = sample.count * search.way
         ahead = along - self.goal * search.way
         if ahead > search.astray:
             message = "counts ahead of its goal: it runs away, its load is more than the cap holds"
@@ -263,17 +272,20 @@ class EndstopSearch:
             ReasonCode.STOP_NOT_FOUND, value=now - self._began, bound=self._patience, message=message
         )
 
-    def _held_back(self, look: HomingSample) -> Finding:
+    def _held_back(self, sample: HomingSample) -> Finding:
         message = (
-            f"raw effort, held back at count {look.count} and not standing at its cap: gains too soft, no "
-            "current told, or too slow for its goals?"
+            f"raw effort, held back at count {sample.count} and not standing at its cap: gains too soft, no "
+            "current reported, or too slow for its goals?"
         )
         return Finding(
-            ReasonCode.STOP_NOT_FOUND, value=abs(look.effort), bound=AT_CAP * self.search.cap, message=message
+            ReasonCode.STOP_NOT_FOUND,
+            value=abs(sample.effort),
+            bound=AT_CAP * self.search.cap,
+            message=message,
         )
 
-    def _no_stop(self, look: HomingSample) -> Finding:
-        beyond = (look.count - self.search.expected) * self.search.way
+    def _no_stop(self, sample: HomingSample) -> Finding:
+        beyond = (sample.count - self.search.expected) * self.search.way
         message = "counts beyond where the stop should be, and no stop: wrong stop_rad, side or coarse zero?"
         return Finding(ReasonCode.STOP_NOT_FOUND, value=beyond, bound=self.search.margin, message=message)
 

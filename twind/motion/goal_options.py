@@ -74,7 +74,10 @@ def off(code: ReasonCode, out: Bools, error: Floats, bound: Floats, time: float)
 
 
 def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
-    """The waypoints still ahead when the start lies `-start_in` s in the past; CMD_EXPIRED when none is."""
+    """Return the waypoints still ahead when the start lies `-start_in` s in the past.
+
+    CMD_EXPIRED without any.
+    """
     if start_in >= 0.0:
         return path
     ahead = path.time + start_in > 0.0
@@ -92,7 +95,7 @@ def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
 
 
 def led_in(path: Trajectory, before: Reference, limits: JointLimits, period: float) -> Trajectory:
-    """The same path; one that would jump at t = 0 begins later, by the time a smooth way to it takes."""
+    """Return the path; one that would jump at t = 0 begins later, by the duration of a smooth way to it."""
     if path.time[0] > 0.0:
         return path
     columns = path.commanded

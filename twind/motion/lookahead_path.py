@@ -1,7 +1,7 @@
-"""Where a motion leads in the next moments, many times at once: what the look-ahead of a tick walks along.
+"""Predicted path of a motion for the look-ahead of a tick, at many times at once. Pure.
 
-Pure. Of a path it is the path; of a setpoint stream one step towards its target and then the way to rest,
-since nobody knows the next setpoint, and the robot must be able to stop without it.
+For a trajectory it is the trajectory. For a setpoint stream it is one step towards the target and then the
+way to rest: the next setpoint is unknown, and the robot must be able to stop without it.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,10 @@ from twind.robot.trajectory import Reference
 
 
 def braking(reference: Reference, limits: JointLimits, times: Floats) -> Floats:
-    """Positions (k, n) at `times` (k,) s after every joint has begun to brake with its acceleration limit."""
+    """Return positions (k, n), rad, at `times` (k,) s after all joints have begun to brake.
+
+    Each brakes with its acceleration limit.
+    """
     speed = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
     t = np.minimum(times[:, None], np.abs(speed) / limits.acceleration)
     way: Floats = reference.position + t * (speed - 0.5 * np.copysign(limits.acceleration, speed) * t)
@@ -25,7 +28,7 @@ def braking(reference: Reference, limits: JointLimits, times: Floats) -> Floats:
 
 
 def along(curve: Spline, times: Floats) -> Floats:
-    """Positions (k, n) of a curve at `times` (k,) s from its start; its end after it."""
+    """Return positions (k, n) of a curve at `times` (k,) s from its start; its end after it."""
     if not len(curve.coefficients):
         return np.repeat(curve.end[None], len(times), axis=0)
     t = np.clip(times, curve.time[0], curve.time[-1])
@@ -40,26 +43,26 @@ def along(curve: Spline, times: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class LookaheadPlan:
-    """What the executor is about to do, as it stands."""
+    """State of the executor that the coming ticks follow from."""
 
     reference: Reference  # of this tick
-    floor: object  # what the joints do that no layer decides
+    floor: object  # motion of the joints that no layer decides
     layers: tuple[MotionLayer, ...]
     tick: int
-    changing: bool  # with every tick, even if nobody commands anything
+    changing: bool  # changes with every tick, even without a command
     stream: LimitedFollower | None
     streamed: Bools  # (n,)
     pace: float  # of the stream
 
     @property
     def way(self) -> tuple[object, ...]:
-        """While it compares equal, the way is the same, and time has gone on along it."""
+        """Identity of the path: while it compares equal, only time has gone on along it."""
         return (self.tick if self.changing else None, self.floor, *self.layers)
 
     def course(self, limits: JointLimits, times: Floats) -> Floats:
-        """Where the motion leads, (k, n), at `times` (k,) s from now, without goals that wait.
+        """Return the positions (k, n), rad, at `times` (k,) s from now, without goals that wait.
 
-        Of a stream: one step on, and then to rest.
+        A stream makes one step, and then comes to rest.
         """
         if self.stream is not None:
             onwards = choose(self.streamed, self.stream.onwards(self.pace), self.reference)
@@ -79,7 +82,10 @@ class LookaheadPlan:
         period: float,
         times: Floats,
     ) -> Floats:
-        """The same if a setpoint (m,) of `joints` were taken: one step towards it, and then to rest."""
+        """Return the positions (k, n), rad, if a setpoint (m,) of `joints` were accepted.
+
+        The motion makes one step towards the setpoint, and then comes to rest.
+        """
         follower = LimitedFollower(self.reference, limits, period)
         target = follower.target.copy()
         drift = np.zeros(len(follower.target))

@@ -1,7 +1,7 @@
-"""Goals that wait, goals that run, and how they lie over one another: the newest decides its joints.
+"""Goals that wait, goals that run, and their order: the newest one decides its joints.
 
 A layer's curve begins at the reference of the moment it starts, so there is no step (JTC "replacement").
-What a newer layer does not name keeps the older curve; a layer that no joint follows any more is dropped.
+Joints that a newer layer does not name keep the older curve; a layer without joints is dropped.
 """
 
 from collections.abc import Sequence
@@ -23,18 +23,18 @@ ROUNDING = 1e-9  # s: a tick this close to the end of a curve is at its end
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionGoal:
-    """An accepted trajectory and what was asked with it."""
+    """Accepted trajectory with the options of its request."""
 
     id: str
     path: Trajectory
     start: int  # tick
     tolerances: GoalTolerances | None
     goal_time: float | None  # s after the end within which the goal tolerances must be met; None, 0: ever
-    foreseen: Floats | None = None  # rad, (n,), where it was to begin when it was judged; None: at once
+    foreseen: Floats | None = None  # rad, (n,), start position when it was judged; None: at once
 
     @property
     def judged_at_end(self) -> bool:
-        """Its end is judged by where the joints really are."""
+        """True when its end is judged by measured positions."""
         return self.tolerances is not None and bool((self.tolerances.goal != inf).any())
 
 
@@ -47,37 +47,44 @@ class MotionLayer:
     joints: Bools  # (n,)
     whole: bool  # all of them
     period: float  # s
-    pace: TimeScaling = field(default_factory=TimeScaling)  # shared by what is left of it when joints leave
+    # shared by the rest of the layer when joints leave
+    pace: TimeScaling = field(default_factory=TimeScaling)
 
     def elapsed(self, tick: int) -> float:
-        """Time on the curve, s; exactly its duration when within rounding of it. Ticks to come are whole."""
+        """Return the time on the curve, s; its exact duration when within rounding of it.
+
+        `tick` may lie ahead.
+        """
         t = (tick - self.goal.start - self.pace.lag) * self.period
         duration = self.curve.duration
         return duration if abs(t - duration) <= ROUNDING else t
 
     def is_finished(self, tick: int) -> bool:
-        """The end of the curve has been reached."""
+        """Check whether the end of the curve has been reached."""
         return self.elapsed(tick) >= self.curve.duration
 
     def reference_at(self, tick: int) -> Reference:
-        """The reference on the curve; at rest on its last point after the end."""
+        """Return the reference on the curve; at rest on its last point after the end."""
         reference = self.curve.sample(self.elapsed(tick))
-        assert reference is not None  # a layer is never asked about a time before its start
+        assert reference is not None  # a layer is never sampled before its start
         return reference if self.pace.even else self.pace.scale_reference(reference, self.period)
 
     def outside(self, error: Floats, bound: Floats) -> Bools:
-        """Joints (n,) of the goal whose `error` is beyond `bound`; inf bounds nothing."""
+        """Return joints (n,) of the goal whose `error` is beyond `bound`; inf bounds nothing."""
         out: Bools = ~(error <= bound) & (bound != inf) & self.goal.path.commanded
         return out
 
     def fraction(self, tick: int) -> float:
-        """How far it has come, 0..1."""
+        """Return the share of the curve that is done, 0..1."""
         duration = self.curve.duration
         return min(1.0, self.elapsed(tick) / duration) if duration > 0.0 else 1.0
 
 
 def displaced(goal: MotionGoal, reference: Reference) -> Finding | None:
-    """Why a goal that waited for its start cannot begin here: it was judged from another place."""
+    """Return the reason why a waiting goal cannot begin here: it was judged from another place.
+
+    None: it can.
+    """
     if goal.foreseen is None:
         return None
     off = np.where(goal.path.commanded, np.abs(goal.foreseen - reference.position), 0.0)
@@ -89,14 +96,14 @@ def displaced(goal: MotionGoal, reference: Reference) -> Finding | None:
 
 
 def begun(goal: MotionGoal, reference: Reference, limits: JointLimits, period: float) -> MotionLayer:
-    """The layer of a goal that starts now, from `reference`."""
+    """Return the layer of a goal that starts now, from `reference`."""
     curve = interpolate(led_in(goal.path, reference, limits, period), reference)
     joints = goal.path.commanded
     return MotionLayer(goal, curve, joints, bool(joints.all()), period)
 
 
 def without(layers: Sequence[MotionLayer], joints: Bools) -> list[MotionLayer]:
-    """The layers after `joints` (n,) have left them; those left by all are gone."""
+    """Return the layers after `joints` (n,) have left them; empty layers are dropped."""
     left = []
     for layer in layers:
         keeps = layer.joints & ~joints
@@ -106,16 +113,16 @@ def without(layers: Sequence[MotionLayer], joints: Bools) -> list[MotionLayer]:
 
 
 def laid_over(base: Reference, layers: Sequence[MotionLayer], tick: int) -> Reference:
-    """`base`, with the joints of each layer taken from it."""
+    """Return `base`, with the joints of each layer taken from it."""
     for layer in layers:
         base = choose(layer.joints, layer.reference_at(tick), base)
     return base
 
 
-def choose(joints: Bools, theirs: Reference, others: Reference) -> Reference:
-    """`theirs` for `joints` (n,), `others` for the rest."""
+def choose(joints: Bools, chosen: Reference, others: Reference) -> Reference:
+    """Return `chosen` for `joints` (n,), `others` for the rest."""
     return Reference(
-        np.where(joints, theirs.position, others.position),
-        np.where(joints, theirs.velocity, others.velocity),
-        np.where(joints, theirs.acceleration, others.acceleration),
+        np.where(joints, chosen.position, others.position),
+        np.where(joints, chosen.velocity, others.velocity),
+        np.where(joints, chosen.acceleration, others.acceleration),
     )

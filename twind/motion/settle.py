@@ -1,4 +1,4 @@
-"""The way to the rest pose: slow, smooth, and inside everything the gate asks for (SETTLE)."""
+"""Motion to the rest pose: slow, smooth, and within all limits of the gate (SETTLE)."""
 
 from math import sqrt
 
@@ -8,8 +8,9 @@ from twind.robot.arrays import Floats
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
-SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it and nobody asks for another
-MOST = 0.95  # of them, when the time is short
+# share of the velocity and acceleration limits, when there is time for it and no other share is requested
+SPEED = 0.5
+MOST = 0.95  # share of them, when the time is short
 BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: rounding stays below the limit
 # a move beyond LARGE rad takes LEAST s or more, a smaller one SHORT s
 LARGE = 0.1
@@ -20,7 +21,7 @@ GRID = 0.005  # s: braking joints come to rest on this grid, so that no two poin
 # a way that brakes too late is stretched until it does not
 STRETCH = 1.1
 TRIES = 60
-SAMPLES = 400  # points of the way at which braking is looked at
+SAMPLES = 400  # points of the way at which braking is checked
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
 # rad/s, of the brake rule (BRAKE_DISTANCE): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 EDGE = 0.05
@@ -34,10 +35,10 @@ def settle(
     seconds: float = 4.0,
     speed: float = SPEED,
 ) -> Trajectory:
-    """From `reference` to rest at `rest_position` (n,), at the share `speed` of every limit, faster when
-    `seconds` ask it.
+    """Return the motion from `reference` to rest at `rest_position` (n,), rad.
 
-    Longer than `seconds` only where the limits need it. A reference that moves brakes first.
+    It uses the share `speed` of the limits. It is faster when `seconds` require it, and longer than `seconds`
+    only where the limits need it. A reference that moves brakes first.
     """
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
     if (np.abs(velocity) <= MOVING).all():
@@ -48,7 +49,7 @@ def settle(
 
 
 def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float) -> float:
-    """Time (s) of a quintic from standstill to standstill, whose peaks are 1.875 d / T and 5.774 d / T²."""
+    """Return the duration (s) of a quintic from rest to rest, with peaks 1.875 d / T and 5.774 d / T²."""
     distance = np.abs(end - start)
 
     def least(share: float) -> float:
@@ -66,14 +67,14 @@ def _lasts(start: Floats, end: Floats, limits: JointLimits, seconds: float, spee
 
 
 def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities (by u) of the quintic at `u` (k,) in 0..1; (k, n) each."""
+    """Return positions and velocities (by u) of the quintic at `u` (k,) in 0..1; (k, n) each."""
     u = u[:, None]
     position = start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
     return position, (end - start) * 30.0 * (u * (1.0 - u)) ** 2
 
 
 def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimits) -> bool:
-    """The brake rule on the way, sampled, towards the limit that each joint moves to."""
+    """Check the brake rule on the way, sampled, towards the limit that each joint moves to."""
     u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SAMPLES))  # dense at the ends, where the rule bites
     position, speed = _way(start, end, u)
     room = np.where(end >= start, limits.hard_upper - position, position - limits.hard_lower)
@@ -84,7 +85,10 @@ def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: JointLimit
 def _braking_first(
     place: Floats, velocity: Floats, end: Floats, limits: JointLimits, seconds: float, speed: float
 ) -> Trajectory:
-    """Each joint brakes evenly until an instant of the grid (exact as cubics between those), then the way."""
+    """Return the motion of moving joints: each brakes evenly until an instant of the grid, then the way.
+
+    Braking is exact as cubics between those instants.
+    """
     stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
     instants = np.unique(stops[stops > 0.0])
     s = np.minimum(instants[:, None], stops)

@@ -1,6 +1,6 @@
-"""How a motion ends early: the deceleration ramp, and the follower that never exceeds a limit.
+"""Early end of a motion: the deceleration ramp, and the follower that never exceeds a limit.
 
-Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (LOOP_LATE).
+Both advance one period per `step`, so a late tick delays them without a jump (LOOP_LATE).
 """
 
 from dataclasses import replace
@@ -16,19 +16,22 @@ RESTING = 1e-12  # rad and rad/s below which a joint counts as arrived: rounding
 
 
 def still(position: Floats) -> Reference:
-    """At rest on `position` (n,)."""
+    """Return a reference at rest on `position` (n,), rad."""
     zero = frozen(np.zeros(len(position)))
     return Reference(frozen(position), zero, zero)
 
 
 def stopping_point(reference: Reference, acceleration: Floats) -> Floats:
-    """Where each joint (n,) comes to rest when it brakes now: p ± v²/(2a). No velocity: where it is."""
+    """Return where each joint (n,) comes to rest when it brakes now, rad: p ± v²/(2a).
+
+    A joint without a known velocity rests where it is.
+    """
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
     return reference.position + velocity * np.abs(velocity) / (2.0 * acceleration)
 
 
 class StopRamp:
-    """Each joint brakes with its acceleration limit and then holds. From standstill it is a plain hold."""
+    """Stop of all joints: each brakes with its acceleration limit and then holds; from rest a plain hold."""
 
     def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
         self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
@@ -42,11 +45,11 @@ class StopRamp:
 
     @property
     def resting(self) -> bool:
-        """The ramp is over: `step` gives the same place for ever."""
+        """True when the ramp is over: `step` gives the same position for ever."""
         return self._steps * self._period >= self.duration
 
     def reference_at(self, t: float) -> Reference:
-        """The reference `t` s after the ramp began."""
+        """Return the reference `t` s after the ramp began."""
         if t >= self.duration:
             return self._rest
         s = np.minimum(t, self._lasts)
@@ -62,13 +65,13 @@ class StopRamp:
         )
 
     def step(self) -> Reference:
-        """One period further."""
+        """Advance by one period and return the reference."""
         if not self.resting:
             self._steps += 1
         return self.reference_at(self._steps * self._period)
 
     def ahead(self, t: float) -> Reference:
-        """The reference `t` s from now, without going there."""
+        """Return the reference `t` s from now, without advancing."""
         return self.reference_at(self._steps * self._period + t)
 
 
@@ -91,28 +94,28 @@ class LimitedFollower:
 
     @property
     def resting(self) -> bool:
-        """Arrived at a target that stands still."""
+        """True when it has arrived at a target that stands still."""
         away = np.abs(self._target - self._position).max(initial=0.0)
         speed = np.abs(self._velocity).max(initial=0.0) + np.abs(self._drift).max(initial=0.0)
         return bool(away <= RESTING and speed <= RESTING)
 
     def set_target(self, target: Floats, drift: Floats) -> None:
-        """A new target (n,) in rad, moving on by itself with `drift` (n,) in rad/s."""
+        """Set a new target (n,) in rad, which moves by itself with `drift` (n,) in rad/s."""
         self._target = target.copy()
         self._drift = drift.copy()
 
     @property
     def target(self) -> Floats:
-        """Where it is going, rad, (n,)."""
+        """Target, rad, (n,)."""
         return self._target
 
     @property
     def drift(self) -> Floats:
-        """How fast the target itself moves, rad/s, (n,)."""
+        """Speed of the target itself, rad/s, (n,)."""
         return self._drift
 
     def step(self, share: float = 1.0) -> Reference:
-        """One period further, at no more than `share` of the velocity limit."""
+        """Advance by one period, at no more than `share` of the velocity limit, and return the reference."""
         limits = self._limits
         period = self._period
         before = self._velocity
@@ -122,6 +125,7 @@ class LimitedFollower:
         up = self._braking(limits.upper - self._position)
         down = self._braking(self._position - limits.lower)
         wanted = np.minimum(np.maximum(wanted, -np.minimum(fastest, down)), np.minimum(fastest, up))
+        # The acceleration limit comes last: it holds even where the target is reached too late for it.
         self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
         self._position = self._position + self._velocity * period
         self._target = np.minimum(np.maximum(self._target + self._drift * period, limits.lower), limits.upper)
@@ -129,7 +133,7 @@ class LimitedFollower:
         return self._last
 
     def ahead(self, t: float) -> Reference:
-        """The reference `t` s from now, without going there."""
+        """Return the reference `t` s from now, without advancing."""
         copy = LimitedFollower(self._last, self._limits, self._period)
         copy.set_target(self._target, self._drift)
         reference = self._last
@@ -140,13 +144,13 @@ class LimitedFollower:
         return reference
 
     def onwards(self, share: float = 1.0) -> Reference:
-        """What the next `step` would give."""
+        """Return the result of the next `step`, without advancing."""
         copy = LimitedFollower(self._last, self._limits, self._period)
         copy.set_target(self._target, self._drift)
         return copy.step(share)
 
     def _braking(self, distance: Floats) -> Floats:
-        """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`.
+        """Return the fastest speed (n,) that whole steps of braking stop within `distance`.
 
         n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
         """
@@ -156,26 +160,26 @@ class LimitedFollower:
 
 
 class CompliantFollower(LimitedFollower):
-    """Goes where joints are, not where they were told to be, up to the hard limits.
+    """Follower of measured instead of commanded positions, up to the hard limits.
 
-    The others come to rest as from any stop. A joint is aimed at once: the load that pushed it there would
-    push it on. `aim_at` aims anew.
+    The other joints come to rest as from any stop. Each joint is aimed once: the load that pushed it there
+    would push it on. `aim_at` aims anew.
     """
 
     def __init__(
         self, reference: Reference, limits: JointLimits, period: float, *, speed: float = np.inf
     ) -> None:
-        """`speed` rad/s: no faster, nor than each joint's limit."""
-        self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at where they are
+        """`speed`, rad/s, is an upper bound besides each joint's limit."""
+        self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at measured positions
         least = limits.hard_lower
         most = limits.hard_upper
         slow = replace(limits, lower=least, upper=most, velocity=np.minimum(limits.velocity, speed))
         super().__init__(reference, slow, period)
 
     def aim_at(self, joints: Bools, place: Floats) -> None:
-        """`joints` (n,) go to `place` (n,), rad, within the hard limits; where that is NaN they do not."""
+        """Aim `joints` (n,) at `place` (n,), rad, within the hard limits; where that is NaN the aim stays."""
         limits = self._limits
-        known = joints & np.isfinite(place)
+        located = joints & np.isfinite(place)
         there = np.clip(place, limits.lower, limits.upper)
-        self.set_target(np.where(known, there, self.target), np.zeros(len(place)))
-        self.joints = self.joints | known
+        self.set_target(np.where(located, there, self.target), np.zeros(len(place)))
+        self.joints = self.joints | located

@@ -1,7 +1,7 @@
-"""How a motion is slowed down and not bent: its own time advances by a share of each tick. Pure.
+"""Slowing of a motion along an unchanged path: its own time advances by a share of each tick. Pure.
 
-On a curve c at pace p a joint has velocity c' p and acceleration c'' p² + c' dp/dt. So a change of pace costs
-acceleration, and takes as long as the joint with the least left over allows.
+On a curve c at pace p a joint has velocity c' p and acceleration c'' p² + c' dp/dt. A change of pace costs
+acceleration. It takes as long as the joint with the least reserve needs.
 """
 
 from dataclasses import dataclass
@@ -13,32 +13,32 @@ from twind.robot.joint_limits import JointLimits
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference
 
-HALVINGS = 6  # of a change of pace that would ask for too much, before it waits for the next tick
+HALVINGS = 6  # of a change of pace that needs too much acceleration, before it waits for the next tick
 ROUNDING = 1e-9  # of an acceleration limit
 STANDING = 1e-9  # rad/s: slower costs nothing to slow down
 
 
 @dataclass(slots=True, eq=False)
 class TimeScaling:
-    """How fast the time of one motion goes: 1 as the clock, 0 not at all."""
+    """Pace of the time of one motion: 1 as the clock, 0 stopped."""
 
     now: float = 1.0
     change: float = 0.0  # by the last tick
-    lag: float = 0.0  # ticks that it has lost
+    lag: float = 0.0  # ticks lost so far
 
     @property
     def even(self) -> bool:
-        """As the clock, and so it was the tick before."""
+        """True when the pace is 1 and was 1 the tick before."""
         return self.now == 1.0 and self.change == 0.0
 
     def step(self, to: float) -> None:
-        """One tick at pace `to`."""
+        """Advance one tick at pace `to`."""
         self.change = to - self.now
         self.now = to
         self.lag += 1.0 - to
 
     def scale_reference(self, reference: Reference, period: float) -> Reference:
-        """What a reference on the curve means at this pace."""
+        """Return the reference at this pace from one on the curve."""
         return Reference(
             reference.position,
             reference.velocity * self.now,
@@ -55,10 +55,12 @@ def next_pace(
     limits: JointLimits,
     period: float,
 ) -> float:
-    """The pace of the next tick, nearer to `wanted`, `at` s after the start. `joints` (n,) follow the curve.
+    """Return the pace of the next tick, nearer to `wanted`, `at` s after the start.
 
-    The positions of the last tick, of now and of the next one never ask for more than a joint's acceleration,
-    but where the curve itself does, at the knots of straight lines: there the pace stays.
+    `joints` (n,) follow the curve.
+
+    The positions of the last tick, of now and of the next one never need more than a joint's acceleration.
+    The curve itself may need more at the knots of straight lines: there the pace stays.
     """
     if wanted == pace.now or at - pace.now * period < 0.0:
         return pace.now
@@ -77,7 +79,7 @@ def next_pace(
 
 
 def _room(here: Reference, joints: Bools, pace: float, limits: JointLimits) -> tuple[float, float]:
-    """How fast the pace may fall and rise, 1/s: what the acceleration of the curve leaves."""
+    """Return how fast the pace may fall and rise, 1/s, with the acceleration that the curve leaves."""
     speed = np.abs(here.velocity)
     moving = joints & (speed > STANDING)
     if not moving.any():

@@ -1,8 +1,8 @@
-"""Follows accepted trajectories and setpoints, and stops: what the loop asks for a goal once per tick.
+"""Executor of accepted trajectories, setpoints and stops: computes the reference of each tick.
 
 Semantics of `joint_trajectory_controller`: replacement blends from the running reference without a step,
-joints that a goal does not name keep their old path, a future start waits while the old path goes on.
-Judges nothing: what comes in has passed the gate.
+joints that a goal does not name keep their old path, a future start waits while the old path goes on. Judges
+nothing: all input has passed the gate.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ __all__ = ["GoalOutcome", "GoalTolerances", "TrajectoryExecutor"]
 
 
 class TrajectoryExecutor:
-    """Follows accepted trajectories on its own time, which advances by one period per `goal()`.
+    """Executor on its own time, which advances by one period per `goal()`.
 
     A late or missed tick re-times the motion; it never catches up and never jumps (LOOP_LATE). Starts fall on
     ticks: a start time is rounded to the nearest one.
@@ -39,14 +39,14 @@ class TrajectoryExecutor:
         self._tick = 0
         self._pace = 1.0
         self._reference: Reference | None = None
-        self._floor: StopRamp | LimitedFollower | None = None  # what the joints do that no layer decides
+        self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
         self._layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
         self._pending: list[MotionGoal] = []  # by start
         self._stream: LimitedFollower | None = None
         self._streamed: Bools = np.zeros(0, np.bool_)
         self._valid_for = 0.0
-        self._heard_at = inf
+        self._used_at = inf
         self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
         self._yielding: CompliantFollower | None = None  # while `yield_to` is called
@@ -55,7 +55,7 @@ class TrajectoryExecutor:
 
     @property
     def motion(self) -> Motion:
-        """What the joints are doing; a goal that waits for its start counts as active."""
+        """Motion of the joints; a goal that waits for its start counts as active."""
         if self._reference is None:
             return Motion.IDLE
         if self._stream is not None:
@@ -69,9 +69,9 @@ class TrajectoryExecutor:
 
     @property
     def pace(self) -> float:
-        """Share of their own speed that motions may have, 0..1; no number is 0. A stop is never slowed.
+        """Share of their own speed that motions may have, 0..1; NaN is 0. A stop is never slowed.
 
-        What is under way comes to it as fast as each joint's acceleration allows.
+        A running motion reaches it as fast as each joint's acceleration allows.
         """
         return self._pace
 
@@ -81,43 +81,46 @@ class TrajectoryExecutor:
 
     @property
     def slowed(self) -> bool:
-        """Motions are not, or not yet, as fast as they were accepted."""
+        """True while motions are, or still are, slower than accepted."""
         return self._pace < 1.0 or not all(layer.pace.even for layer in self._layers)
 
     @property
     def waiting(self) -> int:
-        """Goals accepted whose start has not come."""
+        """Number of accepted goals whose start has not come."""
         return len(self._pending)
 
     def setpoint_age(self, now: float) -> float | None:
         """Age of the newest setpoint (s), counted from the first tick that could use it; None: no stream."""
         if self._stream is None:
             return None
-        return 0.0 if self._heard_at == inf else now - self._heard_at
+        return 0.0 if self._used_at == inf else now - self._used_at
 
     def progress(self) -> tuple[str, float] | None:
-        """The goal that runs, or waits, and how far it has come, 0..1."""
+        """Return the id and the share done, 0..1, of the goal that runs or waits."""
         if self._running is not None:
             return self._running.goal.id, self._running.fraction(self._tick)
         return (self._pending[0].id, 0.0) if self._pending else None
 
     def fraction(self, id: str) -> float:
-        """How far a goal has come, or had come when it ended (until the next `outcomes`); 0 unknown."""
+        """Return the share of a goal that is done, 0..1, also after its end until the next `outcomes`.
+
+        0: unknown.
+        """
         if self._running is not None and self._running.goal.id == id:
             return self._running.fraction(self._tick)
         return self._fractions.get(id, 0.0)
 
     def outcomes(self) -> list[GoalOutcome]:
-        """Goals that ended since the last call."""
+        """Return the goals that ended since the last call."""
         ended = self._ended
         self._ended = []
         self._fractions = {outcome.id: fraction for outcome, fraction in ended}
         return [outcome for outcome, _ in ended]
 
     def ahead(self, start_in: float) -> Reference:
-        """Where the reference will be `start_in` s from now, as accepted: where a goal of then begins.
+        """Return the reference `start_in` s from now, at which a goal of that time begins.
 
-        From now on motions are taken to be unslowed. Raises ValueError while idle.
+        Motions count as unslowed from now on. Raises ValueError while idle.
         """
         if self._reference is None or self._floor is None:
             raise ValueError("idle: nothing holds, so there is no reference ahead")
@@ -133,7 +136,7 @@ class TrajectoryExecutor:
 
     @property
     def plan(self) -> LookaheadPlan | None:
-        """What the coming ticks follow from; None while idle."""
+        """Basis of the coming ticks; None while idle."""
         if self._reference is None or self._floor is None:
             return None
         now = self._reference
@@ -147,7 +150,10 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------- what to do
 
     def begin(self, position: Floats) -> None:
-        """Hold here (n,) from standstill; goals under way end as aborted. Raises ValueError for NaN."""
+        """Hold at `position` (n,), rad, from rest; goals under way end as aborted.
+
+        Raises ValueError for NaN.
+        """
         if not np.isfinite(position).all():
             joint = int(np.argmin(np.isfinite(position)))
             raise ValueError(f"cannot hold joint {joint} at {position[joint]}: not a finite position")
@@ -155,7 +161,7 @@ class TrajectoryExecutor:
         self._rest(still(position))
 
     def idle(self) -> None:
-        """Nobody holds any more; goals under way end as aborted."""
+        """Stop to hold; goals under way end as aborted."""
         self._end_all("aborted", ())
         self._reference = None
         self._floor = None
@@ -169,13 +175,13 @@ class TrajectoryExecutor:
         tolerances: GoalTolerances | None = None,
         goal_time: float | None = None,
     ) -> Finding | None:
-        """Follow `path` from its start on; None, or why that cannot be.
+        """Follow `path` from its start on; return None, or the reason why that is impossible.
 
         A start in the past drops the waypoints that are past. Goals that were to begin at or after this one
         are replaced; one that runs is replaced when this one begins.
         """
         if self._reference is None:
-            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
+            return Finding(ReasonCode.NOT_ARMED, message="the robot does not hold: arm first")
         if not len(path.time):
             return Finding(ReasonCode.EMPTY, message="a trajectory without points")
         if not start_in < inf:
@@ -198,12 +204,15 @@ class TrajectoryExecutor:
     def setpoint(
         self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float
     ) -> Finding | None:
-        """Follow this place (m,) of `joints` until `valid_for` s have passed without another; then hold.
+        """Follow `position` (m,), rad, of `joints` until `valid_for` s have passed without another.
 
-        Goals under way are replaced; joints that the stream does not name keep their path. None, or why not.
+        Then hold.
+
+        Goals under way are replaced; joints that the stream does not name keep their path. Returns None, or
+        the reason against it.
         """
         if self._reference is None:
-            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
+            return Finding(ReasonCode.NOT_ARMED, message="the robot does not hold: arm first")
         drift = np.zeros(len(joints)) if velocity is None else velocity
         if not np.isfinite([*position, *drift, valid_for]).all():
             return Finding(ReasonCode.NONFINITE, message="a setpoint must be finite")
@@ -227,7 +236,7 @@ class TrajectoryExecutor:
         drifts[joints] = drift
         self._stream.set_target(target, drifts)
         self._valid_for = valid_for
-        self._heard_at = inf
+        self._used_at = inf
         return None
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
@@ -238,9 +247,9 @@ class TrajectoryExecutor:
             self._floor = StopRamp(self._reference, self.limits, self._period)
 
     def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
-        """Brake; hold `joints` at `place` (n,), the others as commanded (OUT_OF_LIMIT, FOLLOW_ERR).
+        """Brake; hold `joints` at `place` (n,), rad, the others as commanded (OUT_OF_LIMIT, FOLLOW_ERR).
 
-        Asked again, a joint on its way there goes on to where it was then.
+        Called again, a joint on its way goes on to its earlier place.
         """
         if self._reference is None:
             return
@@ -256,7 +265,7 @@ class TrajectoryExecutor:
         floor.aim_at(named, place)
 
     def yield_to(self, place: Floats, speed: float) -> None:
-        """Follow `place` (n,) of now, no faster than `speed` rad/s: goals that give way (DAMP)."""
+        """Follow the present `place` (n,), rad, no faster than `speed` rad/s: goals that yield (DAMP)."""
         if self._reference is None:
             return
         if self._yielding is None or self._floor is not self._yielding:
@@ -268,7 +277,7 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float) -> Reference | None:
-        """The reference of the next tick; None while idle. `now` only ages the setpoints."""
+        """Return the reference of the next tick; None while idle. `now` (s) only ages the setpoints."""
         if self._reference is None or self._floor is None:
             return None
         if self._stream is not None:
@@ -287,7 +296,7 @@ class TrajectoryExecutor:
         return reference
 
     def observe(self, state: JointState) -> None:
-        """Judge the goal that runs by where its joints really are: path and goal tolerances."""
+        """Judge the running goal by measured positions: path and goal tolerances."""
         layer = self._running
         reference = self._reference
         if layer is None or reference is None or layer.goal.tolerances is None:
@@ -314,13 +323,13 @@ class TrajectoryExecutor:
         return self._tick + max(0, round(start_in / self._period))
 
     def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
-        assert self._floor is not None  # `ahead` has asked
+        assert self._floor is not None  # `ahead` has checked it
         return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
 
     def _begin(self, goal: MotionGoal, reference: Reference) -> None:
-        """A goal's start has come: it takes its joints over, and the goal that ran is replaced.
+        """Start a goal: it takes its joints over, and the goal that ran is replaced.
 
-        One that was judged from another place, because the motion before it was slowed since, ends here.
+        A goal that was judged from another place, because the motion before it was slowed since, ends here.
         """
         strayed = displaced(goal, reference)
         if strayed is not None:
@@ -335,7 +344,7 @@ class TrajectoryExecutor:
         self._running = layer
 
     def _keep_pace(self) -> None:
-        """The time of each motion goes on by its share of a tick; after the end it goes as the clock."""
+        """Advance the time of each motion by its share of a tick; after the end at the pace of the clock."""
         for layer in self._layers:
             if self._pace == 1.0 and layer.pace.even:
                 continue
@@ -378,9 +387,9 @@ class TrajectoryExecutor:
 
     def _age(self, now: float) -> None:
         """Hold when the setpoint is stale (STREAM_STALE). Its age begins with the first tick that uses it."""
-        if self._heard_at == inf:
-            self._heard_at = now
-        age = now - self._heard_at
+        if self._used_at == inf:
+            self._used_at = now
+        age = now - self._used_at
         if not age <= self._valid_for:
             self.stop()
             stale = Finding(
@@ -400,8 +409,8 @@ class TrajectoryExecutor:
         bound: Floats,
         state: JointState,
     ) -> None:
-        """Abort: brake; hold blocked joints where they are (FOLLOW_ERR), the others as commanded."""
-        assert self._reference is not None  # `observe` has asked
+        """Abort: brake; hold blocked joints at measured positions (FOLLOW_ERR), the others as commanded."""
+        assert self._reference is not None  # `observe` has checked it
         self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
         follower = LimitedFollower(self._reference, self.limits, self._period)
         there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)

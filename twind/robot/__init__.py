@@ -1,1 +1,1 @@
-"""The ground: joints, limits, states, trajectories, splines, findings. Pure; numpy only."""
+"""Data types of a robot: joints, limits, states, trajectories, splines, findings. Pure; numpy only."""

@@ -1,4 +1,4 @@
-"""Names for the arrays that the whole house passes around."""
+"""Array types and small array functions of the whole program."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,18 +12,17 @@ Bools = NDArray[np.bool_]
 
 
 def every(flags: Bools) -> bool:
-    """Check that all flags are set. With a few dozen this is five times as fast as `flags.all()`; so is
-    `some`."""
+    """Check that all flags are set. With a few dozen this is five times as fast as `flags.all()`."""
     return bool(np.count_nonzero(flags) == flags.size)
 
 
 def some(flags: Bools | NDArray[np.integer[Any]]) -> bool:
-    """At least one is set; of numbers: is not 0."""
+    """Check that at least one flag is set, or one number is not 0; as fast as `every`."""
     return bool(np.count_nonzero(flags))
 
 
 def spread_over_groups(flags: Bools, groups: Sequence[Ints]) -> Bools:
-    """`flags` (n,), and where one of a group is set all of it: places that belong together."""
+    """Return `flags` (n,) with all flags of a group set where one of them is."""
     found = flags.copy()
     for places in groups:
         found[places] = some(flags[places])
@@ -31,7 +30,7 @@ def spread_over_groups(flags: Bools, groups: Sequence[Ints]) -> Bools:
 
 
 def same(array: NDArray[Any], before: bytes) -> bool:
-    """Bit for bit what `tobytes` gave before: a fifth of the time of comparing element by element."""
+    """Check for the bytes that `tobytes` gave before: a fifth of the time of comparing elements."""
     return array.tobytes() == before
 
 

@@ -1,8 +1,9 @@
-"""How a body stands in the world, from what its gyroscope and accelerometer tell. Pure; time is an argument.
+"""Attitude of a body from its gyroscope and accelerometer. Pure; time is an argument.
 
-A complementary filter (Mahony's): the gyro is integrated; what the accelerometer says of down pulls the tilt
-there with a time constant of a second and learns the gyro's bias, as long as it feels about one g: what
-shakes or falls says nothing of down. Yaw is the integral of the gyro alone, 0 at the beginning: it drifts.
+A complementary filter (Mahony's): the gyro is integrated. The accelerometer pulls the tilt towards its
+direction of gravity with a time constant of a second, and corrects the gyro's bias. It counts only near one
+g: in shaking or falling it has no direction of gravity. Yaw is the integral of the gyro alone, 0 at the
+beginning: it drifts.
 """
 
 from math import cos, hypot, isfinite, sin, sqrt
@@ -14,9 +15,9 @@ from twind.robot.arrays import Floats
 G = 9.80665  # m/s²
 PULL = 1.0  # 1/s, of the tilt
 LEARN = 0.1  # 1/s², of the bias
-BIAS = 0.1  # rad/s, most that is believed of it: a MEMS gyro in the sun
-TRUST = 0.2  # of g, by which an acceleration may differ from it and still says where down is
-GAP = 0.2  # s: after a longer one the tilt is taken from the accelerometer anew, once it feels about one g
+BIAS = 0.1  # rad/s, the largest bias that is corrected: a MEMS gyro in the sun
+TRUST = 0.2  # of g: largest deviation of an acceleration that still gives the direction of gravity
+GAP = 0.2  # s: after a longer gap the tilt is taken anew from the accelerometer, once it is near one g
 
 Quaternion = tuple[float, float, float, float]
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -27,15 +28,17 @@ class Attitude:
 
     def __init__(self) -> None:
         self.quaternion = UPRIGHT
-        self.bias = (0.0, 0.0, 0.0)  # rad/s, what it takes off the gyro
+        self.bias = (0.0, 0.0, 0.0)  # rad/s, subtracted from the gyro
         self._time: float | None = None
-        self._known = False  # something has said where down is, and the gyro was heard ever since
+        self._known = False  # gravity's direction was measured, and the gyro read ever since
 
     def update(self, gyro: Floats, acceleration: Floats, time: float) -> Quaternion | None:
-        """A reading (rad/s, m/s²) of `time` (s); one not finite, or of no later time, changes nothing.
+        """Process a reading (rad/s, m/s²) at `time` (s).
 
-        None: not known, at the beginning and after a gap, until it feels about one g: a body in the air is
-        not taken for one that stands.
+        One not finite, or of no later time, changes nothing.
+
+        Returns None while unknown, at the beginning and after a gap, until the acceleration is near one g: a
+        body in the air does not count as standing.
         """
         reading = (*gyro.tolist(), *acceleration.tolist())
         if not all(map(isfinite, reading)) or (self._time is not None and time <= self._time):
@@ -64,14 +67,16 @@ class Attitude:
 
 
 def up(quaternion: Quaternion) -> tuple[float, float, float]:
-    """The world's up in the body's axes."""
+    """Return the world's up in the body's axes."""
     w, x, y, z = quaternion
     return (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
 def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: float) -> Quaternion:
-    """Return the attitude after turning at `rate` (rad/s, in the body's own axes) for `seconds`; of unit
-    length."""
+    """Return the attitude after turning at `rate` (rad/s, in the body's own axes) for `seconds`.
+
+    Of unit length.
+    """
     w, x, y, z = quaternion
     half = hypot(*rate) * seconds / 2.0
     share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
@@ -87,7 +92,7 @@ def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: fl
 
 
 def product(one: Quaternion, other: Quaternion) -> Quaternion:
-    """First `other`, then `one`."""
+    """Return the rotation by `other`, then by `one`."""
     w, x, y, z = one
     a, b, c, d = other
     return (
@@ -99,21 +104,23 @@ def product(one: Quaternion, other: Quaternion) -> Quaternion:
 
 
 def conjugate(quaternion: Quaternion) -> Quaternion:
-    """The way back."""
+    """Return the inverse rotation."""
     w, x, y, z = quaternion
     return (w, -x, -y, -z)
 
 
 def unit(quaternion: Quaternion) -> Quaternion:
-    """Scale a quaternion to length 1; return UPRIGHT for one of length zero or with a value that is not
-    finite."""
+    """Scale a quaternion to length 1.
+
+    Return UPRIGHT for one of length zero or with a value that is not finite.
+    """
     w, x, y, z = quaternion
     size = sqrt(w * w + x * x + y * y + z * z)
     return (w / size, x / size, y / size, z / size) if 0.0 < size < float("inf") else UPRIGHT
 
 
 def matrix(quaternion: Quaternion) -> Floats:
-    """(3, 3), of a quaternion of length 1."""
+    """Return the rotation matrix (3, 3) of a quaternion of length 1."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -125,11 +132,11 @@ def matrix(quaternion: Quaternion) -> Floats:
 
 
 def tilted(quaternion: Quaternion, force: tuple[float, float, float]) -> Quaternion:
-    """The same heading, and up where `force` (of unit length) points: the shortest turn there."""
+    """Return the same heading with up along `force` (of unit length): the shortest turn there."""
     above = up(quaternion)
     x, y, z = _cross(force, above)
     cosine = sum(one * other for one, other in zip(force, above, strict=True))
-    if cosine < -1.0 + 1e-9:  # head down: half a turn about any axis that lies level
+    if cosine < -1.0 + 1e-9:  # head down: half a turn about any horizontal axis
         x, y, z = _cross(above, (1.0, 0.0, 0.0) if abs(above[0]) < 0.9 else (0.0, 1.0, 0.0))
         return unit(product(quaternion, (0.0, x, y, z)))
     return unit(product(quaternion, (1.0 + cosine, x, y, z)))

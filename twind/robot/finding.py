@@ -1,4 +1,4 @@
-"""Why something was refused, warned of or changed: a value, never an exception."""
+"""Findings: causes of refusals, warnings and changes, as values, never exceptions."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -77,22 +77,22 @@ class ReasonCode(StrEnum):
     MIRROR_DRIFT = "MIRROR_DRIFT"
     INTERNAL = "INTERNAL"
     TIME_GAP = "TIME_GAP"  # the machine was suspended, or the daemon stopped, for longer than a watchdog
-    SOCKETS_GONE = "SOCKETS_GONE"  # clients cannot connect: nobody could stop what moves
+    SOCKETS_GONE = "SOCKETS_GONE"  # clients cannot connect: no client could stop a motion
     PORT_LOST = "PORT_LOST"
     PORT_UNAVAILABLE = "PORT_UNAVAILABLE"
     DEVICE_MISSING = "DEVICE_MISSING"
     DEVICE_MISMATCH = "DEVICE_MISMATCH"
     ARM_FAILED = "ARM_FAILED"
-    STOP_NOT_FOUND = "STOP_NOT_FOUND"  # a joint driven against its stop did not meet it as it should
+    STOP_NOT_FOUND = "STOP_NOT_FOUND"  # a joint driven against its stop did not meet it as expected
     TORQUE_INHERITED = "TORQUE_INHERITED"
-    CONFIG_REFUSED = "CONFIG_REFUSED"  # files, or changes of them, that are not taken: the old stay in force
+    CONFIG_REFUSED = "CONFIG_REFUSED"  # files, or changes of them, that are refused: the old stay in force
     PATH_TOLERANCE = "PATH_TOLERANCE"
     GOAL_TOLERANCE = "GOAL_TOLERANCE"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One reason. `joint` is an index until the edge names it; `message` says what the numbers cannot."""
+    """One finding. `joint` is an index until the edge names it; `message` adds what the numbers lack."""
 
     code: ReasonCode
     joint: int | None = None
@@ -105,7 +105,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The gate's answer. Accepted when there are no refusals."""
+    """Verdict of the gate. Accepted when there are no refusals."""
 
     refusals: tuple[Finding, ...] = field(default=())
     warnings: tuple[Finding, ...] = field(default=())
@@ -113,5 +113,5 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """No refusal."""
+        """True without a refusal."""
         return not self.refusals

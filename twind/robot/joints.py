@@ -1,4 +1,4 @@
-"""The joints of a robot in one fixed order, and where each stands on its bus."""
+"""The joints of a robot in one fixed order, and the place of each on its bus."""
 
 import difflib
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ class JointBusMap:
     zero: Ints  # ticks at joint angle 0
     scale: Floats  # rad per tick, signed: sign / ratio * 2π / ticks_per_turn
     velocity_scale: Floats  # rad/s per count, signed
-    effort_scale: Floats  # N·m per count, signed; NaN where the actuator cannot tell
+    effort_scale: Floats  # N·m per count, signed; NaN where the actuator reports none
     lower: Ints  # ticks: the smallest goal that may ever be sent (WIRE_CLAMP)
     upper: Ints  # ticks: the largest
     fastest: Floats  # ticks/s that the motor turns at most, by its type (SENSE_JUMP)
@@ -32,26 +32,26 @@ class JointBusMap:
     ] = ()  # transmissions; what the factors give of their rows is their actuators'
 
     def turned(self, shift: Ints) -> "JointBusMap":
-        """The same joints in counts that are `shift` (m,) ticks smaller: those of the wire, off by turns."""
+        """Return the same joints in counts of the wire, which are `shift` (m,) ticks smaller."""
         return replace(self, zero=self.zero - shift, lower=self.lower - shift, upper=self.upper - shift)
 
 
 @dataclass(frozen=True)
 class JointMap:
-    """Joints in one order, names at the edges only. Calibrated (n,) says which have a measured zero."""
+    """Joints in one order, names at the edges only. `calibrated` (n,): the joint has a measured zero."""
 
     names: tuple[str, ...]
     buses: tuple[JointBusMap, ...]
     calibrated: tuple[bool, ...]
-    turns: TurnRange | None = None  # on which of its turns each actuator stands; None: as it reads
-    unwatched: tuple[int, ...] = ()  # joints whose actuator cannot show that its own watchdog is armed
+    turns: TurnRange | None = None  # data of the turn of each actuator; None: counts are used as read
+    unwatched: tuple[int, ...] = ()  # joints whose actuator cannot report that its own watchdog is armed
 
     def __len__(self) -> int:
         return len(self.names)
 
     @cached_property
     def linked(self) -> tuple[MappedTransmission, ...]:
-        """The transmissions of all buses; their rows are places in this order."""
+        """Transmissions of all buses; their rows are places in this order."""
         return tuple(replace(each, rows=bus.joints[each.rows]) for bus in self.buses for each in bus.linked)
 
     @property
@@ -64,10 +64,10 @@ class JointMap:
         return {name: place for place, name in enumerate(self.names)}
 
     def place(self, name: str) -> int:
-        """Place of a joint. Raises KeyError whose text names the nearest spellings."""
+        """Return the place of a joint. Raises KeyError whose text names the nearest spellings."""
         try:
             return self._places[name]
         except KeyError:
             near = difflib.get_close_matches(name, self.names, 3)
-            known = f"nearest: {', '.join(near)}" if near else f"the joints are {', '.join(self.names)}"
-            raise KeyError(f"no joint {name!r}; {known}") from None
+            hint = f"nearest: {', '.join(near)}" if near else f"the joints are {', '.join(self.names)}"
+            raise KeyError(f"no joint {name!r}; {hint}") from None

@@ -1,6 +1,6 @@
-"""A linkage as a table: joint angles on a grid of actuator angles, and the way back. Pure.
+"""A linkage as a table: joint angles on a grid of actuator angles, and the inverse. Pure.
 
-Scalars instead of arrays: a place forward costs some microseconds, a place back less than a hundred.
+Scalars instead of arrays: a forward evaluation takes some microseconds, an inverse one less than a hundred.
 """
 
 from bisect import bisect_right
@@ -19,11 +19,13 @@ class LinkageTable:
     """Joint angles on a rectangular grid of actuator angles, multilinear between its places.
 
     One or two actuators: there det J is linear within a cell, so its sign at the corners is that of the cell.
-    Keeps `transmission.Transmission`.
+    It has the interface `transmission.Transmission`.
     """
 
     def __init__(self, axes: Sequence[Sequence[float]], values: Sequence[Sequence[float]]) -> None:
-        """`axes`: ascending actuator angles; `values`: the k joint angles of each place, last axis fastest.
+        """`axes`: ascending actuator angles.
+
+        `values`: the k joint angles of each place, last axis fastest.
 
         Raises ValueError: another number of places, fewer than two on an axis, an axis that does not ascend.
         """
@@ -53,8 +55,10 @@ class LinkageTable:
         return f"table of {' x '.join(map(str, self.shape))} places"
 
     def forward(self, actuators: Floats) -> Floats:
-        """See `Transmission`. Outside straight on from the edge, so outside of what the table gives; where
-        that leads back into it, nobody knows the place: NaN."""
+        """See `Transmission`. Outside the grid it continues in a straight line from the edge.
+
+        Where that line leads back into the table, the place is unknown: NaN.
+        """
         cell, share, beyond = self._at(actuators)
         found = np.array(cell.value(share) if cell else [nan] * len(self.axes))
         if cell is None or not any(beyond):
@@ -63,12 +67,12 @@ class LinkageTable:
         return found if np.isnan(self.inverse(found)).all() else np.full_like(found, nan)
 
     def inverse(self, joints: Floats) -> Floats:
-        """By Newton, bounded to one cell after the other of those that may hold it."""
+        """Find the actuator angles by Newton's method, in each cell that may hold the joint angles."""
         found = next(self._preimages(joints), None)
         return np.full(len(self.axes), nan) if found is None else np.array(found)
 
     def preimages(self, joints: Floats) -> list[Floats]:
-        """All actuator angles that give these joint angles: one, where the table can be inverted.
+        """Return all actuator angles that give these joint angles: one, where the table can be inverted.
 
         A place on the edge of several cells is found in each of them.
         """
@@ -77,8 +81,8 @@ class LinkageTable:
     def extremes(self, lower: Floats, upper: Floats) -> Floats:
         """See `Transmission`: the corners of the box, and where its edges cross the lines of the grid.
 
-        Within a cell both actuator angles only rise or only fall all along an edge (s and t are there on one
-        branch of c + x s + y t + z s t = const), and no place inside the box goes beyond all of its edges.
+        Along an edge within a cell both actuator angles only rise or only fall (s and t are there on one
+        branch of c + x s + y t + z s t = const). No place inside the box goes beyond all of its edges.
         """
         found = [self.inverse(corner) for corner in corners(lower, upper)]
         if self._lines is not None:
@@ -90,9 +94,10 @@ class LinkageTable:
     def _crossings(
         self, lines: "_GridLines", joint: int, edge: float, ends: tuple[float, float]
     ) -> list[Floats]:
-        """Actuator angles where one joint stands at `edge`, the other within `ends`, on a line of the grid.
+        """Return actuator angles on a line of the grid with one joint at `edge`.
 
-        Where that edge of a box has left the table, and comes back, there is one more that nobody knows.
+        The other joint is within `ends`. Where that edge of a box has left the table, and comes back, an
+        unknown place (NaN) is added.
         """
         actuators, across, outer = lines.crossed(joint, edge, ends)
         found = list(actuators)
@@ -109,24 +114,24 @@ class LinkageTable:
 
     @cached_property
     def slopes(self) -> Floats:
-        """See `Transmission`: worked out once, a table has thousands of places."""
+        """See `Transmission`; computed once, as a table has thousands of places."""
         return np.array([self.jacobian(place) for place in self.places])
 
     @property
     def places(self) -> Floats:
-        """Just inside the corners of every cell."""
+        """Places just inside the corners of every cell."""
         shares = np.array(np.meshgrid(*[[CLOSE, 1.0 - CLOSE]] * len(self.axes))).reshape(len(self.axes), -1).T
         return np.array([cell.angles(share) for cell in self._cells for share in shares.tolist()])
 
     @property
     def checked(self) -> Floats:
-        """Every place of the grid and the middle of every cell: where the inverse is proved."""
+        """Every place of the grid and the middle of every cell: where the inverse is checked."""
         grid = np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1).reshape(-1, len(self.axes))
         middles = [cell.angles([0.5] * len(self.axes)) for cell in self._cells]
         return np.concatenate([grid, np.array(middles)])
 
     def _at(self, actuators: Floats) -> tuple[TableCell | None, Numbers, Numbers]:
-        """The cell of the nearest place, where in it, 0..1, and rad that are missing to it; None for NaN."""
+        """Return the cell of the nearest place, the place in it, 0..1, and the rest, rad; None for NaN."""
         number = 0
         share = []
         beyond = []
@@ -177,13 +182,16 @@ class _GridLines:
         self.outer: Bools = np.where(along, np.isin(column, (0, columns - 1)), np.isin(row, (0, rows - 1)))
 
     def crossed(self, joint: int, edge: float, ends: tuple[float, float]) -> tuple[Floats, Floats, Bools]:
-        """Where one joint stands at `edge` and the other, in order, within `ends`: actuator angles (m, 2),
-        that other's angle (m,), and whether the table ends there. A line is straight for the joints too."""
+        """Return crossings where one joint is at `edge` and the other within `ends`, in its order.
+
+        Result: actuator angles (m, 2), the other joint's angle (m,), and whether the table ends there (m,). A
+        line is straight for the joints too.
+        """
         start = self.joints[0]
         rise = self._rise
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             share = (edge - start[:, joint]) / rise[:, joint]
-        met = (share >= -CLOSE) & (share <= 1.0 + CLOSE)  # where it runs along one it meets those across
+        met = (share >= -CLOSE) & (share <= 1.0 + CLOSE)  # a line along the edge meets the lines across
         share = np.where(met, np.clip(share, 0.0, 1.0), 0.0)
         across = start[:, 1 - joint] + share * rise[:, 1 - joint]
         rows = np.flatnonzero(met & (across >= ends[0]) & (across <= ends[1]))

@@ -1,10 +1,10 @@
-"""The words for what the daemon, the robot and the motion are doing (docs/safety.md)."""
+"""Modes of the daemon, states of the robot and of its motion (docs/safety.md)."""
 
 from enum import StrEnum
 
 
 class Mode(StrEnum):
-    """Where commands go, and whether a writer exists."""
+    """Target of commands, and whether a writer exists."""
 
     SIM = "sim"  # bus not opened; commands go to the simulation
     MIRROR = "mirror"  # bus read only; commands go to the simulation
@@ -12,7 +12,7 @@ class Mode(StrEnum):
 
 
 class RobotState(StrEnum):
-    """The robot and its bus. A port opens DISCONNECTED → IDENTIFYING → CONNECTED; torque from ARMED on."""
+    """State of the robot and its bus: DISCONNECTED → IDENTIFYING → CONNECTED; torque from ARMED on."""
 
     DISCONNECTED = "disconnected"
     IDENTIFYING = "identifying"
@@ -27,9 +27,9 @@ class RobotState(StrEnum):
 
 
 class Motion(StrEnum):
-    """What the target of commands is doing."""
+    """Motion of the target of commands."""
 
-    IDLE = "idle"  # nobody holds: disarmed
+    IDLE = "idle"  # disarmed: no goal is held
     HOLDING = "holding"
     ACTIVE = "active"  # a trajectory runs
     STREAMING = "streaming"  # setpoints arrive

@@ -1,6 +1,6 @@
-"""Piecewise polynomials in time: the one curve that the gate judges and the executor follows.
+"""Piecewise polynomials in time: the curve that the gate judges and the executor follows.
 
-Interpolation as `joint_trajectory_controller` does it: positions alone give lines, positions with velocities
+Interpolation as in `joint_trajectory_controller`: positions alone give lines, positions with velocities
 cubics, with accelerations too quintics. The first segment runs from the state at arrival to the first point.
 """
 
@@ -14,7 +14,7 @@ from twind.robot.trajectory import Reference, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Knots:
-    """What a curve passes through. Arrays (k, n); velocity and acceleration as far as the path gives them."""
+    """Points that a curve passes through. Arrays (k, n); velocity and acceleration as the path gives them."""
 
     time: Floats  # s, (k,), strictly increasing
     position: Floats  # rad
@@ -41,7 +41,7 @@ class Spline:
         return min(max(passed, 0), len(self.coefficients) - 1)
 
     def sample(self, t: float) -> Reference | None:
-        """The reference at `t` s from start; None before it; at rest on `end` after the last knot."""
+        """Return the reference at `t` s from start; None before it; at rest on `end` after the last knot."""
         if not t >= 0.0:
             return None
         if t >= self.time[-1] or not len(self.coefficients):
@@ -50,14 +50,14 @@ class Spline:
         return self.inside(self.segment(t), t)
 
     def inside(self, index: int, t: float) -> Reference:
-        """The polynomial of segment `index` at `t` s from start; at a knot the limit from its side."""
+        """Return the polynomial of segment `index` at `t` s from start; at a knot the limit from its side."""
         rows = self.coefficients[index]
         powers = _powers(t - float(self.time[index]), len(rows))
         return Reference(*(powers @ rows))
 
 
 def _powers(s: float, count: int) -> Floats:
-    """What the first `count` coefficients count for at `s`: in the value and in both derivatives."""
+    """Return the factors (3, count) of the coefficients at `s`, for value and both derivatives."""
     value = [1.0] * count
     for power in range(1, count):
         value[power] = value[power - 1] * s
@@ -67,17 +67,17 @@ def _powers(s: float, count: int) -> Floats:
 
 
 def passed(path: Trajectory, t: float) -> int:
-    """Index of the last point whose time has been reached at `t`; 0 before the second point."""
+    """Return the index of the last point whose time has been reached at `t`; 0 before the second point."""
     return max(int(np.searchsorted(path.time, t, side="right")) - 1, 0)
 
 
 def hold(position: Floats) -> Spline:
-    """The curve that stays at `position` (n,): no segments, no duration."""
+    """Return the curve that stays at `position` (n,): no segments, no duration."""
     return Spline(np.zeros(1), np.zeros((0, 2, len(position))), position.copy())
 
 
 def knots(path: Trajectory, before: Reference) -> Knots:
-    """What the curve of `path`, begun from `before` at t = 0, goes through; knot 0 is `before` if t₀ > 0."""
+    """Return the knots of `path`, begun from `before` at t = 0; knot 0 is `before` if t₀ > 0."""
     columns = path.commanded
     first = path.time[0] > 0.0
 
@@ -98,21 +98,23 @@ def knots(path: Trajectory, before: Reference) -> Knots:
 
 
 def interpolate(path: Trajectory, before: Reference) -> Spline:
-    """The curve of `path`, begun from `before` at t = 0. Joints not commanded stay at `before.position`.
+    """Return the curve of `path`, begun from `before` at t = 0.
 
-    A first point at t = 0 gives no segment from `before`: the jump is the gate's to judge (START_JUMP).
+    Joints not commanded stay at `before.position`.
+
+    A first point at t = 0 gives no segment from `before`: START_JUMP judges the jump.
     """
     return curve(knots(path, before))
 
 
 def curve(through: Knots) -> Spline:
-    """The curve through `through`."""
+    """Return the curve through the knots `through`."""
     rows = _coefficients(through.time, through.position, through.velocity, through.acceleration)
     return Spline(through.time, rows, through.position[-1].copy())
 
 
 def _coefficients(time: Floats, p: Floats, v: Floats | None, a: Floats | None) -> Floats:
-    """Coefficients (s, degree + 1, n) of the segments between the knots (s + 1, n)."""
+    """Return the coefficients (s, degree + 1, n) of the segments between the knots (s + 1, n)."""
     T = np.diff(time)[:, None]
     h = np.diff(p, axis=0)
     if v is None:
@@ -147,10 +149,11 @@ def integrate(
     position: Floats | None = None,
     commanded: Bools | None = None,
 ) -> Trajectory:
-    """A path from velocities or accelerations (k, n), summed up from `before` by Heun's rule (trapezoid).
+    """Return a path from velocities or accelerations (k, n), integrated from `before`.
 
-    NaN (and None) = not given at that point: what is missing follows from the derivative above it, and what
-    is given is kept. Raises ValueError where a point has no way to a position, or time does not increase.
+    The rule is Heun's (trapezoid). NaN (and None) = not given at that point: a missing value follows from the
+    derivative above it, and given ones are kept. Raises ValueError where a position cannot be computed, or
+    time does not increase.
     """
     k = len(time)
     n = len(before.position)
@@ -180,9 +183,9 @@ def integrate(
 
 
 def fill(time: Floats, position: Floats) -> Floats:
-    """Velocities (k, n) that make the cubics through `position` twice differentiable, at rest at both ends.
+    """Return velocities (k, n) of twice differentiable cubics through `position`.
 
-    Raises ValueError with fewer than 2 points or times that do not increase.
+    They are at rest at both ends. Raises ValueError with fewer than 2 points or times that do not increase.
     """
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
         raise ValueError("a smooth fill needs at least 2 points at increasing times")
@@ -205,6 +208,6 @@ def fill(time: Floats, position: Floats) -> Floats:
 
 
 def nearest_turn(current: Floats, following: Floats, mask: Bools) -> Floats:
-    """`current` (n,), moved by whole turns to the place nearest `following` where `mask` says continuous."""
+    """Return `current` (n,) moved by whole turns to the place nearest `following`, where `mask` is set."""
     turns = np.round((following - current) / (2.0 * np.pi))
     return np.where(mask, current + 2.0 * np.pi * turns, current)

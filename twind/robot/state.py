@@ -19,15 +19,15 @@ class Imu:
 class JointState:
     """One reading of every joint, in `JointMap` order. Arrays are (n,) and read-only.
 
-    A joint that did not answer keeps its last numbers with a growing `age`; one that never answered is NaN
-    with infinite age. Never a zero, never an old number with a new stamp.
+    A joint that did not reply keeps its last values with a growing `age`; one that never replied is NaN with
+    infinite age. Never a zero, never an old value with a new stamp.
     """
 
     time: float  # s, monotonic, when the last byte of the reading arrived
     position: Floats  # rad
     velocity: Floats  # rad/s
-    effort: Floats  # N·m, NaN where the actuator cannot tell
-    age: Floats  # s, since this joint last answered, at `time`
-    heard: Bools  # False: this joint did not answer; its numbers are old
+    effort: Floats  # N·m, NaN where the actuator reports none
+    age: Floats  # s, since this joint's last reply, at `time`
+    heard: Bools  # False: this joint did not reply; its values are old
     round_trip: float = 0.0  # s, request to last byte, the slowest bus; NaN unknown
-    imu: Imu | None = None  # None: there is none, or it has not answered yet
+    imu: Imu | None = None  # None: there is none, or it has not replied yet

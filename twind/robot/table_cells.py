@@ -1,6 +1,6 @@
-"""The cells of a linkage's table, and which of them gives what is wanted. Pure.
+"""Cells of a linkage's table, and an index of those that may hold given joint angles. Pure.
 
-Scalars instead of arrays: to try a cell costs a microsecond, to solve it some ten.
+Scalars instead of arrays: to test a cell takes a microsecond, to solve it some ten.
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from math import ceil, isfinite
 import numpy as np
 
 Numbers = tuple[float, ...]
-STEPS = 20  # of Newton within one cell: three or four do
-CLOSE = 1e-9  # of a cell, or rad: what rounding may put on its other side
-EXACT = 1e-12  # of a cell: where Newton has arrived
+STEPS = 20  # of Newton's method within one cell: three or four suffice
+CLOSE = 1e-9  # of a cell, or rad: the effect of rounding
+EXACT = 1e-12  # of a cell: Newton's method has converged
 
 
 class TableCell:
@@ -30,30 +30,30 @@ class TableCell:
             self._terms = [(a, c - a, b - a, d - c - b + a) for a, b, c, d in zip(*block, strict=True)]
 
     def may_hold(self, wanted: list[float]) -> bool:
-        """Whether joint angles are on the inner side of every side of what the cell gives."""
+        """Check whether joint angles are on the inner side of every side of the cell's image."""
         first = wanted[0]
         last = wanted[-1]
         return all(x * first + y * last >= least for x, y, least in self._sides)
 
     def angles(self, share: Sequence[float]) -> Numbers:
-        """Actuator angles at a share of the cell."""
+        """Return actuator angles at a share of the cell."""
         return tuple(a + s * w for a, s, w in zip(self.corner, share, self.size, strict=True))
 
     def value(self, share: Sequence[float]) -> list[float]:
-        """Joint angles there."""
+        """Return joint angles at a share of the cell."""
         s = share[0]
         t = share[-1] if len(share) == 2 else 0.0
         return [c + x * s + y * t + z * s * t for c, x, y, z in self._terms]
 
     def slopes(self, share: Sequence[float]) -> list[list[float]]:
-        """dq/da there."""
+        """Return dq/da at a share of the cell."""
         if len(share) == 1:
             return [[self._terms[0][1] / self.size[0]]]
         (s, t), (width, height) = share, self.size
         return [[(x + z * t) / width, (y + z * s) / height] for _, x, y, z in self._terms]
 
     def solve(self, wanted: list[float]) -> Numbers | None:
-        """Actuator angles within this cell that give these joint angles; None: there are none."""
+        """Return actuator angles within this cell that give these joint angles; None: there are none."""
         share = [0.5] * len(self.corner)
         for _ in range(STEPS):
             step = self._newton(share, wanted)
@@ -69,7 +69,7 @@ class TableCell:
         return self.angles([min(max(s, 0.0), 1.0) for s in share])
 
     def _newton(self, share: list[float], wanted: list[float]) -> list[float] | None:
-        """The next step, in shares of the cell; None where there is none."""
+        """Return the next step, in shares of the cell; None where there is none."""
         miss = [w - v for w, v in zip(wanted, self.value(share), strict=True)]
         if len(share) == 1:
             slope = self._terms[0][1]
@@ -83,7 +83,7 @@ class TableCell:
 
 
 class CellIndex:
-    """Which cells may hold joint angles: those that reach into the same square of a coarse grid of them."""
+    """Index of the cells that may hold joint angles: those in the same square of a coarse grid of them."""
 
     def __init__(self, cells: list[TableCell]) -> None:
         self._low = [min(numbers) for numbers in zip(*(cell.low for cell in cells), strict=True)]
@@ -109,9 +109,11 @@ class CellIndex:
 
 
 def _sides(block: list[list[float]]) -> list[tuple[float, float, float]]:
-    """(x, y, least) of each side of what a cell gives: x q1 + y q2 >= least within; none where it folds.
+    """Return (x, y, least) of each side of a cell's image: x q1 + y q2 >= least inside.
 
-    The sides are straight, and the cell is convex where det J has one sign: it is the turn at each corner.
+    None where it folds.
+
+    The sides are straight, and the image is convex where det J has one sign: it is the turn at each corner.
     """
     if len(block) == 2:
         (a,), (b,) = sorted(block)

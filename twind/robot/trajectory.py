@@ -7,7 +7,7 @@ from twind.robot.arrays import Bools, Floats
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Where the motion is meant to be at one instant. Arrays are (n,)."""
+    """Intended motion at one instant. Arrays are (n,)."""
 
     position: Floats  # rad
     velocity: Floats  # rad/s
@@ -16,7 +16,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Points of all joints; those not `commanded` keep what they do and their columns are ignored.
+    """Points of all joints; those not `commanded` go on as they are, and their columns are ignored.
 
     Velocities (and then accelerations) are given for every point or for none.
     """
@@ -28,7 +28,7 @@ class Trajectory:
     acceleration: Floats | None = None  # rad/s², (k, n); needs velocity
 
     def stretched(self, factor: float) -> "Trajectory":
-        """The same path, `factor` times as long: velocities and accelerations scaled to match."""
+        """Return the same path, `factor` times as long: velocities and accelerations scaled to match."""
         return replace(
             self,
             time=self.time * factor,

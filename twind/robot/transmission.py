@@ -1,14 +1,14 @@
-"""From actuators to joints where several turn them together: differentials and linkages. Pure.
+"""Conversion from actuators to joints where several turn them together: differentials and linkages. Pure.
 
 Angles are rad: of k actuators after zero, sign and ratio, and of the k joints they drive, each in the order
-of the robot file. A place that nobody knows is NaN, and so are actuators that no place of theirs would bring
-to where joints should be. The arithmetic:
+of the robot file. An unknown place is NaN, and so are actuators that cannot bring the joints to a place. The
+arithmetic:
 
-position  q = F(a)        a = F⁻¹(q)
-velocity  dq = J da       J = dF/da at the place
-effort    τ_a = Jᵀ τ_q    τ_q = J⁻ᵀ τ_a    (no power is lost: τ_a · da = τ_q · dq)
+    position  q = F(a)        a = F⁻¹(q)
+    velocity  dq = J da       J = dF/da at the place
+    effort    τ_a = Jᵀ τ_q    τ_q = J⁻ᵀ τ_a    (no power is lost: τ_a · da = τ_q · dq)
 
-Here stand what every transmission can be asked and the differential; `linkage_table.py` has the table.
+This module has the interface of every transmission and the differential; `linkage_table.py` has the table.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ class Transmission(Protocol):
     """Relation of k actuators and the k joints that they drive. Two are equal when they do the same."""
 
     def forward(self, actuators: Floats) -> Floats:
-        """Joint angles (k,) at actuator angles (k,); NaN where they are not known."""
+        """Return joint angles (k,) at actuator angles (k,); NaN where they are unknown."""
 
     def inverse(self, joints: Floats) -> Floats:
-        """Actuator angles (k,) at joint angles (k,); NaN where no actuator angles give them."""
+        """Return actuator angles (k,) at joint angles (k,); NaN where no actuator angles give them."""
 
     def jacobian(self, actuators: Floats) -> Floats:
-        """dq/da (k, k) at actuator angles (k,): joints in rows."""
+        """Return dq/da (k, k) at actuator angles (k,): joints in rows."""
 
     @property
     def places(self) -> Floats:
@@ -40,15 +40,17 @@ class Transmission(Protocol):
 
     @property
     def slopes(self) -> Floats:
-        """The Jacobians there (m, k, k)."""
+        """Jacobians at `places` (m, k, k)."""
 
     def extremes(self, lower: Floats, upper: Floats) -> Floats:
-        """Actuator angles (m, k), among them the least and the largest of each while the joints are anywhere
-        in lower..upper (k,); NaN where some place in there is not known."""
+        """Return actuator angles (m, k) with their extremes for joints in lower..upper (k,).
+
+        They are NaN where a place in there is unknown.
+        """
 
 
 class Differential:
-    """joint = C · actuator, with C invertible."""
+    """Differential: joint = C · actuator, with C invertible."""
 
     def __init__(self, rows: Sequence[Sequence[float]]) -> None:
         """`rows` of C, one per joint. Raises ValueError: not square, not finite, not invertible."""
@@ -105,7 +107,7 @@ class Differential:
 class MappedTransmission:
     """A transmission among the joints of a bus, or of all. Arrays are (k,), in its own order."""
 
-    rows: Ints  # of its actuators among them, each the seat of one of its joints
+    rows: Ints  # places of its actuators in these arrays, each that of one of its joints
     law: Transmission
     lower: Floats  # rad: within lower..upper of its joints every place is within the counts of its actuators
     upper: Floats
@@ -119,19 +121,25 @@ class MappedTransmission:
         position[self.rows] = self.law.inverse(position[self.rows])
 
     def speeds(self, angles: Floats, velocity: Floats) -> None:
-        """Convert joint speeds of a bus (m,) to actuator speeds, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert joint speeds of a bus (m,) to actuator speeds, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         jacobian = self.law.jacobian(angles[self.rows])
         velocity[self.rows] = np.linalg.solve(jacobian, velocity[self.rows])
 
     def velocity(self, angles: Floats, speeds: Floats) -> None:
-        """Convert actuator speeds of a bus (m,) to joint speeds, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert actuator speeds of a bus (m,) to joint speeds, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         speeds[self.rows] = self.law.jacobian(angles[self.rows]) @ speeds[self.rows]
 
     def effort(self, angles: Floats, efforts: Floats) -> None:
-        """Convert actuator efforts of a bus (m,) to joint efforts, in place, at the actuator angles `angles`
-        (m,), rad."""
+        """Convert actuator efforts of a bus (m,) to joint efforts, in place.
+
+        `angles` (m,): actuator angles, rad.
+        """
         efforts[self.rows] = np.linalg.solve(self.law.jacobian(angles[self.rows]).T, efforts[self.rows])
 
 
@@ -139,19 +147,19 @@ class MappedTransmission:
 
 
 def condition(law: Transmission) -> float:
-    """The worst condition number of its Jacobian; inf where it cannot be inverted."""
+    """Return the worst condition number of its Jacobian; inf where it cannot be inverted."""
     numbers = np.linalg.cond(law.slopes)
     return float(numbers.max()) if np.isfinite(numbers).all() else float("inf")
 
 
 def forth(law: Transmission) -> Floats:
-    """(k, k): how far each joint (row) moves at most per rad of each actuator, by amount."""
+    """Return (k, k): the largest movement of each joint (row) per rad of each actuator."""
     found: Floats = np.abs(law.slopes).max(axis=0)
     return found
 
 
 def back(law: Transmission) -> Floats:
-    """(k, k): how far each actuator (row) must move at most per rad of each joint, by amount."""
+    """Return (k, k): the largest movement of each actuator (row) per rad of each joint."""
     found: Floats = np.abs(np.linalg.inv(law.slopes)).max(axis=0)
     return found
 
@@ -168,6 +176,9 @@ def fair(share: Floats, bound: Floats, own: Floats) -> Floats:
 
 
 def span(law: Transmission, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Least and largest actuator angles (k,) while the joints stay in lower..upper (k,); NaN: not known."""
+    """Return least and largest actuator angles (k,) while the joints stay in lower..upper (k,).
+
+    NaN: unknown.
+    """
     angles = law.extremes(lower, upper)
     return angles.min(axis=0), angles.max(axis=0)

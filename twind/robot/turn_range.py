@@ -1,4 +1,4 @@
-"""What tells on which turn an actuator stands: its travel, as it was measured. Pure data."""
+"""Travel of each actuator as it was measured, from which its turn is determined. Pure data."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ from twind.robot.arrays import Bools, Ints
 
 @dataclass(frozen=True)
 class TurnRange:
-    """Arrays are (n,) in `JointMap` order, in calibrated counts; they mean something where `known` is True.
+    """Arrays (n,) in `JointMap` order, in calibrated counts; they are valid where `known` is True.
 
     A count read is off by whole turns; the one that lies in its band is the calibrated count.
     """
 
     known: Bools  # it has a measured travel
     whole: Ints  # ticks of a turn
-    band: Ints  # where the turn begins that holds the travel in its middle
+    band: Ints  # begin of the turn that holds the travel in its middle
     first: Ints  # the travel's ends
     last: Ints
     slack: Ints  # ticks that a limp joint may hang beyond them
-    least: Ints  # what its goal register holds
+    least: Ints  # range of its goal register
     most: Ints
-    lower: Ints  # the goals that it may ever be sent (WIRE_CLAMP)
+    lower: Ints  # range of the goals that may ever be sent (WIRE_CLAMP)
     upper: Ints
     # At torque-on it counts anew, in one turn: Dynamixel in position mode (e-manual, "Operating Mode", note).
     falls: Bools

@@ -1,1 +1,1 @@
-"""What may reach a motor: gate, guard, states, lease, health. Pure: no I/O, no clock, no globals."""
+"""Checks between commands and motors: gate, guard, states, lease. Pure: no I/O, no clock, no globals."""

@@ -16,7 +16,7 @@ from twind.safety.guard_types import (
     is_torque_ours,
 )
 
-WINDOW = 1.0  # s that are looked back
+WINDOW = 1.0  # s of the window in which errors count; a single bad exchange must not stop a motion
 ROUNDING = 1e-9  # of a share
 
 
@@ -44,13 +44,13 @@ class BusErrorHistory:
         while self._bad and not now - self._bad[0] < WINDOW:
             self._bad.popleft()
         if not self._bad:
-            self.bad_in_a_row = 0  # it was not asked for so long that it may be another bus by now
+            self.bad_in_a_row = 0  # without a request for so long it may be another bus by now
         while self._foreign and not now - self._foreign[0][0] < WINDOW:
             self.foreign -= self._foreign.popleft()[1]
 
     @property
     def blemished(self) -> bool:
-        """Something was wrong lately; else a good tick changes nothing."""
+        """True after a recent error; else a good tick changes nothing."""
         return bool(self._bad or self._foreign or self.bad_in_a_row or self.full_in_a_row)
 
     @property
@@ -60,7 +60,7 @@ class BusErrorHistory:
 
 
 class BusRules:
-    """Judges each bus by its last second."""
+    """Rules on the last second of each bus."""
 
     def __init__(self, names: Sequence[str], bounds: GuardThresholds) -> None:
         self._names = tuple(names)
@@ -70,7 +70,7 @@ class BusRules:
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
         """Yield the faults of the buses. `facts.traffic` is in the order of their names."""
         if facts.discarded:
-            message = "bytes that were no answer of ours were dropped"
+            message = "bytes that belong to no request were dropped"
             yield RuleResult(Finding(ReasonCode.RX_SHAPE, value=float(facts.discarded), message=message))
         for bus, (record, traffic) in enumerate(zip(self._records, facts.traffic, strict=True)):
             if not (record.blemished or traffic.bad or traffic.foreign or traffic.full):
@@ -84,13 +84,15 @@ class BusRules:
                 yield self._full(facts, bus, record.full_in_a_row)
 
     def _errors(self, facts: GuardInput, bus: int, record: BusErrorHistory) -> Iterator[RuleResult]:
-        """BUS_ERRORS: a share of a second's exchanges, or several in a row. The fault changes no torque.
+        """Yield BUS_ERRORS: a share of a second's exchanges, or several in a row.
 
-        On a bus too bad to move nobody arms.
+        The fault changes no torque.
+
+        On such a bus arming is refused.
         """
         bounds = self._bounds
         reaction = hold(facts) if is_torque_held(facts) else Reaction.NONE
-        # of as many as a second has
+        # share of as many exchanges as a second has
         row = record.bad_in_a_row
         share = record.bad * facts.period / WINDOW
         if row >= bounds.errors_row_fault:
@@ -112,12 +114,15 @@ class BusRules:
         return Finding(ReasonCode.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
     def _foreign(self, facts: GuardInput, bus: int, count: int) -> Iterator[RuleResult]:
-        """FOREIGN_TRAFFIC: another master sends. Writing ends, since a servo cannot obey two masters."""
+        """Yield FOREIGN_TRAFFIC: another master sends.
+
+        Writing ends, since a servo cannot follow two masters.
+        """
         bound = self._bounds.foreign
         if count < bound:
             return
         message = (
-            f"packets on bus {self._names[bus]} in a second that nobody asked for: "
+            f"packets on bus {self._names[bus]} in a second that were not requested: "
             "disconnect the other master, or the second servo with one id"
         )
         finding = Finding(ReasonCode.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
@@ -127,12 +132,12 @@ class BusRules:
             yield RuleResult(finding, bars=True, bus=bus)
 
     def _full(self, facts: GuardInput, bus: int, count: int) -> RuleResult:
-        """TX_BACKLOG: what we send does not leave. The line has thrown it away."""
+        """Yield TX_BACKLOG: packets of this daemon do not leave the port, which has discarded them."""
         most = self._bounds.full
         many = count >= most
         message = (
             f"packets that the port of bus {self._names[bus]} had no room for: is the adapter stuck, or "
-            "slower than its baud rate says?"
+            "slower than its baud rate?"
         )
         bound = float(most if many else 1)
         finding = Finding(ReasonCode.TX_BACKLOG, value=float(count), bound=bound, message=message)

@@ -16,7 +16,7 @@ from twind.safety.guard_types import (
     is_torque_ours,
 )
 
-# of `Traffic.line`: many errors; left the wire, or unacknowledged
+# values of `BusTraffic.line`: many errors; off the wire, or without acknowledgement
 PASSIVE = 1
 OFF = 2
 ROUNDING = 1e-9  # s
@@ -28,7 +28,7 @@ class LineRules:
     def __init__(
         self, names: Sequence[str], can: Collection[str], free: bool, bounds: GuardThresholds
     ) -> None:
-        """`can`: which of `names` are CAN buses. `free`: nothing carries the robot but itself."""
+        """`can`: which of `names` are CAN buses. `free`: the robot stands freely, without support."""
         self._names = tuple(names)
         self._bounds = bounds
         self._free = free
@@ -41,13 +41,15 @@ class LineRules:
             traffic = facts.traffic[bus]
             if traffic.line >= OFF:
                 yield self._gone(
-                    facts, bus, float(OFF), float(OFF), "off the wire, or nobody acknowledges what it sends"
+                    facts, bus, float(OFF), float(OFF), "off the wire, or no node acknowledges its frames"
                 )
             elif traffic.line == PASSIVE:
                 yield self._passive(bus)
             silent = self._silent(facts, bus, traffic)
             if silent is not None and traffic.line < OFF:
-                yield self._gone(facts, bus, silent, self._bounds.line_silent, "s that nobody there answers")
+                yield self._gone(
+                    facts, bus, silent, self._bounds.line_silent, "s without a reply of any node"
+                )
 
     def _silent(self, facts: GuardInput, bus: int, traffic: BusTraffic) -> float | None:
         """Return the seconds without an answer, if they are a fault: each lost answer counts one period.
@@ -56,7 +58,9 @@ class LineRules:
         queried, or that holds no actuator up.
         """
         missed = traffic.full > 0 or (traffic.asked and not traffic.answered)
-        self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and _ours(facts, traffic) else 0
+        self._unanswered[bus] = count = (
+            self._unanswered[bus] + 1 if missed and _holds_actuator(facts, traffic) else 0
+        )
         silent = count * facts.period
         enough = count >= self._bounds.errors_least and silent >= self._bounds.line_silent - ROUNDING
         return silent if enough else None
@@ -72,21 +76,23 @@ class LineRules:
         )
 
     def _gone(self, facts: GuardInput, bus: int, value: float, bound: float, what: str) -> RuleResult:
-        """Build the result of a bus without a receiver: waiting frames must not leave later, and goals are
-        not followed."""
+        """Build the result of a bus without a receiver, where goals are not followed.
+
+        Waiting frames must not leave later.
+        """
         message = (
             f"CAN bus {self._names[bus]}: {what}: check the actuators' power, termination, bit rate and "
-            "wiring; it is emptied and everybody on it asked anew; then disarm, reset, arm"
+            "wiring; it is emptied and identified anew; then disarm, reset, arm"
         )
         finding = Finding(ReasonCode.CAN_BUS_STATE, value=value, bound=bound, message=message)
-        if not _ours(facts, facts.traffic[bus]):
+        if not _holds_actuator(facts, facts.traffic[bus]):
             return RuleResult(finding, bars=True, bus=bus)
         reaction = Reaction.SETTLE if self._free else hold(facts)
         return RuleResult(finding, reaction, latches=True, bars=True, bus=bus, gone=True)
 
 
-def _ours(facts: GuardInput, traffic: BusTraffic) -> bool:
-    """Check that our torque holds an actuator on this bus, or is about to.
+def _holds_actuator(facts: GuardInput, traffic: BusTraffic) -> bool:
+    """Check that torque of this daemon holds an actuator on this bus, or is about to.
 
     A bus given up before is lost already: to give it up again would stop the others on their way down.
     """

@@ -18,9 +18,10 @@ from twind.safety.guard_types import (
 
 
 def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
-    """LOOKAHEAD_COLLISION: only of what moves, and never of a hold, a stop or the way to the rest pose.
+    """Yield LOOKAHEAD_COLLISION for a motion only, never for a hold, a stop or the way to the rest pose.
 
-    What comes no nearer than it is already is not in the outlook: a motion may lead out of a bad place.
+    A pair that comes no nearer than it is already is not in the outlook, so a motion may lead out of a bad
+    place.
     """
     outlook = facts.outlook
     if outlook is None or outlook.clearance > outlook.warn:
@@ -36,7 +37,7 @@ def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
 
 def _near(outlook: ClearanceAhead, bound: float, what: str) -> Finding:
     first, second = outlook.pair
-    message = f"m between {first} and {second} in {outlook.ahead:.2f} s on this way: {what}"
+    message = f"m between {first} and {second} in {outlook.ahead:.2f} s on this path: {what}"
     return Finding(
         ReasonCode.LOOKAHEAD_COLLISION,
         time=outlook.ahead,

@@ -1,8 +1,8 @@
 """Rules on every point of a curve: POS_LIMIT, VEL_LIMIT, ACC_LIMIT, JERK_LIMIT, BRAKE_DISTANCE.
 
-Every rule is written once, for motion towards the upper limit, and applied a second time to the mirror
-image. A quick look at the hull of each segment clears nearly all of them; what it cannot clear is decided
-in `bounds`. Each joint is reported at its worst place.
+Every rule is written once, for motion towards the upper limit, and applied a second time to the mirror image.
+The hull of each segment clears nearly all of them; the others are decided in `polynomial_bounds`. Each joint
+is reported at its worst place.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, square, s
 
 @dataclass(frozen=True, slots=True)
 class GateThresholds:
-    """The gate's numbers that do not depend on the joint (design 6.4). Settings may only tighten them."""
+    """Thresholds of the gate that do not depend on the joint. Settings may only tighten them."""
 
     latency_warn: float = 0.05  # s
     latency_block: float = 0.1  # s
@@ -39,7 +39,7 @@ class GateThresholds:
 
 @dataclass(frozen=True, slots=True)
 class WorstPoint:
-    """The worst place of one joint by one rule. `score` orders spots of the same rule and joint."""
+    """Worst place of one joint by one rule. `score` orders places of the same rule and joint."""
 
     finding: Finding
     score: float
@@ -47,7 +47,7 @@ class WorstPoint:
 
 @dataclass(frozen=True, slots=True)
 class CurveSubject:
-    """A curve to judge: only the commanded joints, `joints` (m,) says which they are."""
+    """Curve to judge: only the commanded joints, `joints` (m,) gives their indices."""
 
     knots: Knots
     joints: Ints
@@ -56,7 +56,7 @@ class CurveSubject:
     offset: int  # knot index - point index: 1 where the curve begins at the reference
 
 
-FEW = 8  # segments of a joint that are looked at first
+FEW = 8  # segments of a joint that are judged first
 
 Rows = tuple[Floats, ...]  # Bernstein coefficients of a stretch of segments, (s, m) each
 
@@ -88,7 +88,7 @@ class BoundedPolynomials:
 def pick(
     curve: BernsteinCurve, sign: float, segment: Ints, joint: Ints, limits: JointLimits
 ) -> BoundedPolynomials:
-    """Some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
+    """Return some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
 
     def of(rows: Rows) -> Floats:
         chosen = [sign * row[segment, joint] for row in rows]
@@ -108,7 +108,7 @@ def pick(
 
 
 def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
-    """Segments i..j-1 of cubics or quintics. What is given at the knots stands untouched: ends are exact."""
+    """Return segments i..j-1 of cubics or quintics. Values given at the knots are kept exactly."""
     T = np.diff(knots.time[i : j + 1])[:, None]
     p0 = knots.position[i:j]
     p1 = knots.position[i + 1 : j + 1]
@@ -139,10 +139,10 @@ def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
 def judge(
     subject: CurveSubject, i: int, j: int, limits: JointLimits, thresholds: GateThresholds
 ) -> list[WorstPoint]:
-    """Everything that segments i..j-1 do wrong, worst place per rule, direction and joint. Never raises."""
+    """Return all faults of segments i..j-1, the worst place per rule, direction and joint. Never raises."""
     knots = subject.knots
     spots: list[WorstPoint] = []
-    with np.errstate(all="ignore"):  # NaN and overflow are answers here: they refuse
+    with np.errstate(all="ignore"):  # NaN and overflow are results here: they refuse
         if knots.velocity is None:
             T, slope = _slopes(subject, i, j)
             spots += _corners(subject, i, T, slope, thresholds)
@@ -153,7 +153,7 @@ def judge(
             curve = smooth(knots, knots.velocity, i, j)
         for code, sign, hull, doubtful in _suspects(curve, limits, thresholds):
             for chosen in (_foremost(doubtful, hull), doubtful):
-                # A path that is wrong everywhere shall not cost more than one that is wrong once.
+                # A path that is wrong everywhere must not cost more than one that is wrong once.
                 segment, joint = np.nonzero(chosen)
                 if len(segment):
                     pieces = pick(curve, sign, segment, joint, limits)
@@ -165,8 +165,10 @@ def judge(
 
 
 def _foremost(doubtful: Bools, hull: Floats) -> Bools:
-    """Select for each joint the few doubtful segments whose hull reaches furthest: the worst is nearly always
-    there."""
+    """Select for each joint the few doubtful segments with the hulls that reach furthest.
+
+    The worst point is nearly always there.
+    """
     if np.count_nonzero(doubtful) <= FEW * hull.shape[1] or len(hull) <= FEW:
         return doubtful.copy()
     reach = np.where(doubtful, hull, -np.inf)
@@ -175,14 +177,14 @@ def _foremost(doubtful: Bools, hull: Floats) -> Bools:
 
 
 def _span(rows: Rows) -> tuple[Floats, Floats]:
-    """The hull of each segment: (s, m) lowest, highest."""
+    """Return the hull of each segment: (s, m) lowest, highest."""
     return reduce(np.minimum, rows), reduce(np.maximum, rows)
 
 
 def _suspects(
     curve: BernsteinCurve, limits: JointLimits, th: GateThresholds
 ) -> Iterator[tuple[ReasonCode, float, Floats, Bools]]:
-    """Rules and directions not clear at once: how far each hull reaches, and which ones are doubtful."""
+    """Yield rules and directions that are not clear at once, with hulls and doubtful segments."""
     low, high = _span(curve.position)
     back, forth = _span(curve.velocity)
     hulls = [
@@ -217,7 +219,7 @@ def _suspects(
 def _alternatives(
     code: ReasonCode, curve: BoundedPolynomials, th: GateThresholds
 ) -> list[tuple[Floats, Floats]]:
-    """The rule as polynomials and bounds, one of which must hold at every point."""
+    """Return the rule as polynomials and bounds, one of which must hold at every point."""
     if code is ReasonCode.POS_LIMIT:
         return [(curve.position, curve.upper)]
     if code is ReasonCode.VEL_LIMIT:
@@ -236,7 +238,7 @@ def _alternatives(
 def _reading(
     code: ReasonCode, curve: BoundedPolynomials, columns: Ints, u: Floats, th: GateThresholds
 ) -> tuple[Floats, Floats]:
-    """The rule's value and bound at the points `u` (q, r) of some columns (q,)."""
+    """Return the rule's value and bound at the points `u` (q, r) of some columns (q,)."""
 
     def at(rows: Floats) -> Floats:
         return evaluate(rows[:, columns, None], u)
@@ -266,7 +268,7 @@ def _worst(
     joint: Ints,
     th: GateThresholds,
 ) -> list[tuple[int, WorstPoint]]:
-    """Decide the doubtful columns; of those that fail each joint (its column) and its worst place."""
+    """Decide the doubtful columns; return each failing joint (its column) and its worst place."""
     found = exceeds(_alternatives(code, curve, th))
     failing = np.flatnonzero(~np.isnan(found))
     if not len(failing):
@@ -303,16 +305,16 @@ def _spot(
     numbers: tuple[float, float],
     score: float,
 ) -> WorstPoint:
-    """A finding at a knot or after it, in the words of the path: joints of the robot, points of the path."""
+    """Return a finding at a knot or after it, in joints of the robot and points of the path."""
     point = max(knot - subject.offset, 0)
     finding = Finding(code, int(subject.joints[joint]), point, t, value=numbers[0], bound=numbers[1])
     return WorstPoint(finding, float(np.inf if np.isnan(score) else score))
 
 
 def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
-    """Durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
+    """Return durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
 
-    Before the first line stands the velocity of the reference, after the last one rest, each lasting 0 s.
+    The first line follows the velocity of the reference, and rest follows the last one, each for 0 s.
     """
     time = subject.knots.time
     position = subject.knots.position
@@ -330,8 +332,11 @@ def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
 
 
 def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateThresholds) -> list[WorstPoint]:
-    """Lines have no acceleration but at their corners: there it is the change of segment velocity over half
-    the sum of the two durations (design 6.4), from the reference's velocity and, at the end, to rest."""
+    """Judge the corners of lines, which have acceleration nowhere else.
+
+    It is the change of segment velocity over half the sum of the two durations. It begins at the reference's
+    velocity and ends at rest.
+    """
     change = slope[1:] - slope[:-1]
     change /= 0.5 * (T[1:] + T[:-1])
     jerk = change[1:] - change[:-1]
@@ -345,7 +350,7 @@ def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateTh
 def _steepest(
     subject: CurveSubject, code: ReasonCode, i: int, change: Floats, bound: Floats
 ) -> list[WorstPoint]:
-    """The worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
+    """Return the worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
     within = np.abs(change) <= bound
     if within.all():
         return []
@@ -380,8 +385,10 @@ def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]
 
 
 def relaxed(subject: CurveSubject) -> JointLimits | None:
-    """For the segment that begins at a reference outside the limits: it may only come in, never go further
-    out. None where the reference is inside, or the curve does not begin there."""
+    """Return wider limits for a segment that begins at a reference outside of them; None: it does not.
+
+    The segment may only lead inwards, never further out.
+    """
     position = subject.knots.position[0]
     if not subject.offset or bool(
         np.all((position >= subject.limits.lower) & (position <= subject.limits.upper))
@@ -395,7 +402,7 @@ def relaxed(subject: CurveSubject) -> JointLimits | None:
 
 
 def resting(subject: CurveSubject) -> CurveSubject:
-    """The last point, held for a second."""
+    """Return the last point, held for a second."""
     time = subject.knots.time[-1:]
     position = np.repeat(subject.knots.position[-1:], 2, axis=0)
     still = Knots(np.append(time, time + 1.0), position, None, None)
@@ -404,7 +411,7 @@ def resting(subject: CurveSubject) -> CurveSubject:
 
 
 def some(limits: JointLimits, joints: Ints) -> JointLimits:
-    """The limits of `joints` (indices) alone."""
+    """Return the limits of `joints` (indices) alone."""
     return JointLimits(
         limits.lower[joints],
         limits.upper[joints],

@@ -18,16 +18,18 @@ from twind.safety.guard_types import (
     is_torque_ours,
 )
 
-ALERT = 0x80  # of a status's error byte: the hardware error bits say more
+ALERT = 0x80  # of a status packet's error byte: a hardware error, whose bits are in register 70
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
-TRIPPED = 255  # what a device's watchdog reads after it has tripped
+TRIPPED = 255  # value of a device's watchdog register after it has tripped (e-manual, Bus Watchdog)
 CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
 
 
 def words(bits: int, *, can: bool = False) -> str:
-    """The names of the bits of a hardware error: of register 70 (e-manual, Hardware Error Status), and what
-    else a CAN actuator may say (`twind_drivers.can.actuator_family`)."""
+    """Return the names of the bits of a hardware error: register 70 (e-manual, Hardware Error Status).
+
+    A CAN actuator has further ones (`twind_drivers.can.actuator_family`).
+    """
     if bits <= 0:  # -1 unknown; 0 was read before the alert
         return "which one was not read yet"
     names = BITS | ON_CAN if can else BITS
@@ -35,27 +37,29 @@ def words(bits: int, *, can: bool = False) -> str:
 
 
 class DeviceRules:
-    """Remembers per joint: how often its torque disagreed, and its clock when that was last read."""
+    """Rules on device states; memory per joint: torque disagreements in a row, and the last clock reading."""
 
     def __init__(self, leg: Bools, free: bool, bounds: GuardThresholds, can: Collection[int] = ()) -> None:
-        """`leg` (n,): carries the robot. `free`: nothing else does, so that it cannot hold itself with a
-        joint that may be limp. `can`: joints whose actuators are on CAN."""
+        """`leg` (n,): the joint carries the robot.
+
+        `free`: the robot stands freely, so that a limp leg lets it fall.
+
+        `can`: joints with actuators on CAN.
+        """
         count = len(leg)
         self._can = can
         self._bounds = bounds
         self._free = free
         self._leg = leg
-        self._suspect = False  # one of the next two says something
+        self._suspect = False  # one of the next two arrays holds a fault
         self._disagreed = np.zeros(count, np.int64)
         self._unwatched = np.zeros(count, np.bool_)
-        self._refreshed = np.full(
-            count, -inf
-        )  # s, what was read no later than this was judged, or says nothing
-        self._taken = -inf  # s, when the torque was last not ours
+        self._refreshed = np.full(count, -inf)  # s, readings up to here are judged or do not count
+        self._taken = -inf  # s, when this daemon last had no torque on
         self._tick = np.full(count, -1, np.int64)
         self._tick_time = np.full(count, -inf)
         self._seen = self._ticked = self._refreshed.tobytes()  # the two times, as bytes: mostly unchanged
-        self._dogs = b""  # the watchdogs, too; and joints whose tripped
+        self._dogs = b""  # the watchdogs, as bytes, and the joints with a tripped one
         self._tripped: list[int] = []
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
@@ -87,12 +91,14 @@ class DeviceRules:
         return Reaction.SETTLE if self._free else hold(facts)
 
     def _limp(self, facts: GuardInput, joint: int) -> Reaction:
-        """Return the reaction of the other joints when one has gone limp: without one leg the robot is
-        falling already."""
+        """Return the reaction of the other joints when one is limp.
+
+        Without one leg the robot is falling already.
+        """
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
     def _alerts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """SERVO_ALERT: a hardware error. Without its bits it has no bound; a second report has them."""
+        """Yield SERVO_ALERT: a hardware error. Without its bits it has no bound; a second report has them."""
         for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
             bits = int(facts.fault[joint])
             named = words(bits, can=joint in self._can)
@@ -101,14 +107,14 @@ class DeviceRules:
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if is_torque_ours(facts):
-                let_go = is_torque_held(facts) and facts.torque[joint] == 0  # it shut itself down
-                reaction = self._limp(facts, joint) if let_go else self._rest(facts)
+                shut_down = is_torque_held(facts) and facts.torque[joint] == 0  # it shut itself down
+                reaction = self._limp(facts, joint) if shut_down else self._rest(facts)
                 yield RuleResult(finding, reaction, latches=True, bars=True)
             else:
                 yield RuleResult(finding, bars=True)
 
     def _restarts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """SERVO_REBOOTED: a servo clock is not at its expected value, and no older than its last reading."""
+        """Yield SERVO_REBOOTED for a servo clock that is off and began after its last reading."""
         tick = facts.tick.astype(np.int64)
         for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
             finding = Finding(
@@ -123,23 +129,26 @@ class DeviceRules:
         self._ticked = facts.health_time.tobytes()
 
     def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: GuardInput) -> Bools:
-        """Joints (n,) whose servo has begun anew between the last two readings of its clock.
+        """Return joints (n,) whose servo restarted between the last two readings of its clock.
 
-        It wraps at 32768 ms, perhaps several times between two readings. One that was not read for so long
-        that its drift covers a whole turn is not known to be the same any more.
+        The clock wraps at 32768 ms, perhaps several times between two readings. After a gap in which its
+        drift covers a whole turn, nothing follows from it.
         """
-        known = (facts.health_time != self._tick_time) & (tick >= 0) & (self._tick >= 0)
-        last = np.where(known, self._tick_time, 0.0)
-        passed = 1e3 * (np.where(known, facts.health_time, 0.0) - last)  # ms
+        both_read = (facts.health_time != self._tick_time) & (tick >= 0) & (self._tick >= 0)
+        last = np.where(both_read, self._tick_time, 0.0)
+        passed = 1e3 * (np.where(both_read, facts.health_time, 0.0) - last)  # ms
         margin = 1e3 * self._bounds.clock_slack + self._bounds.clock_drift * np.abs(passed)
         off = (tick - self._tick - passed + CLOCK / 2) % CLOCK - CLOCK / 2
         right = (np.abs(off) <= margin) & (margin < CLOCK / 2)
         young = tick <= passed + margin
-        restarted: Bools = known & young & ~right
+        restarted: Bools = both_read & young & ~right
         return restarted
 
     def _torque(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """TORQUE_MISMATCH: torque reads off or unknown too often in a row. SERVO_REBOOTED: no watchdog."""
+        """Yield TORQUE_MISMATCH: torque reads off or unknown too often in a row.
+
+        SERVO_REBOOTED: no watchdog.
+        """
         if not facts.torque_settled:
             self._forget(facts.now)
         if not self._suspect:
@@ -156,7 +165,7 @@ class DeviceRules:
             yield RuleResult(finding, self._limp(facts, joint) if off else self._rest(facts), latches=True)
 
     def _refresh(self, facts: GuardInput) -> None:
-        """Some were read anew: whose torque disagrees, and who has no watchdog."""
+        """Take in new readings: torque that disagrees, and devices without a watchdog."""
         fresh = facts.status_time > self._refreshed
         self._refreshed = np.maximum(self._refreshed, facts.status_time)
         self._seen = facts.status_time.tobytes()
@@ -169,10 +178,10 @@ class DeviceRules:
             self._suspect = some(self._disagreed) or some(self._unwatched)
 
     def _forget(self, now: float) -> None:
-        """Discard what was read before: it does not describe an armed servo.
+        """Discard earlier readings: they do not describe an armed servo.
 
-        The clock decides, not which reading was the last: a status has two halves, and a new one of the one
-        may come with an old one of the other.
+        The time decides, not which reading was the last: a status has two halves, and a new first half may
+        come with an old second one.
         """
         self._refreshed[:] = now
         if self._suspect:

@@ -1,8 +1,8 @@
-"""The gate at submit time: may this trajectory move this robot, now (codes: docs/reason-codes.md)?
+"""The gate at submit time: judges whether a trajectory may move the robot now (docs/reason-codes.md).
 
-Pure: no clock, no device, no globals. A refusal is a value; nothing here raises on any numbers, and whatever
-is NaN, missing or unknown refuses. All failing codes are returned, in the order of the rules. Runs in the
-loop, a slice per tick (`checking`).
+Pure: no clock, no device, no globals. A refusal is a value; nothing here raises on any numbers, and every
+value that is NaN, missing or unknown refuses. All failing codes are returned, in the order of the rules. Runs
+in the loop, a slice per tick (`checking`).
 """
 
 from collections.abc import Generator, Iterable
@@ -47,29 +47,29 @@ MOST = 64  # findings of one code
 
 @dataclass(frozen=True, slots=True)
 class GateSnapshot:
-    """What the gate must know, at one instant. Arrays are (n,), in joint order."""
+    """State of robot and daemon for the gate, at one instant. Arrays are (n,), in joint order."""
 
     now: float  # s
     mode: Mode
     state: RobotState
     motion: Motion
-    latched: tuple[ReasonCode, ...]  # what has latched a fault or an e-stop
-    lease_held: bool  # by the connection that asks
+    latched: tuple[ReasonCode, ...]  # codes that latched a fault or an e-stop
+    lease_held: bool  # by the connection of the request
     mismatches: tuple[Finding, ...]  # calibration against read-back (CALIB_MISMATCH)
     calibrated: Bools
-    age: Floats  # s since each joint of the target was heard, inf never
+    age: Floats  # s since the last reading of each joint of the target, inf never
     latency: float  # s, state age + bus round trip, now; NaN unknown
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
     bars: tuple[Finding, ...] = ()  # findings of servos and buses that prevent arming now
-    unreachable: Finding | None = None  # why no new client can connect; None: clients can
-    condition: JointCondition | None = None  # temperature and supply; None: not known, which refuses
+    unreachable: Finding | None = None  # reason why no new client can connect; None: clients can
+    condition: JointCondition | None = None  # temperature and supply; None: unknown, which refuses
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryRequest:
-    """How the trajectory is asked for."""
+    """Options of a submitted trajectory."""
 
     policy: str = "reject"  # or "retime": one uniform stretch in time, reported
     append_stop: bool = False
@@ -78,7 +78,7 @@ class TrajectoryRequest:
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
-    """The verdict, and what would run: the path as asked, or as the verdict's changes say.
+    """The verdict, and the path that would run: as requested, or as the verdict's changes say.
 
     Where the path's form allows no curve, `spline` stays at the reference.
     """
@@ -94,9 +94,12 @@ class GateResult:
 def admit(
     snapshot: GateSnapshot, commanded: Bools, thresholds: GateThresholds, *, setpoint: bool = False
 ) -> Verdict:
-    """Check whether these joints may move now (LEASE_MISSING to THERMAL_HEADROOM). Hardware counts in live.
+    """Check whether these joints may move now (LEASE_MISSING to THERMAL_HEADROOM).
 
-    A stream begins with its first `setpoint`: what gets hot later is the guard's to slow down and settle.
+    Hardware counts in live.
+
+    A stream is checked at its first `setpoint`; a joint that gets hot later is slowed or settled by the
+    guard.
     """
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     warnings: list[Finding] = []
@@ -104,7 +107,7 @@ def admit(
         if snapshot.state is not RobotState.ARMED:
             reason = f"state is {snapshot.state}; arm first"
             refusals.append(Finding(ReasonCode.NOT_ARMED, message=reason))
-        refusals += _calibration(snapshot, commanded) + _hearing(snapshot, commanded, thresholds)
+        refusals += _calibration(snapshot, commanded) + _freshness(snapshot, commanded, thresholds)
         late, warnings = _latency(snapshot, thresholds)
         refusals += late
         if not (setpoint and snapshot.motion is Motion.STREAMING):
@@ -124,7 +127,7 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
         refusals.append(Finding(ReasonCode.ARM_FAILED, message=reason))
     if not chosen.any():
         refusals.append(Finding(ReasonCode.NO_JOINTS, message="no joint to arm"))
-    refusals += _calibration(snapshot, chosen) + _hearing(snapshot, chosen, thresholds)
+    refusals += _calibration(snapshot, chosen) + _freshness(snapshot, chosen, thresholds)
     late, warnings = _latency(snapshot, thresholds)
     room = _room(snapshot, chosen, thresholds)
     return Verdict((*refusals, *late, *room, *snapshot.bars), tuple(warnings))
@@ -137,7 +140,10 @@ def _lease(snapshot: GateSnapshot) -> list[Finding]:
 
 
 def _latches(snapshot: GateSnapshot) -> list[Finding]:
-    """FAULT_LATCHED. The states themselves count as latches, whatever the list says."""
+    """Check FAULT_LATCHED and ESTOP_LATCHED.
+
+    The states themselves count as latches, whatever the list says.
+    """
     stops = {ReasonCode.ESTOP, ReasonCode.ESTOP_LATCHED}
     faults = [code for code in snapshot.latched if code not in stops]
     findings = []
@@ -150,7 +156,7 @@ def _latches(snapshot: GateSnapshot) -> list[Finding]:
 
 
 def _reach(snapshot: GateSnapshot) -> list[Finding]:
-    """What moves must be within reach of an e-stop: no motion begins while no client can connect."""
+    """Check SOCKETS_GONE: no motion begins while no client can connect, as an e-stop could not be sent."""
     return [] if snapshot.unreachable is None else [snapshot.unreachable]
 
 
@@ -164,10 +170,10 @@ def _calibration(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:
     return missing + list(snapshot.mismatches)
 
 
-def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
-    """HW_DISCONNECTED. An age that is negative or NaN is too old."""
+def _freshness(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
+    """Check HW_DISCONNECTED. An age that is negative or NaN is too old."""
     fresh = (snapshot.age >= 0.0) & (snapshot.age <= thresholds.stale)
-    reason = "not heard lately (s); check its cable and power"
+    reason = "no fresh reading (s); check its cable and power"
     return [
         Finding(
             ReasonCode.HW_DISCONNECTED,
@@ -183,7 +189,7 @@ def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) 
 
 
 def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[Finding], list[Finding]]:
-    """LATENCY_BLOCK: refusals and warnings. Unknown or negative refuses."""
+    """Check LATENCY_BLOCK; return refusals and warnings. Unknown or negative refuses."""
     block = thresholds.latency_block
     warn = thresholds.latency_warn
     refusals = []
@@ -200,7 +206,7 @@ def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[F
 def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
     """Check THERMAL_HEADROOM."""
     if snapshot.condition is None:
-        reason = "temperature and supply are not known"
+        reason = "temperature and supply are unknown"
         return [
             Finding(code, message=reason) for code in (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
         ]
@@ -208,7 +214,7 @@ def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> 
 
 
 def _check_request(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
-    """BAD_SCHEMA, CMD_EXPIRED: the demand itself."""
+    """Check BAD_SCHEMA, CMD_EXPIRED and TOO_DISTANT of the request itself."""
     findings = []
     if demand.policy not in ("reject", "retime"):
         reason = f"policy {demand.policy!r} is neither reject nor retime"
@@ -236,7 +242,7 @@ def check(
     thresholds: GateThresholds,
     points_per_step: int = 500,
 ) -> GateResult:
-    """`checking`, run to its end at once."""
+    """Run `checking` to its end at once."""
     steps = checking(path, snapshot, limits, demand, thresholds, points_per_step)
     while True:
         try:
@@ -281,7 +287,7 @@ def _slices(
     thresholds: GateThresholds,
     step: int,
 ) -> Generator[int, None, GateResult]:
-    """The work of `checking`: yields before each slice how many points it has, at most `step`."""
+    """Do the work of `checking`; before each slice yield its number of points, at most `step`."""
     count = len(limits.lower)
     shape = wellformed(path, count, thresholds.max_points, thresholds.max_duration, thresholds.min_dt)
     chosen = np.ones(count, np.bool_) if shape else path.commanded
@@ -320,13 +326,14 @@ Spots = dict[tuple[ReasonCode, int], WorstPoint]  # the worst place of each join
 def _judging(
     path: Trajectory, before: Reference, limits: JointLimits, thresholds: GateThresholds, step: int
 ) -> Generator[int, None, Spots]:
-    """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
+    """Apply the rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
     found = start(subject, thresholds)
     i = 0
     segments = len(subject.knots.time) - 1
     outside = relaxed(subject)
-    if segments == (0 if outside is None else 1):  # no segment holds the last point to the limits themselves
+    # no segment checks the last point against the limits themselves
+    if segments == (0 if outside is None else 1):
         found += judge(resting(subject), 0, 1, subject.limits, thresholds)
     while i < segments:
         j = min(i + step, segments) if outside is None else i + 1
@@ -350,9 +357,9 @@ def _stretching(
     thresholds: GateThresholds,
     step: int,
 ) -> Generator[int, None, tuple[Trajectory, Spots, float] | None]:
-    """The smallest uniform stretch after which nothing is too fast; None where there is none.
+    """Return the smallest uniform stretch after which nothing is too fast; None where there is none.
 
-    From rest the first guess is the answer. A moving reference does not slow down with the path, so the guess
+    From rest the first guess is the result. A moving reference does not slow down with the path, so the guess
     is corrected by judging again.
     """
     factor = 1.0
@@ -370,13 +377,13 @@ def _stretching(
 
 
 def _slower_heals(spots: Spots) -> bool:
-    """Something is too fast, and nothing is out of place: a place is never healed by time."""
+    """Check that something is too fast, and no position is wrong: time never corrects a position."""
     codes = {code for code, _ in spots}
     return bool(codes & set(retime.HEALED)) and ReasonCode.POS_LIMIT not in codes
 
 
 def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveSubject:
-    """The commanded joints alone."""
+    """Return the curve of the commanded joints alone."""
     joints = np.flatnonzero(path.commanded)
     knots = splines.knots(path, before)
     velocity = before.velocity
@@ -390,9 +397,9 @@ def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveS
 
 
 def _fill_reference(path: Trajectory, reference: Reference) -> Reference:
-    """The reference with what is unknown filled in, so that the rest of the path can be judged.
+    """Return the reference with unknown values filled in, so that the rest of the path can be judged.
 
-    An unknown place is refused by START_JUMP in any case.
+    START_JUMP refuses an unknown position in any case.
     """
     position = np.where(np.isfinite(reference.position), reference.position, path.position[0])
     rates = (np.where(np.isfinite(rate), rate, 0.0) for rate in (reference.velocity, reference.acceleration))
@@ -409,9 +416,9 @@ def _start_jump(
     rates = np.isfinite(reference.velocity) & np.isfinite(reference.acceleration)
     findings = []
     for joint in np.flatnonzero(path.commanded & ~(rates & (jump <= bound))):
-        known = bool(rates[joint]) and bool(np.isfinite(reference.position[joint]))
+        located = bool(rates[joint]) and bool(np.isfinite(reference.position[joint]))
         reason = (
-            "from the reference to the first point" if known else "the reference of this joint is unknown"
+            "from the reference to the first point" if located else "the reference of this joint is unknown"
         )
         value = float(jump[joint])
         most = float(bound[joint])
@@ -437,6 +444,6 @@ def _end(path: Trajectory, thresholds: GateThresholds) -> list[Finding]:
 
 
 def _worst(spots: Spots, code: ReasonCode) -> Iterable[Finding]:
-    """The findings of one code, worst joint first."""
+    """Return the findings of one code, worst joint first."""
     chosen = sorted((spot for (kind, _), spot in spots.items() if kind is code), key=lambda spot: -spot.score)
     return [spot.finding for spot in chosen[:MOST]]

@@ -17,22 +17,25 @@ UNWRITABLE = (
     RobotState.CONNECTED,
     RobotState.CALIBRATING,
     RobotState.INHIBITED,
-)  # W5
-ROUNDING = 1e-9  # rad, of a goal that moves at exactly the velocity limit; of ticks and times too
+)  # no goal may leave in these states: torque is off, or not of this daemon
+ROUNDING = 1e-9  # rad, of a goal that moves at exactly the velocity limit; for ticks and times too
 
 
 class GoalRules:
-    """Without memory: each tick by itself."""
+    """Rules on goals and their source, without memory: each tick by itself."""
 
     def __init__(self, limits: JointLimits, bounds: GuardThresholds) -> None:
         self._limits = limits
         self._bounds = bounds
-        # s, and rad in one such tick
+        # s; rad in one such tick
         self._period = 0.0
         self._most = 0.0 * limits.velocity
 
     def timing(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """LOOP_LATE: late ticks are told, too many missed ones hold. The executor re-times by itself."""
+        """Yield LOOP_LATE: late ticks are reported, too many missed ones hold.
+
+        The executor re-times by itself.
+        """
         bounds = self._bounds
         missed = facts.missed_in_a_row
         most = max(float(bounds.missed_hold), bounds.missed_for / facts.period)
@@ -44,7 +47,7 @@ class GoalRules:
             yield RuleResult(_late(facts.lateness, bounds.late, "s that the tick began late"))
 
     def authority(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """ESTOP, LEASE_LOST, STREAM_STALE and W5: who moves the robot, and in which state."""
+        """Yield ESTOP, LEASE_LOST, STREAM_STALE, and INTERNAL for a goal in a state that allows none."""
         if facts.goal is not None and facts.mode is Mode.LIVE and facts.state in UNWRITABLE:
             message = f"a goal while {facts.state.value}: nothing may be written"
             yield RuleResult(Finding(ReasonCode.INTERNAL, message=message), Reaction.INHIBIT, refuses=True)
@@ -65,19 +68,20 @@ class GoalRules:
             )
 
     def goal(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """STEP_LIMIT and NaN: what is written is finite, and within one step of what was written last."""
+        """Yield STEP_LIMIT and NONFINITE: a goal is finite, and within one step of the last one written."""
         if facts.goal is None:
             return
         goal = facts.goal.position
         if not isfinite(float(goal @ goal)):
             joint = int(np.argmin(np.isfinite(goal)))
             finding = Finding(
-                ReasonCode.NONFINITE, joint, message="a goal that is no number: holding the last one"
+                ReasonCode.NONFINITE, joint, message="a goal is not finite: holding the last one"
             )
             yield RuleResult(finding, Reaction.HOLD, refuses=True)
         elif facts.previous is not None:
             if facts.period != self._period:
                 self._period = facts.period
+                # A larger step would drive the servo faster than the joint's limit (docs/proof.md).
                 self._most = self._limits.velocity * facts.period + ROUNDING
             step = np.abs(goal - facts.previous)
             fits = step <= self._most
@@ -87,8 +91,8 @@ class GoalRules:
     def _too_far(self, facts: GuardInput, joint: int, step: Floats) -> RuleResult:
         """Check STEP_LIMIT. A full port (TX_BACKLOG) sent no goal: the next one is two steps away."""
         full = any(traffic.full for traffic in facts.traffic)
-        cause = "the port was full" if full else "a bug of ours"
-        message = f"rad from the last goal that left: holding that one ({cause})"
+        cause = "the port was full" if full else "an internal error"
+        message = f"rad from the last goal written: holding that one ({cause})"
         bound = float(self._limits.velocity[joint]) * facts.period
         finding = Finding(
             ReasonCode.STEP_LIMIT, joint, value=float(step[joint]), bound=bound, message=message

@@ -1,8 +1,8 @@
-"""The per-tick gate: what may be written now, and how to react to what was read (docs/reason-codes.md).
+"""The per-tick gate: judges the goal of a tick and the readings (docs/reason-codes.md).
 
-Pure: facts in, a judgement out. A goal may only be turned into a hold; stop, hold and torque-off are never
-refused. The rules stand by subject in the modules `..._rules`; here they are collected, and said. Memory is
-counters and hysteresis alone: what was bad, what was said when.
+Pure: inputs in, a decision out. A goal may only be turned into a hold; stop, hold and torque-off are never
+refused. The rules stand by subject in the modules `..._rules`; here they are collected and reported. Its
+memory is counters and hysteresis only.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,11 +50,12 @@ __all__ = [
 ]
 
 FINE = GuardDecision()
-STOPPED = (*LATCHED, RobotState.INHIBITED)  # what latches is in force already: told like anything else
+# a latch is in force already: findings are reported like any others
+STOPPED = (*LATCHED, RobotState.INHIBITED)
 
 
 class Guard:
-    """Judges every tick, and remembers what was said when."""
+    """Guard of every tick; its memory: when each finding was last reported."""
 
     def __init__(
         self,
@@ -67,9 +68,11 @@ class Guard:
         ratings: ActuatorRatings | None = None,
         linked: Sequence[MappedTransmission] = (),
     ) -> None:
-        """`buses`: their names, in the order of `GuardInput.traffic`. `can`: the joints of each of them that
-        is a CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's
-        supply, heat or load has a bound. `linked`: whose actuators turn joints together."""
+        """`buses`: names in the order of `GuardInput.traffic`. `can`: joints by CAN bus.
+
+        `support`: of the robot file. `ratings`: bounds of the actuators; without them supply, heat and load
+        are not judged. `linked`: transmissions, whose actuators turn joints together.
+        """
         self._bounds = bounds = thresholds if thresholds is not None else GuardThresholds()
         rated = ratings if ratings is not None else ActuatorRatings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
@@ -88,9 +91,9 @@ class Guard:
         self._volts = VoltageRules(rated, bounds)
         self._free = free
         self._linked = linked
-        self._present: set[Key] = set()  # said of the last tick, and told then or before
-        self._told: dict[Key, float] = {}  # s, when each was last told
-        self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
+        self._present: set[Key] = set()  # present in the last tick, and reported then or before
+        self._reported_at: dict[Key, float] = {}  # s, when each was last reported
+        self.bars: tuple[Finding, ...] = ()  # findings of the last tick that prevent arming
 
     @property
     def bounds(self) -> GuardThresholds:
@@ -98,58 +101,60 @@ class Guard:
         return self._bounds
 
     def limit(self, limits: JointLimits) -> None:
-        """From now on these limits count, of a robot that is at rest. What was said, and what motors and
-        buses have been through, is remembered."""
+        """Use these limits from now on, for a robot at rest. The memory of all rules is kept."""
         self._goals = GoalRules(limits, self._bounds)
         self._readings = ReadingRules(limits, self._bounds, self._free)
         self._tracking = TrackingRules(limits, self._bounds, self._linked)
 
     def judge(self, facts: GuardInput) -> GuardDecision:
-        """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""
-        said = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
-        said += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
-        said += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._lines.judge(facts)]
-        said += [*self._devices.judge(facts), *self._currents.judge(facts)]
-        said += [*self._heat.judge(facts), *self._volts.judge(facts)]
-        said += self._holds.judge(facts, said)
-        if not said:
+        """Return the reaction to this tick's input, and the findings to report.
+
+        Never raises for bad numbers.
+        """
+        results = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
+        results += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
+        results += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._lines.judge(facts)]
+        results += [*self._devices.judge(facts), *self._currents.judge(facts)]
+        results += [*self._heat.judge(facts), *self._volts.judge(facts)]
+        results += self._holds.judge(facts, results)
+        if not results:
             self._present.clear()
             self.bars = ()
             return FINE
-        self.bars = tuple(one.finding for one in said if one.bars)
-        return self._answer(said, facts)
+        self.bars = tuple(one.finding for one in results if one.bars)
+        return self._answer(results, facts)
 
-    def _answer(self, said: list[RuleResult], facts: GuardInput) -> GuardDecision:
-        """The hardest reaction of all; findings that are new, or alone those that must be latched now."""
-        reaction = max(one.reaction for one in said)
-        refused = any(one.refuses for one in said)
-        causes = tuple(one.finding for one in said if reaction and one.reaction is reaction)
-        new = [one for one in said if self._is_new(one, facts.now)]
-        latching = [one for one in said if one.latches and (facts.state not in STOPPED or one in new)]
-        hard = [one for one in said if one.reaction is Reaction.INHIBIT]
-        told = self._new_findings(latching or hard or new, said, facts.now)
-        here = {one.finding.joint for one in said if one.here and one.reaction}
+    def _answer(self, results: list[RuleResult], facts: GuardInput) -> GuardDecision:
+        """Return the hardest reaction; findings that are new, or only those that must be latched now."""
+        reaction = max(one.reaction for one in results)
+        refused = any(one.refuses for one in results)
+        causes = tuple(one.finding for one in results if reaction and one.reaction is reaction)
+        new = [one for one in results if self._is_new(one, facts.now)]
+        latching = [one for one in results if one.latches and (facts.state not in STOPPED or one in new)]
+        hard = [one for one in results if one.reaction is Reaction.INHIBIT]
+        findings = self._new_findings(latching or hard or new, results, facts.now)
+        here = {one.finding.joint for one in results if one.here and one.reaction}
         return GuardDecision(
             reaction,
-            told,
+            findings,
             bool(latching),
             refused,
             causes,
-            pace=min(one.pace for one in said),
+            pace=min(one.pace for one in results),
             here=tuple(sorted(joint for joint in here if joint is not None)),
-            gone=tuple(sorted({one.bus for one in said if one.gone})),
+            gone=tuple(sorted({one.bus for one in results if one.gone})),
         )
 
     def _is_new(self, one: RuleResult, now: float) -> bool:
-        """Not told while it lasts, and not of a flickering cause so soon again."""
+        """Check that a finding is to be reported: not while it lasts, and not soon again when it flickers."""
         mere_warning = one.reaction is Reaction.NONE and not one.latches
         quiet = self._bounds.quiet_warning if mere_warning else self._bounds.quiet
-        return one.key not in self._present and not now - self._told.get(one.key, -inf) < quiet
+        return one.key not in self._present and not now - self._reported_at.get(one.key, -inf) < quiet
 
     def _new_findings(
-        self, telling: list[RuleResult], said: list[RuleResult], now: float
+        self, reported: list[RuleResult], results: list[RuleResult], now: float
     ) -> tuple[Finding, ...]:
-        told = {one.key for one in telling}
-        self._present = {one.key for one in said if one.key in told or not self._is_new(one, now)}
-        self._told.update(dict.fromkeys(told, now))
-        return tuple(one.finding for one in telling)
+        keys = {one.key for one in reported}
+        self._present = {one.key for one in results if one.key in keys or not self._is_new(one, now)}
+        self._reported_at.update(dict.fromkeys(keys, now))
+        return tuple(one.finding for one in reported)

@@ -1,4 +1,4 @@
-"""Is there room to begin: temperature and supply of the joints to move or to arm (THERMAL_HEADROOM)? Pure."""
+"""Headroom before motion or torque: temperature and supply of the joints (THERMAL_HEADROOM). Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Bools, Floats, Ints, spread_over_groups
 from twind.robot.finding import Finding, ReasonCode
 
-UNREAD = "not read yet; ask again in half a second"
+UNREAD = "not read yet; retry in half a second"
 
 
 @dataclass(frozen=True, slots=True)
 class JointCondition:
-    """What was read last, beside what each joint bears. Arrays are (n,)."""
+    """Last temperature and supply readings with the ratings of the actuators. Arrays are (n,)."""
 
     temperature: Floats  # °C, NaN never read
     voltage: Floats  # V, NaN never read
@@ -22,15 +22,14 @@ class JointCondition:
     ratings: ActuatorRatings
     together: Sequence[
         Ints
-    ] = ()  # places of joints that motors turn together: none moves without all of them
+    ] = ()  # indices of joints that the same motors turn: none moves without all of them
 
 
 def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Finding]:
-    """Check THERMAL_HEADROOM of the motors of `chosen`. A reading older than `oldest` (s), of another age or
-    not there refuses.
+    """Check THERMAL_HEADROOM and VOLTAGE_LOW of the motors of `chosen` (n,).
 
-    Where nothing is known of a model's bounds (they are infinite) nothing is judged: its servos may have no
-    such register, and must not be barred for ever.
+    A reading older than `oldest` (s), or none, refuses. Where a model's bounds are unknown (infinite) nothing
+    is judged: its servos may have no such register, and must not be refused for ever.
     """
     ratings = condition.ratings
     read = (condition.age >= 0.0) & (condition.age <= oldest)
@@ -58,7 +57,7 @@ def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Fi
                 found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))
             elif read[joint]:
                 found.append(Finding(code, int(joint), value=last, bound=most, message=f"{unit}: {reason}"))
-            else:  # that number may be a good one, and is not the reason
-                told = f"not read lately: {last:.3g} {unit} was {age:.2g} s ago; ask again in half a second"
-                found.append(Finding(code, int(joint), message=told))
+            else:  # that value may be good, and is not the reason
+                text = f"not read lately: {last:.3g} {unit} was {age:.2g} s ago; retry in half a second"
+                found.append(Finding(code, int(joint), message=text))
     return found

@@ -1,7 +1,7 @@
-"""How warm the motors are: rule OVERTEMP. Pure.
+"""Temperature of the motors: rule OVERTEMP. Pure.
 
-Readings are counted five times a second, each once; a joint is as warm as three of its last five agree. One
-that no other agrees with is told, and believed by nobody.
+Readings count five times a second, each once. A joint's temperature is one that three of its last five
+readings reach. A reading that no other agrees with is reported, but not used.
 """
 
 from collections.abc import Iterator
@@ -23,30 +23,37 @@ from twind.safety.guard_types import (
     is_torque_held,
 )
 
-EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a case warms slowly
+EVERY = 0.2  # s between two counts: more frequent readings bring nothing new, as a case warms slowly
 
 
 class HeatRules:
-    """Remembers per joint: its last readings, how warm it was a while ago, and who must cool down first."""
+    """Rule OVERTEMP.
+
+    Memory per joint: last readings, earlier temperature, and joints that must cool first.
+    """
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         count = len(ratings.warm)
         self._ratings = ratings
         self._bounds = bounds
         need, kept = bounds.votes
-        self._agreed = kept - need  # the place, in rising order, of what `need` of `kept` readings reach
+        # index, in rising order, of the value that `need` of `kept` readings reach
+        self._agreed = kept - need
         self._last = np.full((kept, count), -inf)  # °C; -inf: nothing read yet
-        self._read = np.full(count, -inf)  # s, when each was read last
+        self._read = np.full(count, -inf)  # s, of each last reading
         self._seen = self._read.tobytes()  # the same, as bytes: mostly unchanged
         self._counted = -inf  # s, when readings were counted last
         self._warmth = np.full(count, -inf)  # °C, as they agree
         self._before = np.full(count, -inf)  # °C, `warming_over` ago, ...
-        self._then = np.full(count, inf)  # s, ... and when that was; inf: no reading was agreed on yet
+        self._then = np.full(count, inf)  # s, ... and the time of it; inf: no agreed reading yet
         self._cooling: Bools = np.zeros(count, np.bool_)
-        self._hot: list[int] = []  # who is warm, or has to cool down
+        self._hot: list[int] = []  # joints that are warm, or must cool down
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """OVERTEMP: a warning, then slower, then lowered. A hot motor prevents arming until it is cool."""
+        """Yield OVERTEMP: a warning, then slower, then lowered.
+
+        A hot motor prevents arming until it is cool.
+        """
         if (
             not same(facts.health_time, self._seen)
             and not 0.0 <= facts.now - self._counted < EVERY - ROUNDING
@@ -57,7 +64,7 @@ class HeatRules:
             yield self._warm(facts, joint)
 
     def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Some were read anew."""
+        """Take in new readings."""
         fresh = (facts.health_time != self._read) & (facts.health_time > -inf)
         fresh &= np.isfinite(facts.temperature)
         self._read = facts.health_time.copy()
@@ -98,15 +105,15 @@ class HeatRules:
         )
 
     def _spike(self, joint: int) -> Iterator[RuleResult]:
-        """One reading alone; before there are enough of them nothing is compared."""
+        """Yield a finding for a single high reading; with too few readings nothing is compared."""
         agreed = float(self._warmth[joint])
         value = float(self._last[-1, joint])
         if agreed > -inf:
-            message = f"°C read, the readings around it say {agreed:g}: not believed alone"
+            message = f"°C read, while the other readings agree on {agreed:g}: not used"
             yield RuleResult(_heat(joint, value, agreed + self._bounds.spike, message))
 
     def _warming(self, facts: GuardInput, rows: Ints) -> Iterator[RuleResult]:
-        """How fast each became warmer since `warming_over` ago."""
+        """Yield a finding for each joint that warms too fast, since `warming_over` ago."""
         bounds = self._bounds
         for joint in rows[self._warmth[rows] > -inf].tolist():
             now = float(facts.health_time[joint])

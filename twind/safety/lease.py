@@ -6,8 +6,8 @@ once been found lapsed does not come back.
 
 from dataclasses import dataclass
 
-TRAJECTORY = 1.0  # s that a renewal lasts
-STREAMING = 0.25  # s, while setpoints are streamed
+TRAJECTORY = 1.0  # s that a renewal lasts: a client that hangs loses the robot after it
+STREAMING = 0.25  # s, while setpoints are streamed: each of them moves the robot by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Lease:
         self._renewed = 0.0
         self._term = TRAJECTORY
         self._pins: set[str] = set()
-        self._seen = 0.0  # s, the last time anybody asked
+        self._seen = 0.0  # s, the time of the last request
 
     def acquire(self, client: int, holder: str, uid: int, now: float, *, take: bool = False) -> bool:
         """Take the lease if it is free or one's own; with `take` from any holder. False: another holds it.
@@ -75,7 +75,7 @@ class Lease:
         self._drop()
 
     def pin(self, client: int, name: str) -> None:
-        """A followed trajectory of this client is open: it renews the lease by itself."""
+        """Pin the lease of this client to an open trajectory, which renews it by itself."""
         if client != 0 and self._client == client:
             self._pins.add(name)
 
@@ -87,7 +87,7 @@ class Lease:
             self._term = TRAJECTORY
 
     def holds(self, now: float) -> bool:
-        """Somebody holds it now."""
+        """Check whether a client holds the lease at `now` (s)."""
         self._seen = now
         if self._client == 0:
             return False
@@ -97,7 +97,7 @@ class Lease:
         return False
 
     def held_by(self, client: int, now: float) -> bool:
-        """This client holds it now (LEASE_MISSING)."""
+        """Check whether this client holds the lease at `now` (s) (LEASE_MISSING)."""
         return self.holds(now) and self._client == client
 
     def holder_client(self, now: float) -> int:

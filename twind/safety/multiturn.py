@@ -1,8 +1,8 @@
-"""On which turn does an actuator stand? Pure.
+"""Whole turns of an actuator after power-up. Pure.
 
-A count says where in a turn an actuator is; of how often it has turned, power-off leaves nothing (field
-devices with one absolute turn). Of a count and those whole turns beside it exactly one lies in the band that
-the travel is the middle of, and that one must lie in the travel: else nobody arms.
+A count gives the angle within a turn; power-off loses the number of turns (field devices with one absolute
+turn). Exactly one of the count and its neighbours a turn away lies in the band around the travel. That one
+must lie in the travel, else arming is refused.
 """
 
 from collections.abc import Sequence
@@ -60,9 +60,9 @@ def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequenc
     return found
 
 
-def strayed(raw: Ints, shift: Ints, turns: TurnRange, told: Bools) -> Sequence[Finding]:
+def strayed(raw: Ints, shift: Ints, turns: TurnRange, located: Bools) -> Sequence[Finding]:
     """Return a finding for each joint of `told` (n,) that has left its travel since its turn was chosen."""
-    outside = np.flatnonzero(told & ~inside(raw + shift, turns)).tolist()
+    outside = np.flatnonzero(located & ~inside(raw + shift, turns)).tolist()
     return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
 
 
@@ -108,16 +108,16 @@ class _TurnRow:
     def wide(self) -> Finding:
         span = self.high - self.low
         text = (
-            f"its travel of {span} ticks is a turn of its actuator ({self.whole}) or more: nobody can tell "
-            "which turn it is on; it can only be driven with a smaller ratio, or narrower stops"
+            f"its travel of {span} ticks is a turn of its actuator ({self.whole}) or more: its turn cannot "
+            "be determined; it can only be driven with a smaller ratio, or narrower stops"
         )
         return self._finding(span, self.whole, text)
 
     def another(self) -> Finding:
         other = self.count - self.whole if self.count - self.whole >= self.low else self.count + self.whole
         text = (
-            f"{self.count} and {other}, a turn away, both fit its travel {self.low}..{self.high}: nobody can "
-            "tell which turn it is on; move it to its middle by hand with torque off"
+            f"{self.count} and {other}, a turn away, both fit its travel {self.low}..{self.high}: its "
+            "turn cannot be determined; move it to its middle by hand with torque off"
         )
         return self._finding(self.count, other, text)
 
@@ -125,16 +125,16 @@ class _TurnRow:
         turns = self.shift // self.whole
         first, last = (goal - self.shift for goal in self.goals)
         if self.falls:
-            limp = "let go of it (`twindctl disarm`), then " if on else ""
+            limp = "switch its torque off (`twindctl disarm`), then " if on else ""
             text = (
                 f"reads {self.raw}, {turns:+d} turns from where it was calibrated: turned by hand with its "
-                "power on? Position mode knows one turn alone: "
-                f"{limp}{_REBOOT} (it wakes up on its one turn), or turn it back by hand"
+                "power on? Position mode covers one turn only: "
+                f"{limp}{_REBOOT} (it starts on its one turn), or turn it back by hand"
             )
             return self._finding(self.raw, self.count, text)
         text = (
             f"reads {self.raw}, {turns:+d} turns from where it was calibrated; its goals there, "
-            f"{first}..{last}, are outside {self.least}..{self.most}, what it takes: {_REBOOT}"
+            f"{first}..{last}, are outside {self.least}..{self.most}, its range:  {_REBOOT}"
         )
         out_low = first < self.least
         return self._finding(first if out_low else last, self.least if out_low else self.most, text)

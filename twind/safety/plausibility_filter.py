@@ -1,6 +1,6 @@
-"""Plausible readings of a bus (SENSE_JUMP): no motor turns further than its speed allows between two.
+"""Plausible positions of a bus (SENSE_JUMP): no motor turns further between two than its speed allows.
 
-Pure. Knows ticks only. A position that cannot be is a servo that lost a turn, a slipped horn, a stray answer.
+Pure; in ticks only. An impossible position means a servo that lost a turn, a slipped horn, or a stray reply.
 """
 
 from math import inf
@@ -9,10 +9,10 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Floats, Ints, every
 
-REACH = 1.5  # of the fastest that the motor turns
-TICKS = 3.0  # that a reading may flicker
-AGREEING = 3  # readings in a row that agree with each other: that is where it is now
-NOMINAL = 0.8  # of a period: what two readings lie apart at least, as a rule
+REACH = 1.5  # share of the motor's fastest speed
+TICKS = 3.0  # ticks that a reading may flicker
+AGREEING = 3  # readings in a row that agree with each other: then the joint really is there
+NOMINAL = 0.8  # share of a period: the shortest usual time between two readings
 
 
 class PlausibilityFilter:
@@ -29,14 +29,14 @@ class PlausibilityFilter:
         self.leaps: Ints = np.zeros(count, np.int64)  # ticks, how far the last reading was off
         self._row = np.zeros(count, np.int64)
         self._agreeing = np.zeros(count, np.int64)
-        self._place: Ints = np.zeros(count, np.int64)  # the last that was believed, ...
-        self._at = np.full(count, -inf)  # s, ... and when it was asked for; -inf never
-        self._other: Ints = np.zeros(count, np.int64)  # the last that was not, ...
+        self._place: Ints = np.zeros(count, np.int64)  # the last accepted position, ...
+        self._at = np.full(count, -inf)  # s, ... and when it was requested; -inf never
+        self._other: Ints = np.zeros(count, np.int64)  # the last rejected position, ...
         self._other_at = np.full(count, -inf)
-        self._whole = -inf  # s, when the last exchange was asked for; -inf: not all of it fitted
+        self._whole = -inf  # s, when the last exchange was requested; -inf: not all of it fitted
 
     def usual(self, position: Ints, sent: float, received: float) -> bool:
-        """Accept the healthy case: all answered, now and before, and none moved further than it can."""
+        """Accept the healthy case: all replied, now and before, and none moved further than it can."""
         if not inf > received - self._whole >= self._least:
             return False
         if not every(np.abs(position - self._place) <= self._near):
@@ -46,7 +46,9 @@ class PlausibilityFilter:
         return True
 
     def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
-        """Mark motors (m,) that answered with a plausible position; `jumps` and `leaps` describe the others.
+        """Mark motors (m,) that replied with a plausible position.
+
+        `jumps` and `leaps` describe the others.
 
         The time between two readings is at most from the request of one to the end of the other. `limp` (m,):
         torque is read back off, so a hand may move the joint faster than the motor. Such a reading is

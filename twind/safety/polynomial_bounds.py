@@ -1,9 +1,9 @@
-"""Where polynomials stay under a bound, decided without sampling: Bernstein form and halving.
+"""Proof that polynomials stay under a bound, without sampling: Bernstein form and halving.
 
-A polynomial on 0 <= u <= 1 lies within the hull of its Bernstein coefficients, and the first and the last
-of them are its values at the ends. So the hull under the bound proves that all is under it, an end above it
-proves the opposite, and what is open is halved: the hull closes in by a factor of four each time.
-Coefficients stand on axis 0, (degree + 1, ...). NaN counts as above every bound.
+A polynomial on 0 <= u <= 1 lies within the hull of its Bernstein coefficients. The first and the last of them
+are its values at the ends. A hull under the bound proves that all is under it; an end above it proves the
+opposite. An open interval is halved: the hull closes in by a factor of four each time. Coefficients stand on
+axis 0, (degree + 1, ...). NaN counts as above every bound.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +16,14 @@ from twind.robot.arrays import Floats, Ints
 DEPTH = 26  # halvings: the hull is then within 4**-26 of its first width, below rounding
 CROWD = 16  # open pieces per column: a polynomial of degree 8 touches a bound in fewer places
 COARSE = np.linspace(0.0, 1.0, 11)  # of a quintic's acceleration, or a brake reach, no peak hides between
-PROMISING = 4  # columns of a group that are looked at closely
+PROMISING = 4  # columns of a group that are refined
 ZOOMS = 6  # rounds of closing in on a highest point: to 1e-5 of a segment, so to 1e-10 in height
 GRID = np.linspace(-1.0, 1.0, 13)
 GRID.setflags(write=False)
 
 
 def square(curve: Floats) -> Floats:
-    """The polynomial times itself, of twice the degree."""
+    """Return the square of a polynomial, of twice the degree."""
     d = len(curve) - 1
     product = np.zeros((2 * d + 1, *curve.shape[1:]))
     for i in range(d + 1):
@@ -33,7 +33,7 @@ def square(curve: Floats) -> Floats:
 
 
 def elevate(curve: Floats, degree: int) -> Floats:
-    """The same polynomial, written in a higher degree."""
+    """Return the same polynomial, written in a higher degree."""
     while len(curve) - 1 < degree:
         share = (np.arange(1, len(curve)) / len(curve)).reshape(-1, *[1] * (curve.ndim - 1))
         inner = share * curve[:-1] + (1.0 - share) * curve[1:]
@@ -42,7 +42,7 @@ def elevate(curve: Floats, degree: int) -> Floats:
 
 
 def evaluate(curve: Floats, u: Floats) -> Floats:
-    """Values at `u` (broadcast against `curve[0]`), by de Casteljau."""
+    """Return the values at `u` (broadcast against `curve[0]`), by de Casteljau."""
     while len(curve) > 1:
         curve = curve[:-1] + u * (curve[1:] - curve[:-1])
     values: Floats = curve[0] + 0.0 * u
@@ -50,7 +50,7 @@ def evaluate(curve: Floats, u: Floats) -> Floats:
 
 
 def halves(curve: Floats) -> tuple[Floats, Floats]:
-    """The polynomial over the first and over the second half of its interval."""
+    """Return the polynomial over the first and over the second half of its interval."""
     left = [curve[0]]
     right = [curve[-1]]
     while len(curve) > 1:
@@ -61,10 +61,10 @@ def halves(curve: Floats) -> tuple[Floats, Floats]:
 
 
 def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """For each of m columns a u in 0..1 where every alternative is above its bound; NaN: there is none.
+    """Return for each of m columns a u in 0..1 where every alternative exceeds its bound; NaN: none.
 
-    An alternative is a polynomial (degree + 1, m) and its bound (m,). What `DEPTH` halvings cannot decide
-    (a touch within rounding, or more touches than such a polynomial can have) counts as above.
+    An alternative is a polynomial (degree + 1, m) and its bound (m,). A column that `DEPTH` halvings cannot
+    decide counts as above: a touch within rounding, or more touches than such a polynomial can have.
     """
     curves = [curve for curve, _ in alternatives]
     bounds = [bound for _, bound in alternatives]
@@ -99,10 +99,10 @@ def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
 
 
 def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) -> tuple[Ints, Floats]:
-    """In each group of columns the column and the u where `score(columns, u)` is highest.
+    """Return for each group of columns the column and the u where `score(columns, u)` is highest.
 
-    `found` (m,) is a first u of each column. Looks at the most promising columns of each group and closes in
-    by zooming; what comes back is a point of the curve, at least as high as every u it looked at.
+    `found` (m,) is a first u of each column. The most promising columns of each group are refined by zooming.
+    The result is a point of the curve, at least as high as every u tried.
     """
     columns = np.arange(len(found))
     coarse = np.column_stack([found, np.broadcast_to(COARSE, (len(found), len(COARSE)))])
@@ -131,5 +131,5 @@ def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) 
 
 
 def _high(score: Floats) -> Floats:
-    """NaN is the highest score of all."""
+    """Return the score with NaN as the highest of all."""
     return np.where(np.isnan(score), np.inf, score)

@@ -1,8 +1,8 @@
-"""What the motors draw, and what feeds them: rules OVERCURRENT and VOLTAGE. Pure.
+"""Load and supply of the motors: rules OVERCURRENT and VOLTAGE. Pure.
 
-OVERCURRENT counts shares of the current limit. What tires a motor is the square of it: beyond the square of
-`Ratings.continuous` it is summed up over time (I²t), below it the motor recovers. Where a servo shuts itself
-down for overload, this stops before it does.
+OVERCURRENT counts shares of the current limit. The square of the load heats a motor: beyond the square of
+`ActuatorRatings.continuous` it is summed up over time (I²t), below it the motor recovers. The rule stops a
+motion before the servo shuts itself down for overload.
 """
 
 from collections.abc import Iterator
@@ -24,23 +24,23 @@ from twind.safety.guard_types import (
     is_torque_held,
 )
 
-LONGEST = 0.5  # s: of a tick that came later no more is summed up
+LONGEST = 0.5  # s: the longest tick that is summed up: a longer gap has no measured load
 
 
 class CurrentRules:
-    """Remembers per joint: since when its load is high, and how tired it is."""
+    """Rule OVERCURRENT; memory per joint: start of a high load, and the I²t sum."""
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         count = len(ratings.continuous)
         self._bounds = bounds
         self._bearable = np.square(ratings.continuous)
-        self._tired = np.zeros(count)  # s at the whole current limit, beyond what is borne for ever
+        self._tired = np.zeros(count)  # s at the whole current limit, beyond the continuous load
         self._above = np.full((2, count), inf)  # s, since when the load is above each of its two bounds
-        self._high = False  # is anyone?
-        self._last = inf  # s, when it looked last
+        self._high = False  # a joint is above a bound
+        self._last = inf  # s, of the last check
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """OVERCURRENT, where the load is known. Motors recover at rest; who is tired is not armed."""
+        """Yield OVERCURRENT, where the load is known. Motors recover at rest; a tired one prevents arming."""
         load = facts.load
         bounds = self._bounds
         span = facts.now - self._last
@@ -48,7 +48,7 @@ class CurrentRules:
             return
         self._last = facts.now
         if not isfinite(load.dot(load)):
-            load = np.where(np.isfinite(load), load, 0.0)  # not known of this joint, so not judged
+            load = np.where(np.isfinite(load), load, 0.0)  # unknown for this joint, so not judged
         self._tired += (load * load - self._bearable) * min(max(span, 0.0), LONGEST)
         np.maximum(self._tired, 0.0, out=self._tired)
         if every(load < bounds.load_warn) and every(self._tired < bounds.tired_warn):
@@ -61,11 +61,11 @@ class CurrentRules:
             yield from self._loaded(facts, load)
             yield from self._wearied(facts, load)
         else:
-            self._above[:] = inf  # what was before does not count for who is armed anew
+            self._above[:] = inf  # earlier load does not count after a new arming
             yield from self._unrested()
 
     def _loaded(self, facts: GuardInput, load: Floats) -> Iterator[RuleResult]:
-        """Near the current limit for too long: told, held, and damped where that does not help."""
+        """Yield a load near the current limit for too long: reported, held, then damped."""
         bounds = self._bounds
         for above, least in zip(self._above, (bounds.load_warn, bounds.load_hold), strict=True):
             above[:] = np.where(load >= least, np.minimum(above, facts.now), inf)
@@ -89,7 +89,10 @@ class CurrentRules:
                 yield RuleResult(finding, Reaction.DAMP, latches=True, here=True)
 
     def _wearied(self, facts: GuardInput, load: Floats) -> Iterator[RuleResult]:
-        """I²t: told, held, and lowered where that does not help. Who still pushes is held where it is."""
+        """Yield I²t: reported, held, then lowered.
+
+        A joint that still pushes is held at its measured position.
+        """
         bounds = self._bounds
         for joint in np.flatnonzero(self._tired >= bounds.tired_warn).tolist():
             value = float(self._tired[joint])
@@ -107,7 +110,7 @@ class CurrentRules:
                 yield RuleResult(finding)
 
     def _unrested(self) -> Iterator[RuleResult]:
-        """I²t without our torque: armed now, it would be held at once."""
+        """Yield I²t without torque: armed now, the robot would be held at once."""
         bound = self._bounds.tired_hold
         for joint in np.flatnonzero(self._tired >= bound).tolist():
             value = float(self._tired[joint])
@@ -120,44 +123,47 @@ def _load(joint: int, value: float, bound: float, message: str) -> Finding:
 
 
 class VoltageRules:
-    """Remembers per joint: since when its supply is low, by each bound."""
+    """Rule VOLTAGE; memory per joint: the start of a low supply, by each bound."""
 
     def __init__(self, ratings: ActuatorRatings, bounds: GuardThresholds) -> None:
         self._bounds = bounds
         self._high = ratings.high_warn + ROUNDING
         self._low = np.array([ratings.low_warn, ratings.low_settle, ratings.low_fault]) + ROUNDING
-        self._fine = self._low.max(axis=0)  # V: above all three, whichever of them are known
-        # Without a bound nothing is judged: there are actuators that never tell their supply.
-        self._known = self._low > -inf
+        self._fine = self._low.max(axis=0)  # V: above all three, as far as they are known
+        # Without a bound nothing is judged: some actuators never report their supply.
+        self._has_bound = self._low > -inf
         self._unjudged = (self._fine == -inf) & (self._high == inf)
-        self._since = np.full(self._low.shape, inf)  # s, of the reading in which it was low first
-        self._read = np.full(self._low.shape[1], -inf)  # s, when each was read last
+        self._since = np.full(self._low.shape, inf)  # s, of the first low reading
+        self._read = np.full(self._low.shape[1], -inf)  # s, of each last reading
         self._seen = b""  # the same, as bytes: mostly unchanged
-        self._suspect = False  # is anybody's low?
-        self._held = inf  # s, since when our torque holds the robot; inf: it does not
-        self._said: list[RuleResult] = []
+        self._suspect = False  # a supply is low
+        self._held = inf  # s, since when torque of this daemon holds the robot; inf: it does not
+        self._results: list[RuleResult] = []
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """VOLTAGE: the lowest and the highest supply of a robot that our torque holds. One report for all."""
+        """Yield VOLTAGE: the lowest and the highest supply of a robot under torque.
+
+        One report for all joints.
+        """
         if not is_torque_held(facts):
             if self._held < inf:
                 self._since[:] = inf
                 self._read[:] = -inf
                 self._seen = b""
-                self._said = []
+                self._results = []
                 self._held = inf
                 self._suspect = False
             return
         self._held = min(self._held, facts.now)
         if not same(facts.health_time, self._seen):
-            self._said = list(self._refresh(facts))
-        yield from self._said
+            self._results = list(self._refresh(facts))
+        yield from self._results
         unread = self._bounds.unread
         if facts.now - self._held > unread and not every(facts.now - facts.health_time <= unread):
             yield self._unread(facts)
 
     def _refresh(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """Some were read anew. Low is what two readings, of one servo or of two, say `volt_for` apart."""
+        """Take in new readings. Low means two readings `volt_for` apart, of one servo or of two."""
         fresh = facts.health_time != self._read
         self._read = facts.health_time.copy()
         self._seen = facts.health_time.tobytes()
@@ -172,9 +178,9 @@ class VoltageRules:
             yield RuleResult(
                 _volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears")
             )
-        # NaN is low too. One that was read long ago agrees with nobody who reads low now.
+        # NaN is low too. An old reading does not confirm a servo that reads low now.
         old = facts.now - facts.health_time > self._bounds.unread + ROUNDING
-        low = read & ~old & self._known & ~(volts > self._low)
+        low = read & ~old & self._has_bound & ~(volts > self._low)
         self._suspect = bool(np.count_nonzero(low))
         begun = np.minimum(self._since, facts.health_time)
         self._since = np.where(low, np.where(fresh, begun, self._since), inf)
@@ -182,7 +188,7 @@ class VoltageRules:
             yield from self._lowest(facts, low)
 
     def _lowest(self, facts: GuardInput, low: Bools) -> Iterator[RuleResult]:
-        """The hardest bound that holds, named for the servo that has least."""
+        """Yield the hardest bound that is violated, named for the servo with the lowest supply."""
         answers = (
             ("is low: charge it, or check supply and cables", Reaction.NONE, False),
             ("is too low to move: lowered", Reaction.SETTLE, True),

@@ -1,4 +1,4 @@
-"""What was read of the joints: rules STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT. Pure."""
+"""Readings of the joints: rules STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT. Pure."""
 
 from collections.abc import Iterator
 
@@ -20,10 +20,10 @@ from twind.safety.guard_types import (
 
 
 class ReadingRules:
-    """Without memory: each tick by itself. What SENSE_JUMP remembers stands in `senses`."""
+    """Rules without memory: each tick by itself. The memory of SENSE_JUMP is in `PlausibilityFilter`."""
 
     def __init__(self, limits: JointLimits, bounds: GuardThresholds, free: bool) -> None:
-        """`free`: nothing carries the robot but itself."""
+        """`free`: the robot stands freely, without support."""
         self._limits = limits
         self._bounds = bounds
         self._free = free
@@ -31,7 +31,7 @@ class ReadingRules:
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT: every joint replies, plausibly, and inside its limits."""
+        """Yield STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT."""
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured = facts.measured
@@ -51,7 +51,7 @@ class ReadingRules:
             yield from self._outward(facts, position)
 
     def _jumps(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """SENSE_JUMP: a reading that cannot be is told; several in a row hold the robot."""
+        """Yield SENSE_JUMP: an impossible reading is reported; several in a row hold the robot."""
         most = self._bounds.jumps
         for joint in np.flatnonzero(facts.jumps).tolist():
             many = not facts.jumps[joint] < most
@@ -64,7 +64,10 @@ class ReadingRules:
             yield RuleResult(finding, hold(facts) if many and is_torque_held(facts) else Reaction.NONE)
 
     def _stale(self, facts: GuardInput, age: Floats) -> Iterator[RuleResult]:
-        """STATE_STALE. A silent joint may be limp: the others hold, but a free-standing robot is lowered."""
+        """Yield STATE_STALE.
+
+        A silent joint may be limp: the others hold, but a free-standing robot is lowered.
+        """
         bounds = self._bounds
         for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
             value = float(age[joint])
@@ -78,7 +81,7 @@ class ReadingRules:
                 bound = bounds.stale_hold
                 reaction = hold(facts)
             finding = Finding(
-                ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
+                ReasonCode.STATE_STALE, joint, value=value, bound=bound, message="s since its last reading"
             )
             if is_torque_held(facts):
                 yield RuleResult(finding, reaction, latches=gone)
@@ -86,7 +89,10 @@ class ReadingRules:
                 yield RuleResult(finding)
 
     def _beyond(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
-        """OUT_OF_LIMIT: past the hard limit. A joint that was never heard (NaN) is STATE_STALE's."""
+        """Yield OUT_OF_LIMIT past the hard limit.
+
+        A joint that was never read (NaN) is reported by STATE_STALE.
+        """
         low = position < self._hard_lower
         high = position > self._hard_upper
         for joint in np.flatnonzero(low | high).tolist():
@@ -101,7 +107,10 @@ class ReadingRules:
                 yield RuleResult(finding)
 
     def _outward(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
-        """OUT_OF_LIMIT: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
+        """Yield OUT_OF_LIMIT for a motion past a limit that leads outwards.
+
+        A hold or a stop is never refused.
+        """
         if facts.goal is None or facts.previous is None or facts.motion not in MOVING:
             return
         goal = facts.goal.position

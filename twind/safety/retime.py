@@ -17,14 +17,14 @@ HEALED = (
     ReasonCode.BRAKE_DISTANCE,
 )  # what a slower path can heal, in rule order
 ROUNDS = 8  # guesses of the factor; from rest the first one holds
-NUDGE = 1e-9  # relative: keeps a factor that is exact on paper on the right side of rounding
+NUDGE = 1e-9  # relative: keeps a mathematically exact factor on the right side of rounding
 
 
 def needed(findings: Iterable[Finding], first: bool = True) -> float:
-    """The stretch that heals every finding by itself: speeds fall with it, accelerations with its square.
+    """Return the stretch that heals every finding by itself: speeds fall with it, accelerations squared.
 
-    Not the `first` guess: what is left comes from a reference that does not slow down with the path, and
-    there accelerations fall with the stretch itself. NaN or infinite where nothing heals.
+    After the `first` guess, the rest comes from a reference that does not slow down with the path. There
+    accelerations fall with the stretch itself. NaN or infinite where nothing heals.
     """
     factor = 1.0
     for finding in findings:
@@ -38,10 +38,11 @@ def needed(findings: Iterable[Finding], first: bool = True) -> float:
 def with_stop(
     path: Trajectory, limits: JointLimits, thresholds: GateThresholds
 ) -> tuple[Trajectory, list[Finding]]:
-    """`path` with a ramp to rest after its last point, and the finding that says so; unchanged if at rest.
+    """Return `path` with a ramp to rest after its last point, and the finding on it; unchanged if at rest.
 
-    All joints stop together, each with constant deceleration, the hardest pressed one at its limit (at half
-    of it where accelerations are given, because a quintic peaks higher). The ramp is judged like the rest.
+    All joints stop together, each with constant deceleration, the hardest pressed one at its limit. Where
+    accelerations are given it is half of the limit, because a quintic peaks higher. The ramp is judged like
+    the rest.
     """
     if path.velocity is None:
         return path, []
@@ -59,7 +60,7 @@ def with_stop(
 
 
 def ramped(path: Trajectory, duration: float) -> Trajectory:
-    """`path`, which has velocities, brought to rest with constant decelerations in `duration` s."""
+    """Return `path`, which has velocities, brought to rest with constant decelerations in `duration` s."""
     assert path.velocity is not None  # else there is nothing to bring to rest
     with np.errstate(all="ignore"):
         end = path.position[-1] + 0.5 * path.velocity[-1] * duration
@@ -74,9 +75,9 @@ def ramped(path: Trajectory, duration: float) -> Trajectory:
 
 
 def changed(path: Trajectory, changes: Iterable[Finding]) -> Trajectory:
-    """What the `changes` of a verdict make of the path as it was asked for: the path that was judged."""
+    """Return the path after the `changes` of a verdict: the path that was judged."""
     for change in changes:
-        assert change.value is not None  # by how much is what a change says
+        assert change.value is not None  # a change always states its size
         if change.code is ReasonCode.STOP_APPENDED:
             path = ramped(path, change.value)
         elif change.code is ReasonCode.RETIMED:

@@ -11,12 +11,12 @@ from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_limits import JointLimits
 
-LONGEST = 0.1  # s a setpoint may stay valid (STREAM_STALE): what is slower than that is a trajectory
+LONGEST = 0.1  # s a setpoint may stay valid (STREAM_STALE): slower commands are trajectories
 
 
 @dataclass(frozen=True, slots=True)
 class SetpointResult:
-    """What the executor may follow, and the verdict. Arrays are (m,), in the caller's order."""
+    """Setpoint that the executor may follow, and the verdict. Arrays are (m,), in the caller's order."""
 
     verdict: Verdict
     joints: Ints
@@ -33,7 +33,7 @@ def judge(
     valid_for: float,
     allow_clamp: bool,
 ) -> SetpointResult:
-    """Refuse what is malformed or outside the limits; with `allow_clamp` bring it in and report it."""
+    """Refuse malformed setpoints and those outside the limits; with `allow_clamp` clip and report them."""
     refusals = _form(joints, position, velocity, len(limits.lower), valid_for)
     if refusals:
         return SetpointResult(Verdict(tuple(refusals)), joints, position, velocity)

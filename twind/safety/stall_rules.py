@@ -1,4 +1,4 @@
-"""Time that passed without us, and holds that last: TIME_GAP, and what stands freely. Pure."""
+"""Rules on time: TIME_GAP between ticks, and the length of a hold of a free-standing robot. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,8 +19,10 @@ from twind.safety.state_machine import LATCHED
 
 
 class TimeGapRules:
-    """Remembers when it judged last, by the clock that stands still while the machine sleeps, and how long
-    that has slept."""
+    """Rule TIME_GAP; memory: the time of the last tick, and how long the machine has slept.
+
+    The clock stands still while the machine sleeps.
+    """
 
     def __init__(self, bounds: GuardThresholds) -> None:
         self._bounds = bounds
@@ -28,8 +30,11 @@ class TimeGapRules:
         self._suspended = 0.0  # s
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """TIME_GAP: longer than the servos' watchdogs wait. They may have stopped: the last goal again, and
-        a fault, so that somebody disarms, which puts the goals where the joints are."""
+        """Yield TIME_GAP after a gap longer than the servos' watchdogs, which may have stopped them.
+
+        The last goal is repeated, and the fault makes an operator disarm, which sets the goals to the present
+        positions.
+        """
         last = self._last
         asleep = facts.suspended - self._suspended
         self._last = facts.now
@@ -50,25 +55,27 @@ class TimeGapRules:
 
 
 class HoldRules:
-    """Remembers since when a free-standing robot is held, and why. Others may be held for ever."""
+    """Limit of a hold on a free-standing robot; memory: its start and its cause. Other robots hold on."""
 
     def __init__(self, free: bool, bounds: GuardThresholds) -> None:
         self._free = free
         self._bounds = bounds
         self._since = inf
         self._why = Finding(ReasonCode.INTERNAL)
-        self._ended = False  # a motion, by it
+        self._ended = False  # the hold ended a motion
 
-    def judge(self, facts: GuardInput, said: list[RuleResult]) -> Iterator[RuleResult]:
-        """A hold that one of these rules asked for, and that nobody ends, is lowered. Where a robot held
-        anyway, and nothing is latched, it is over with its cause."""
+    def judge(self, facts: GuardInput, results: list[RuleResult]) -> Iterator[RuleResult]:
+        """Lower a robot after a hold that a rule requested and that did not end.
+
+        Where the robot held anyway, and nothing is latched, the hold ends with its cause.
+        """
         if not self._free:
             return
         if not is_torque_held(facts) or not facts.torque_settled:
             self._since = inf
             self._ended = False
             return
-        holds = next((one.finding for one in said if one.reaction is Reaction.HOLD), None)
+        holds = next((one.finding for one in results if one.reaction is Reaction.HOLD), None)
         rests = facts.motion is Motion.HOLDING
         if holds is None and not (rests and (self._ended or facts.state in LATCHED)):
             self._since = inf

@@ -1,4 +1,4 @@
-"""The states of robot and bus, and what may follow what (docs/safety.md). A table: no clock, no device.
+"""The states of robot and bus, and their transitions (docs/safety.md). A table: no clock, no device.
 
 FAULT and ESTOP latch. A latch outlives a lost port, so `StateLatch` carries it beside the state.
 """
@@ -13,7 +13,7 @@ from twind.robot.modes import Mode, Motion, RobotState
 
 
 class RobotEvent(StrEnum):
-    """What can happen to the robot."""
+    """Events that change the robot's state."""
 
     PORT_OPENED = "port opened"
     IDENTIFIED = "identified"
@@ -45,19 +45,19 @@ class EventNotAllowed(Exception):
 LATCHED = (RobotState.FAULT, RobotState.ESTOP)
 
 _S = RobotState
-_STAYS = {_S.FAULT: _S.FAULT, _S.ESTOP: _S.ESTOP}  # a latched state lets what was begun come to its end
+_STAYS = {_S.FAULT: _S.FAULT, _S.ESTOP: _S.ESTOP}  # a latched state lets a running procedure end
 _ANY = tuple(RobotState)
 
 TABLE: Mapping[RobotEvent, Mapping[RobotState, RobotState]] = MappingProxyType(
     {
         RobotEvent.PORT_OPENED: {_S.DISCONNECTED: _S.IDENTIFYING} | _STAYS,
         RobotEvent.IDENTIFIED: {_S.IDENTIFYING: _S.CONNECTED} | _STAYS,
-        # What keeps a bus from being identified can be a register, so it can be set without.
+        # A register can prevent identification, so calibrating is allowed without it.
         RobotEvent.CALIBRATE: {_S.CONNECTED: _S.CALIBRATING, _S.IDENTIFYING: _S.CALIBRATING},
         RobotEvent.CALIBRATED: {_S.CALIBRATING: _S.CONNECTED} | _STAYS,
         RobotEvent.ARM: {_S.CONNECTED: _S.ARMING},
         RobotEvent.ARMED: {_S.ARMING: _S.ARMED},
-        # A failure is told after the fault or the lost port that caused it.
+        # A failed arming is reported after the fault or the lost port that caused it.
         RobotEvent.ARM_FAILED: {
             _S.ARMING: _S.CONNECTED,
             _S.DISCONNECTED: _S.DISCONNECTED,
@@ -103,7 +103,7 @@ TABLE: Mapping[RobotEvent, Mapping[RobotState, RobotState]] = MappingProxyType(
 
 
 def step(state: RobotState, event: RobotEvent) -> RobotState:
-    """The state after `event`. Raises WrongState, which lists the states that allow it."""
+    """Return the state after `event`. Raises EventNotAllowed, which lists the states that allow it."""
     follows = TABLE[event]
     if state not in follows:
         raise EventNotAllowed(state, event, tuple(follows))
@@ -112,14 +112,14 @@ def step(state: RobotState, event: RobotEvent) -> RobotState:
 
 @dataclass(frozen=True, slots=True)
 class StateLatch:
-    """The state with its memory: what is latched survives a lost port, and only a reset clears it."""
+    """The state with its memory: a latch survives a lost port, and only a reset clears it."""
 
     state: RobotState = RobotState.DISCONNECTED
     latched: bool = False
-    identified: bool = False  # the bus is open and everybody on it is known
+    identified: bool = False  # the bus is open and all its devices are identified
 
     def after(self, event: RobotEvent) -> "StateLatch":
-        """After `event`. Raises WrongState."""
+        """Return the state after `event`. Raises EventNotAllowed."""
         state = step(self.state, event)
         if event is RobotEvent.CALIBRATE and self.latched:  # from before the port was lost
             raise EventNotAllowed(RobotState.FAULT, event, tuple(TABLE[event]))
@@ -140,7 +140,7 @@ class StateLatch:
 
 
 def mode_change(before: Mode, after: Mode, state: RobotState, motion: Motion) -> Finding | None:
-    """Why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
+    """Return why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
     if before is after:
         return None
     if state not in (RobotState.DISCONNECTED, RobotState.CONNECTED):

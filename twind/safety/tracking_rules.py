@@ -1,8 +1,8 @@
-"""Does every joint go where it is told: rules FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT. Pure.
+"""Rules on following commands: FOLLOW_ERR, SENSE_FROZEN, OVERSPEED and MIRROR_DRIFT. Pure.
 
 A moving servo is behind its goal by the lag of its loop: FOLLOW_ERR allows for `GuardThresholds.lag` at the
-goal's speed. What takes long to go wrong is looked at every `GuardThresholds.look`. An encoder is an
-actuator's: where several turn joints together, it is their angles that are looked at.
+goal's speed. Slow conditions are checked every `GuardThresholds.look`. An encoder belongs to an actuator:
+where several actuators turn joints together, their angles are judged.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,18 +28,18 @@ from twind.safety.guard_types import (
     is_torque_held,
 )
 
-STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
+STILL = 1e-9  # rad, less than any count: no change, computed from joints
 DRIFT = "rad between the robot and the simulation of its goals"  # what MIRROR_DRIFT measures
-NEVER = np.inf  # s: a condition that does not hold has begun then
+NEVER = np.inf  # s: start of a condition that does not hold
 
 
 class TrackingRules:
-    """Remembers per joint: since when it is off, or apart from the model, and where it last changed."""
+    """Rules on following; memory per joint: start of an error or a drift, and the last change of position."""
 
     def __init__(
         self, limits: JointLimits, bounds: GuardThresholds, linked: Sequence[MappedTransmission] = ()
     ) -> None:
-        """`linked`: whose actuators turn joints together."""
+        """`linked`: transmissions, whose actuators turn joints together."""
         count = len(limits.lower)
         self._linked = linked
         self._bounds = bounds
@@ -48,16 +48,14 @@ class TrackingRules:
         self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
         self._off_since, self._drift_since = np.full((2, count), NEVER)
         self._fast = np.zeros(count, np.int64)  # readings in a row
-        self._place: Floats | None = (
-            None  # rad, of actuators, the last reading looked at; None: nothing moves
-        )
+        self._place: Floats | None = None  # rad, of actuators, the last reading checked; None: nothing moves
         self._goal = np.zeros(count)  # rad, their goal when that last changed, ...
         self._turned = np.zeros(count)  # s, ... and when
-        self._turning = np.zeros(count, np.bool_)  # at the last look its servo said that it turns
-        self._looked = -NEVER  # s
+        self._turning = np.zeros(count, np.bool_)  # at the last check the servo reported that it turns
+        self._checked_at = -NEVER  # s
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT, of a robot that our torque holds."""
+        """Yield FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT, for a robot under torque of this daemon."""
         measured = facts.measured
         goal = facts.previous
         if measured is None or not is_torque_held(facts):
@@ -66,15 +64,15 @@ class TrackingRules:
         velocity = measured.velocity
         if not velocity.dot(velocity) <= self._slowest or np.count_nonzero(self._fast):
             yield from self._speeding(facts, measured)
-        if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing that counts
+        if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing valid
             self._off_since[:] = NEVER
             self._place = None
             return
         error = measured.position - goal
         if not error.dot(error) <= self._bounds.follow**2 or self._off_since.min() < NEVER:
             yield from self._following(facts, measured, np.abs(error))
-        if not 0.0 <= facts.now - self._looked < self._bounds.look - ROUNDING:
-            self._looked = facts.now
+        if not 0.0 <= facts.now - self._checked_at < self._bounds.look - ROUNDING:
+            self._checked_at = facts.now
             yield from self._frozen(facts, measured, goal)
             if facts.simulated is not None:
                 yield from self._drifting(facts, measured, facts.simulated)
@@ -82,9 +80,12 @@ class TrackingRules:
     # ------------------------------------------------------------------------------------------- FOLLOW_ERR
 
     def _following(self, facts: GuardInput, measured: JointState, off: Floats) -> Iterator[RuleResult]:
-        """Too far from its goal for too long; or further still. Nobody is made soft for one that follows no
-        goal: limp (TORQUE_MISMATCH), lowering too where it shut down (SERVO_ALERT) or restarted, or with a
-        tripped watchdog (WATCHDOG_TRIPPED)."""
+        """Yield FOLLOW_ERR: too far from the goal for too long, or much further.
+
+        A joint that follows no goal must not make the others soft. Such a joint is limp (TORQUE_MISMATCH), or
+        has a tripped watchdog (WATCHDOG_TRIPPED). While the robot is lowered, it may also have shut down
+        (SERVO_ALERT) or restarted.
+        """
         bounds = self._bounds
         if facts.goal is not None:
             off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
@@ -107,11 +108,11 @@ class TrackingRules:
         return RuleResult(finding, Reaction.DAMP if far else hold_here(facts), latches=True, here=True)
 
     def _frozen(self, facts: GuardInput, measured: JointState, goal: Floats) -> Iterator[RuleResult]:
-        """SENSE_FROZEN: the very same position while the goal moves and the motor works.
+        """Yield SENSE_FROZEN: the same position while the goal moves and the motor works.
 
-        A blocked motor is none: it does not say that it turns, and draws what a motor draws that pushes. Nor
-        is a joint that comes loose after a rest: it turns before a count has passed, so two looks have to
-        see it.
+        A blocked motor is not frozen: its servo reports no speed, and it draws the current of a motor that
+        pushes. A joint that comes loose after a rest turns before a count has passed, so two checks must see
+        it.
         """
         if facts.motion not in MOVING:
             self._place = None
@@ -143,7 +144,7 @@ class TrackingRules:
             yield RuleResult(finding, hold(facts), latches=True)
 
     def _of_actuators(self, measured: JointState, goal: Floats) -> tuple[Floats, Floats, Floats]:
-        """Where the actuators stand, where they are to, and what they turn at; NaN: not known."""
+        """Return positions, goals and velocities of the actuators (n,), rad and rad/s; NaN: unknown."""
         place = measured.position
         velocity = measured.velocity
         if self._linked:
@@ -159,7 +160,7 @@ class TrackingRules:
     # -------------------------------------------------------------------------------- OVERSPEED, MIRROR_DRIFT
 
     def _speeding(self, facts: GuardInput, measured: JointState) -> Iterator[RuleResult]:
-        """Faster than it may, in readings in a row."""
+        """Yield OVERSPEED: too fast in readings in a row."""
         speed = np.abs(measured.velocity)
         fast = ~(speed <= self._fastest)
         self._fast = np.where(measured.heard, np.where(fast, self._fast + 1, 0), self._fast)
@@ -173,7 +174,7 @@ class TrackingRules:
     def _drifting(
         self, facts: GuardInput, measured: JointState, simulated: JointState
     ) -> Iterator[RuleResult]:
-        """Robot and simulation apart for a while: told only."""
+        """Yield MIRROR_DRIFT: robot and simulation apart for a while. It is reported only."""
         apart = np.abs(measured.position - simulated.position)
         bad = ~(apart <= self._bounds.drift)
         if not np.count_nonzero(bad):
@@ -197,7 +198,7 @@ class TrackingRules:
 
 
 def _since(since: Floats, bad: Bools, heard: Bools, now: float) -> Floats:
-    """Since when (s) each is bad, as of its last reading; who was not heard stays as it was."""
+    """Return since when (s) each joint is bad, as of its last reading; without a reading it stays."""
     begun = np.minimum(since, now)
     found: Floats = np.where(heard, np.where(bad, begun, NEVER), since)
     return found

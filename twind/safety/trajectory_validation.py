@@ -1,6 +1,6 @@
-"""The form of a trajectory, UNKNOWN_JOINT to TIME_ORDER: by names (`form`) and on arrays (`wellformed`).
+"""Form of a trajectory, UNKNOWN_JOINT to TIME_ORDER: by names (`form`) and on arrays (`wellformed`).
 
-Pure. The front turns a message into a `Trajectory` here and says everything that is wrong with it at once.
+Pure. The front turns a message into a `Trajectory` here and reports all errors in it at once.
 """
 
 import difflib
@@ -15,7 +15,7 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 
-MOST = 32  # findings of names, and of shapes: looking for near spellings takes its time
+MOST = 32  # findings of names, and of shapes: the search for similar names takes time
 ROUNDING = 1e-12  # s: stamps of 60 s are exact to 7e-15, so a step of 1 ms may read a little less
 
 
@@ -37,7 +37,7 @@ def form(
     max_duration: float = 60.0,
     min_dt: float = 0.001,
 ) -> tuple[Trajectory | None, tuple[Finding, ...]]:
-    """The trajectory that a message asks for, in the robot's joint order, or all that is wrong with its form.
+    """Return the trajectory of a message in the robot's joint order, or all errors in its form.
 
     `names` are the robot's joints. Columns of joints that are not named are NaN. Points are (time, positions,
     velocities or None, accelerations or None); velocities, and then accelerations, at every point or at none.
@@ -71,7 +71,7 @@ def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Findi
 
 
 def _shapes(rows: Sequence[PointRow | tuple[Any, ...]], width: int) -> Iterator[Finding]:
-    """BAD_SHAPE: every row as wide as the names, made of numbers, and as rich as the first."""
+    """Yield BAD_SHAPE: every row as wide as the names, made of numbers, and with the columns of the first."""
     rich: tuple[bool, bool] | None = None
     for point, row in enumerate(rows):
         if len(row) != 4:
@@ -100,12 +100,12 @@ def _shapes(rows: Sequence[PointRow | tuple[Any, ...]], width: int) -> Iterator[
 
 
 def _numbers(column: Sequence[Any]) -> bool:
-    """Only ints and floats; True is not a number."""
+    """Check that all are ints or floats; True is not a number."""
     return set(map(type, column)) <= {int, float}
 
 
 def _arrays(rows: Sequence[PointRow | tuple[Any, ...]], places: list[int], count: int) -> Trajectory:
-    """Rows of the right shape as arrays in the robot's order."""
+    """Return rows of the right shape as arrays in the robot's order."""
     commanded: Bools = np.zeros(count, np.bool_)
     commanded[places] = True
 
@@ -117,12 +117,12 @@ def _arrays(rows: Sequence[PointRow | tuple[Any, ...]], places: list[int], count
         return spread
 
     position = block(1)
-    assert position is not None  # `_shapes` saw to it
+    assert position is not None  # `_shapes` has checked it
     return Trajectory(_floats([row[0] for row in rows]), position, commanded, block(2), block(3))
 
 
 def _floats(numbers: list[Any]) -> Floats:
-    """As float64; an integer beyond its range becomes infinite, and is refused as such."""
+    """Return the numbers as float64; an integer beyond its range becomes infinite, which is refused."""
     try:
         return np.array(numbers, np.float64)
     except OverflowError:
@@ -130,7 +130,7 @@ def _floats(numbers: list[Any]) -> Floats:
 
 
 def _bounded(number: Any) -> Any:
-    """Lists of numbers with what overflows replaced by infinity."""
+    """Return lists of numbers with overflows replaced by infinity."""
     if isinstance(number, list | tuple):
         return [_bounded(one) for one in number]
     try:
@@ -172,7 +172,7 @@ def _too_many(points: int, most: int) -> Finding:
 
 
 def _misfits(path: Trajectory, count: int) -> Iterator[Finding]:
-    """BAD_SHAPE: arrays that do not fit together."""
+    """Yield BAD_SHAPE: arrays that do not fit together."""
     shape = (path.time.size, count)
     if path.time.ndim != 1:
         yield Finding(
@@ -194,7 +194,7 @@ def _misfits(path: Trajectory, count: int) -> Iterator[Finding]:
 
 
 def _nonfinite(path: Trajectory) -> Iterator[Finding]:
-    """NONFINITE: per joint the first number that is none."""
+    """Yield NONFINITE: per joint the first number that is not finite."""
     for point in np.flatnonzero(~np.isfinite(path.time))[:1]:
         yield Finding(ReasonCode.NONFINITE, point=int(point), value=float(path.time[point]), message="time")
     for given, what in (

@@ -1,10 +1,10 @@
-"""The way of a command, hop by hop: called, taken by the loop, judged, written, moved. Pure; times are s.
+"""Latency of a command, hop by hop: received, taken, judged, written, moved. Pure; times are s.
 
-A figure is given for what happened, once, and for nothing else: a command that was refused has no `written`,
-one that was replaced or ended before its first goal left neither, a joint that never moved no `moved`.
+A figure is recorded once, for a hop that happened. A refused command has no `written`, nor has one that ended
+before its first goal left. A joint that never moved has no `moved`.
 
-`moved` is the time from the first goal that asks a joint for a visible move to the reading that shows it. It
-is looked for where the joint stood still, since what moved already says nothing of when it was told.
+`moved` is the time from the first goal that commands a visible move of a joint to the reading that shows it.
+It is measured only from rest: the move of a joint that already moves has no clear start.
 """
 
 from dataclasses import dataclass
@@ -19,27 +19,28 @@ from twind.telemetry.timing_monitor import TimingMonitor
 
 VISIBLE = 0.005  # rad: a few counts of a servo, more than an encoder's noise
 STILL = 0.05  # rad/s, of reference and reading: counts as standing (as END_NOT_AT_REST)
-PATIENCE = 1.0  # s: a joint that has not moved by then is not looked at any longer
+PATIENCE = 1.0  # s: after that a joint that has not moved is no longer watched
 STREAM = ""  # the name of every setpoint
 
 
 @dataclass(frozen=True, slots=True)
 class StartedCommand:
-    """A command that the loop has begun with."""
+    """Command that the loop has begun with."""
 
-    received: float  # when it was called, NaN unknown
+    received: float  # s, time of the call, NaN unknown
     taken: float
-    bound: float | None  # for its figures: a long path is long judged, and not late. None: the threshold
+    # bound of its figures: a long path takes long to judge, and is not late. None: the threshold
+    bound: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PendingCommand:
-    """A command that the next goal follows; arrays (n,)."""
+    """Command that the next goal follows; arrays (n,)."""
 
     id: str
     taken: StartedCommand
     judged: float
-    joints: Bools  # that are commanded and were meant to stand
+    joints: Bools  # commanded joints whose reference stands
     begin: Floats  # rad, the reference before it
 
 
@@ -54,17 +55,17 @@ class _MoveRequest:
 
 @dataclass(slots=True, eq=False)
 class _MotionOnsetWatch:
-    """Joints that stand and were written to, and which of them is commanded to move."""
+    """Joints at rest that get goals, and the one that is commanded to move."""
 
     joints: Bools
     begin: Floats  # rad, the reference
-    place: Floats  # rad, where they were
+    place: Floats  # rad, their positions
     since: float  # s
     asked: _MoveRequest | None = None
 
 
 class CommandLatencyTracer:
-    """The command hops of one loop. One command at a time is followed to the end of its way."""
+    """Tracer of the command hops of one loop. One command at a time is traced to its end."""
 
     def __init__(self, health: TimingMonitor) -> None:
         self._health = health
@@ -72,7 +73,7 @@ class CommandLatencyTracer:
         self._watch: _MotionOnsetWatch | None = None
 
     def take(self, received: float | None, now: float, bound: float | None = None) -> StartedCommand:
-        """Register a command that the loop begins with. `received`: time of the call, s; None: not known."""
+        """Register a command that the loop begins with. `received`: time of the call, s; None: unknown."""
         received = nan if received is None else received
         self._health.hop("received", now - received, now, bound)
         return StartedCommand(received, now, bound)
@@ -82,7 +83,7 @@ class CommandLatencyTracer:
         self._health.hop("gated", now - taken.taken, now, taken.bound)
 
     def accept(self, taken: StartedCommand, id: str, joints: Bools, before: Reference, now: float) -> None:
-        """The goals to come follow it: `joints` (n,) are commanded, `before` is what it begins from."""
+        """Note that the next goals follow a command: `joints` (n,) move, from the reference `before`."""
         standing = joints & (np.abs(before.velocity) <= STILL)
         self._accepted = _PendingCommand(id, taken, now, standing, before.position)
 
@@ -92,14 +93,14 @@ class CommandLatencyTracer:
             self._accepted = None
 
     def write(self, goal: Floats, at: float, state: JointState) -> None:
-        """A goal (n,) left; `state` is what was known of whom it went to before."""
+        """Note that a goal (n,), rad, was sent `at` (s); `state` is the last known joint state before."""
         accepted = self._accepted
         if accepted is not None:
             self._accepted = None
             taken = accepted.taken
             self._health.hop("written", at - accepted.judged, at)
             self._health.hop("command", at - taken.received, at, taken.bound)
-            if accepted.id != STREAM or self._watch is None:  # of a stream not every goal is a new one
+            if accepted.id != STREAM or self._watch is None:  # not every goal of a stream is a new one
                 still = accepted.joints & (np.abs(state.velocity) <= STILL) & state.heard
                 self._watch = (
                     _MotionOnsetWatch(still, accepted.begin, state.position, at) if some(still) else None
@@ -108,28 +109,30 @@ class CommandLatencyTracer:
             self._aim(self._watch, goal, at, state)
 
     def silence(self) -> None:
-        """End the watch: no goal left, so the cause of a move from now on is not known."""
+        """End the watch: no goal left, so the cause of a move from now on is unknown."""
         self._watch = None
 
     def forget(self) -> None:
-        """Whoever moved, it is another one from now on."""
+        """Drop the command under way: another target follows commands from now on."""
         self._accepted = self._watch = None
 
     def look(self, state: JointState, at: float) -> None:
-        """A reading of whom the goals go to, true `at` that time."""
+        """Process a reading of the target of commands, true `at` that time (s)."""
         watch = self._watch
         if watch is None or watch.asked is None:
             return
-        asked = watch.asked
-        if _gone(state.position - watch.place, asked):
-            self._health.hop("moved", at - asked.at, at)
+        request = watch.asked
+        if _gone(state.position - watch.place, request):
+            self._health.hop("moved", at - request.at, at)
             self._watch = None
-        elif at - asked.at > PATIENCE:
+        elif at - request.at > PATIENCE:
             self._watch = None
 
     def _aim(self, watch: _MotionOnsetWatch, goal: Floats, at: float, state: JointState) -> None:
-        """Choose the joint that this goal moves visibly. Ends the watch once the goal leads back or
-        `PATIENCE` s have passed."""
+        """Choose the joint that this goal moves visibly.
+
+        Ends the watch once the goal leads back or `PATIENCE` s have passed.
+        """
         way = goal - watch.begin
         if watch.asked is not None:
             if not _gone(way, watch.asked):
@@ -139,13 +142,13 @@ class CommandLatencyTracer:
         joint = int(far.argmax())
         if far[joint] >= VISIBLE:
             watch.asked = _MoveRequest(joint, bool(way[joint] >= VISIBLE), at)
-            if _gone(state.position - watch.place, watch.asked):  # before it was asked: by something else
+            if _gone(state.position - watch.place, watch.asked):  # before it was commanded: by another cause
                 self._watch = None
         elif at - watch.since > PATIENCE:
             self._watch = None
 
 
-def _gone(way: Floats, asked: _MoveRequest) -> bool:
+def _gone(way: Floats, request: _MoveRequest) -> bool:
     """Check that the way (n,), rad, contains the visible move that was commanded."""
-    one = float(way[asked.joint])
-    return (one if asked.forward else -one) >= VISIBLE
+    travelled = float(way[request.joint])
+    return (travelled if request.forward else -travelled) >= VISIBLE

@@ -23,14 +23,14 @@ BINS = 400
 STEP = 0.04
 _FIRST = log(SMALLEST)
 BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
+BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets of the interface
 
 
 class RollingStats:
-    """The last 100 values, and the run as a histogram. What is not known yet is NaN."""
+    """The last 100 values, and the run as a histogram. Unknown statistics are NaN."""
 
     def __init__(self, threshold: float = inf) -> None:
-        self.threshold = threshold  # of the values to come
+        self.threshold = threshold  # of the values from now on
         self.now = nan  # the last value; NaN unknown
         self.at = -inf  # s, when it was added
         self.count = 0  # values added in the run, unknown ones included
@@ -112,16 +112,16 @@ class RollingStats:
         seen = self._counts.cumsum()
         p50 = self._quantile(seen, 0.5)
         p99 = self._quantile(seen, 0.99)
-        known = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
-        if not len(known):
+        valid = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
+        if not len(valid):
             return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
-        mean = float(known.sum()) / len(known)
-        off = known - mean
-        std = sqrt(float(off @ off) / len(known))
-        return _RollingFigures(self.count, mean, std, float(known.min()), float(known.max()), p50, p99)
+        mean = float(valid.sum()) / len(valid)
+        off = valid - mean
+        std = sqrt(float(off @ off) / len(valid))
+        return _RollingFigures(self.count, mean, std, float(valid.min()), float(valid.max()), p50, p99)
 
     def _quantile(self, seen: Ints, share: float) -> float:
-        """`seen`: values of the run up to each bin."""
+        """Return the quantile `share` of the run. `seen`: values of the run up to each bin."""
         if not seen[-1]:
             return nan
         # At least one value: the share 0 is the first bin that has any.
@@ -131,19 +131,19 @@ class RollingStats:
 
 
 class RecentValues:
-    """The values of the last half second, for who asks how large most of them were."""
+    """The values of the last half second, for their 95 % quantile."""
 
     def __init__(self) -> None:
         self._values: deque[tuple[float, float]] = deque(maxlen=KEPT)  # (s, value), inf unknown
 
     def add(self, value: float, now: float) -> None:
-        """One more value, at `now`."""
+        """Add a value at `now` (s)."""
         self._values.append((now, value if 0.0 <= value < inf else inf))
 
     def p95(self, now: float) -> float:
-        """95 % of the values of the last half second are at most this; unknown ones count as inf.
+        """Return the value that 95 % of the last half second do not exceed; unknown values count as inf.
 
-        NaN when there were none.
+        NaN without values.
         """
         values = sorted(value for time, value in self._values if 0.0 <= now - time <= RECENT)
         return values[ceil(0.95 * len(values)) - 1] if values else nan

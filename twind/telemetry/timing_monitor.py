@@ -1,7 +1,4 @@
-"""Latencies: the way of a reading and of a command, hop by hop; and whether any device still answers.
-
-Times are seconds.
-"""
+"""Latencies of a reading and of a command, hop by hop, and the time since the last reply. Times are s."""
 
 from collections.abc import Mapping, Sequence
 from math import inf, isfinite, isnan, nan
@@ -12,10 +9,11 @@ from twind.robot.state import JointState
 from twind.safety.latency_alarm import LatencyAlarm, LatencyAlert
 from twind.telemetry.rolling_stats import RecentValues, RollingStats
 
-READING = ("request", "reply", "state", "twin")  # its way: sent, first byte, last byte, state, twin
-COMMAND = ("received", "gated", "written", "moved", "command")  # its way, and the whole but the moving
-LATENCY = 0.05  # s, warned of above (design 6.4)
-SILENT = 2.0  # s without an answer: disconnected
+READING = ("request", "reply", "state", "twin")  # hops of a reading: sent, first byte, last byte, state, twin
+# hops of a command; the last is the whole but the moving
+COMMAND = ("received", "gated", "written", "moved", "command")
+LATENCY = 0.05  # s, a warning above it
+SILENT = 2.0  # s without a reply: disconnected
 
 
 class ExchangeTiming(Protocol):
@@ -23,15 +21,15 @@ class ExchangeTiming(Protocol):
 
     @property
     def hops(self) -> tuple[float, float]:
-        """Request to first byte, first to last byte, s; NaN: no device answered."""
+        """Times from request to first byte, and from first to last byte, s; NaN: no device replied."""
 
     @property
     def trips(self) -> Sequence[float]:
-        """Request to last byte of each bus, s; NaN: no device on it answered."""
+        """Time from request to last byte of each bus, s; NaN: no device on it replied."""
 
 
 class TimingMonitor:
-    """Timing of all buses, of the way of a reading and of the way of a command."""
+    """Timing of all buses, of a reading's hops and of a command's hops."""
 
     def __init__(self, buses: int, threshold: float = LATENCY) -> None:
         self.total = RollingStats(threshold)  # state age + bus round trip, at the start of each tick
@@ -39,8 +37,8 @@ class TimingMonitor:
         self.hops: Mapping[str, RollingStats] = {
             name: RollingStats(threshold) for name in (*READING, *COMMAND)
         }
-        self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
-        # s, of the last exchange in which anybody answered
+        self.hops["moved"].threshold = inf  # a slow move against friction is no latency of the daemon
+        # s, of the last exchange with a reply
         self._time = -inf
         self._trip = nan
         self._recent = RecentValues()  # of `total`
@@ -54,7 +52,7 @@ class TimingMonitor:
             window.threshold = threshold
 
     def update(self, measured: JointState, exchange: ExchangeTiming, now: float, *, live: bool) -> None:
-        """After each exchange; `now` is the tick's start, `live`: a bus is open."""
+        """Process an exchange; `now` is the tick's start (s), `live`: a bus is open."""
         if not live:
             self._time = -inf
             self._trip = nan
@@ -76,10 +74,9 @@ class TimingMonitor:
             self._trip = measured.round_trip
 
     def hop(self, name: str, duration: float, now: float, bound: float | None = None) -> None:
-        """One hop took `duration` s, and more than `bound` is too long (None: the threshold).
+        """Record that a hop took `duration` s; more than `bound` is too long (None: the threshold).
 
-        With bound inf it is a figure alone: where nothing is too long, nothing has recovered either.
-        Raises KeyError for a name that is no hop.
+        With bound inf it is a figure alone: it causes no alert. Raises KeyError for an unknown hop.
         """
         window = self.hops[name]
         bound = window.threshold if bound is None else bound
@@ -94,15 +91,15 @@ class TimingMonitor:
         return alerts
 
     def latency(self, now: float) -> float:
-        """Age of the newest state + its round trip, s; NaN before the first one."""
+        """Return the age of the newest state plus its round trip, s; NaN before the first one."""
         return now - self._time + self._trip
 
     def latency_p95(self, now: float) -> float:
-        """95 % of the latencies of the last 0.5 s are at most this; NaN unknown."""
+        """Return the latency that 95 % of the last 0.5 s do not exceed; NaN unknown."""
         return self._recent.p95(now)
 
     def connected(self, now: float) -> bool:
-        """True if a device answered within the last 2 s."""
+        """Check that a device replied within the last 2 s."""
         return now - self._time <= SILENT
 
     def _queue_alert(self, alert: LatencyAlert | None) -> None:

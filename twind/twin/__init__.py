@@ -1,7 +1,7 @@
-"""The MuJoCo twin: mirror of the measured robot, simulation of the commanded one, muscles.
+"""The MuJoCo twin: mirror and simulation of the robot, and the muscles of virtual servos.
 
-Nobody else imports MuJoCo (beside what learns), so here it is said that no picture is wanted of it: where
-all of MuJoCo is installed, for the viewer, it would load GLFW or GL into the daemon. Who draws sets
+Only this package (and `twind.learn`) imports MuJoCo, so here its rendering is disabled. Where all of MuJoCo
+is installed, for the viewer, it would otherwise load GLFW or GL into the daemon. A program that draws sets
 MUJOCO_GL before.
 """
 

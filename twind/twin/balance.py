@@ -1,6 +1,7 @@
-"""Balance of a free-standing robot (UNSTABLE_POSE): the lowest foot flat, the centre of mass above the feet.
+"""Balance of a free-standing robot (UNSTABLE_POSE): centre of mass above the feet.
 
-Quasi-static: where the mass is counts, not how fast it moves. Knows no time and no path but in `tipping`.
+The lowest foot stands flat. Quasi-static: the position of the mass counts, not its speed. Only `tipping` has
+times and a path.
 """
 
 from dataclasses import dataclass
@@ -16,14 +17,14 @@ from twind.twin.binding import Binding
 from twind.twin.mirror import index
 
 INSIDE = 0.010  # m, the centre of mass from the edge of the feet
-TOUCHING = 0.005  # m: this near to the floor a foot stands on it
-ROUND = 16  # corners that stand for the rim of a cylinder
+TOUCHING = 0.005  # m: a foot this near to the floor stands on it
+ROUND = 16  # corners that represent the rim of a cylinder
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """Stance of the robot: the bodies of the feet on the floor, the lowest first; empty: not known."""
+    """Stance of the robot: the bodies of the feet on the floor, the lowest first; empty: unknown."""
 
     feet: tuple[int, ...]
     margin: float  # m, from the centre of mass to the edge of what the feet span, < 0 outside; NaN unknown
@@ -31,7 +32,7 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class _FootGeometry:
-    """A body that stands: corners (c, 3) in its frame, each with the radius (c,) of what is round there."""
+    """A body that stands: corners (c, 3) in its frame, each with the radius (c,) of the rounding there."""
 
     body: int
     corners: Floats
@@ -40,7 +41,7 @@ class _FootGeometry:
 
 
 class Balance:
-    """The feet of a robot: what is lowest where it stands upright in its rest pose.
+    """The feet of a robot: its lowest bodies when it stands upright in its rest pose.
 
     Writes the base's place in `data`, which its owner fills with the joints' angles.
     """
@@ -62,8 +63,7 @@ class Balance:
         return bool(self._feet)
 
     def soles(self) -> list[tuple[int, Floats]]:
-        """Return for each foot its body and the middle of the points that touch the floor, (3,), m, in that
-        body's frame."""
+        """Return for each foot its body and the middle (3,) of its sole, m, in that body's frame."""
         found = []
         for foot in self._feet:
             heights = foot.corners @ foot.normal - foot.radius
@@ -95,7 +95,10 @@ class Balance:
         return Stance(feet, inside((points @ rotation.T)[:, :2], mass[:2]))
 
     def _beneath(self, place: int, corners: list[Floats]) -> "tuple[int, Floats, float]":
-        """With this foot flat: which way is up in the base's frame, how far the others are above it (m)."""
+        """Return the foot, up in the base's frame, and the height of the other feet above it (m).
+
+        This foot stands flat.
+        """
         foot = self._feet[place]
         up = self._data.xmat[foot.body].reshape(3, 3) @ foot.normal
         least = [(each @ up - other.radius).min() for each, other in zip(corners, self._feet, strict=True)]
@@ -103,20 +106,23 @@ class Balance:
         return place, up, min(others, default=np.inf) - least[place]
 
     def _turn(self, quaternion: Floats) -> None:
-        """The base at the origin, turned so, at rest; places of all bodies and of the mass follow."""
+        """Put the base at the origin with this orientation, at rest.
+
+        Bodies and centre of mass are updated.
+        """
         self._data.qpos[self._qpos : self._qpos + 3] = 0.0
         self._data.qpos[self._qpos + 3 : self._qpos + 7] = quaternion
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
 
     def _corners(self, foot: _FootGeometry) -> Floats:
-        """(c, 3), where they are now."""
+        """Return the corners (c, 3) at their present position."""
         rotation = self._data.xmat[foot.body].reshape(3, 3)
         placed: Floats = foot.corners @ rotation.T + self._data.xpos[foot.body]
         return placed
 
     def _lowest(self) -> list[_FootGeometry]:
-        """The bodies whose colliding shapes are lowest now."""
+        """Return the bodies whose colliding shapes are lowest now."""
         model = self._model
         found: dict[int, list[tuple[Floats, float]]] = {}
         for geom in range(model.ngeom):
@@ -138,7 +144,7 @@ class Balance:
 
 
 def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
-    """UNSTABLE_POSE of the margins (k,) in m at `time` (k,) in s: at most one warning."""
+    """Return UNSTABLE_POSE for the margins (k,) in m at `time` (k,) in s: at most one warning."""
     if not known:
         reason = "balance cannot be judged: the model has nothing that stands on the floor"
         return [Finding(ReasonCode.UNSTABLE_POSE, message=reason)]
@@ -159,7 +165,9 @@ def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
 
 
 def inside(points: Floats, place: Floats) -> float:
-    """How far `place` (2,) lies inside the hull of `points` (p, 2), m; not positive outside, and on a line.
+    """Return how far `place` (2,) lies inside the hull of `points` (p, 2), m.
+
+    Not positive outside, and on a line.
 
     Outside the size is at most the true distance.
     """
@@ -181,7 +189,7 @@ def _nothing_below(found: tuple[int, Floats, float]) -> float:
 
 
 def _onto(up: Floats) -> Floats:
-    """The rotation (3, 3) that turns `up` onto the vertical."""
+    """Return the rotation (3, 3) that turns `up` onto the vertical."""
     axis = np.cross(up, UP)
     cosine = float(up @ UP)
     if cosine < -1.0 + 1e-9:
@@ -198,7 +206,7 @@ def _quaternion(rotation: Floats) -> Floats:
 
 
 def _shape(model: Any, geom: int) -> tuple[Floats, float] | None:
-    """Corners (c, 3) in the body's frame and the radius around them; None: no shape that can stand."""
+    """Return corners (c, 3) in the body's frame and the radius around them; None: no shape that can stand."""
     size = model.geom_size[geom]
     kind = model.geom_type[geom]
     kinds = mujoco.mjtGeom

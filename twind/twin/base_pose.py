@@ -1,7 +1,7 @@
-"""How the base of a robot is held, and which way gravity then pulls in its frame.
+"""Pose of a held base, and the direction of gravity in its frame.
 
-Frame: x forward, y left, z up, as the base stands in the model. No sensor tells it: whoever lays the robot
-down says so.
+Frame: x forward, y left, z up, as the base stands in the model. No sensor measures it: the operator who lays
+the robot down names the pose.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ import numpy as np
 from twind.robot.arrays import Floats
 
 UPRIGHT = "upright"
-# Where down is: on its back what is in front of it points up.
+# Direction of gravity: on its back the front of the robot points up.
 BASES: Mapping[str, tuple[float, float, float]] = {
     UPRIGHT: (0.0, 0.0, -1.0),
     "back": (-1.0, 0.0, 0.0),
@@ -23,14 +23,17 @@ BASES: Mapping[str, tuple[float, float, float]] = {
 
 
 def gravity(base: str, upright: Floats) -> Floats:
-    """Gravity (3,), m/s², of a base held so; `upright`: that of the model. Raises KeyError: no such pose."""
+    """Return gravity (3,), m/s², for that pose; `upright`: that of the model.
+
+    Raises KeyError for another pose.
+    """
     return np.array(BASES[base]) * float(np.linalg.norm(upright))
 
 
 def lay_down(spec: mujoco.MjSpec, base: str, pose: Mapping[str, float]) -> None:
-    """Turn gravity in a model whose base is pinned, and put a bench under what is lowest in `pose`.
+    """Turn gravity in a model with a pinned base, and put a bench under the lowest part in `pose`.
 
-    `pose`: rad by model joint. Raises KeyError: no such base pose.
+    `pose`: rad by model joint. Raises KeyError for another base pose.
     """
     spec.option.gravity = gravity(base, np.array(spec.option.gravity))
     if base == UPRIGHT:
@@ -48,7 +51,7 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> None:
 
 
 def touching(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
-    """Geoms: the floors, and what of the robot can stand on one."""
+    """Return geoms: the floors, and those of the robot that can stand on one."""
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
     still = model.geom_bodyid == 0
     touches = model.geom_contype != 0
@@ -59,7 +62,7 @@ def touching(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
 def touch_down(
     model: mujoco.MjModel, data: mujoco.MjData, height: int, geoms: tuple[list[int], list[int]]
 ) -> None:
-    """What `stand` does, for who does it often: `height` is where the base's stands in qpos."""
+    """Do what `stand` does, for frequent calls: `height` is the index of the base's height in qpos."""
     mujoco.mj_kinematics(model, data)
     floors, solid = geoms
     if floors and solid:
@@ -69,7 +72,7 @@ def touch_down(
 
 
 def _lowest(spec: mujoco.MjSpec, down: Floats, pose: Mapping[str, float]) -> float:
-    """How far down (m) what can touch something reaches."""
+    """Return how far down (m) the shapes reach that can touch something."""
     model = spec.compile()
     data = mujoco.MjData(model)
     for name, angle in pose.items():

@@ -13,7 +13,7 @@ from twind.robot.arrays import Bools, Floats, Ints
 from twind.twin.base_pose import stand
 
 WELD = "crane"  # the equality's name, in the model
-PATIENCE = 1.0  # s of torque in all legs before it lets go
+PATIENCE = 1.0  # s of torque in all legs before it releases the base
 BY_TORQUE = "torque"
 BY_ORDER = "order"
 NEVER = "never"
@@ -40,7 +40,7 @@ class BaseHold:
 
     base: str  # the body with the free joint
     legs: tuple[int, ...]  # rows of the motors that carry it
-    hold: str = BY_TORQUE  # of `HOLDS`: what makes the crane let go and take hold
+    hold: str = BY_TORQUE  # of `HOLDS`: condition on which the support releases and holds
 
 
 class BaseSupport:
@@ -60,9 +60,9 @@ class BaseSupport:
         self._dof = int(joint.dofadr[0])
         self._legs: Ints = np.array(how.legs, np.int64)
         self._auto = how.hold == BY_TORQUE
-        self._since = np.inf  # s, from when on all legs had torque while it holds
-        self._carried = False  # the legs carry it: they have had torque since it was let go
-        self._pushes = 0  # steps of the physics that a push goes on for
+        self._since = np.inf  # s, since when all legs have had torque while the base is held
+        self._carried = False  # the legs carry it: they have had torque since the release
+        self._pushes = 0  # steps of the physics that a push still lasts
         stand(model, data, how.base)
         self._upright = self.place
         if how.hold != NEVER:
@@ -79,8 +79,7 @@ class BaseSupport:
         return np.array(self._data.qpos[self._qpos : self._qpos + 7])
 
     def truth(self) -> dict[str, object]:
-        """Return the true state of the base, not read over a bus: held, place (m), w x y z, speeds (m/s,
-        rad/s, world)."""
+        """Return the true state of the base: held, place (m), w x y z, speeds (m/s, rad/s, world)."""
         velocity = self._data.qvel[self._dof : self._dof + 6]
         turning = self._data.xmat[self._base].reshape(3, 3) @ velocity[3:]
         place = self.place.tolist()
@@ -147,17 +146,17 @@ class BaseSupport:
 
     @property
     def pushing(self) -> bool:
-        """Must `stepped` be called after every step of the physics?"""
+        """True while `stepped` must be called after every step of the physics."""
         return self._pushes > 0
 
     def stepped(self) -> None:
-        """One step of the physics has been taken: a push comes to its end."""
+        """Note one step of the physics, and end a push that is over."""
         self._pushes -= 1
         if self._pushes == 0:
             self._data.xfrc_applied[self._base, :3] = 0.0
 
     def _grasp(self) -> None:
-        """Hold the base where it is, at rest."""
+        """Hold the base at its present position, at rest."""
         data = self._data
         mujoco.mj_kinematics(self._model, data)
         data.qvel[self._dof : self._dof + 6] = 0.0

@@ -1,6 +1,6 @@
 """A robot file bound to its compiled model: every joint mapped or passive, ranges and limits checked.
 
-The one place where names of joints meet the model's addresses. What it returns is arrays in joint order.
+Only this module relates joint names to the model's addresses. Its results are arrays in joint order.
 """
 
 import math
@@ -41,8 +41,8 @@ class Binding:
     limits: JointLimits
     ratings: ActuatorRatings
     qpos: Ints  # address of each joint in qpos
-    dof: Ints  # in qvel, qacc, qfrc
-    actuators: Ints  # of its goal in ctrl
+    dof: Ints  # address of each joint in qvel, qacc, qfrc
+    actuators: Ints  # address of its goal in ctrl
     rest: Floats  # rad
     floating: bool  # the base has its free joint
     mjcf: str  # the model as compiled, base pinned or not
@@ -81,9 +81,9 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
 
 
 def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None) -> Binding:
-    """The same model with a robot file that differs in limits and gains alone: nothing is compiled.
+    """Bind a robot file that differs in limits and gains only; nothing is compiled.
 
-    `calibration`: the one that it was bound with. Raises BindingError.
+    `calibration`: the one of `binding`. Raises BindingError.
     """
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(binding.model, joint, robot) for joint in robot.joints]
@@ -101,7 +101,7 @@ def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None)
 
 
 def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
-    """The model, its base pinned unless free, and how its IMU is mounted.
+    """Compile the model, its base pinned unless free; return spec, model and mounting of the IMU.
 
     Dense Jacobian: MuJoCo 4.0.0's sparse Newton diverges.
     """
@@ -126,7 +126,7 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
             feel(spec, robot.imu.site)
         model = spec.compile()
         return spec, model, None if robot.imu is None else mount(model, robot.imu)
-    except ValueError as error:  # how the bindings report what the parser and the compiler refuse
+    except ValueError as error:  # errors of the parser and the compiler
         raise BindingError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
 
 
@@ -154,7 +154,10 @@ def _names(model: Any) -> list[str]:
 
 
 def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
-    """Every joint of the model is driven, passive, or the base's free joint; every passive name exists."""
+    """Require that each model joint is driven, passive, or the base's free joint.
+
+    Passive names must exist.
+    """
     names = _names(model)
     for name in robot.passive:
         if name not in names:
@@ -171,7 +174,7 @@ def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
 
 
 def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
-    """Address in ctrl of the position servo that drives a model joint."""
+    """Return the address in ctrl of the position servo that drives a model joint."""
     driving = np.flatnonzero(
         (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == number)
     )
@@ -204,7 +207,7 @@ def _joint_map(
 
 
 def _calibrated(robot: RobotFile, known: Mapping[str, JointCalibration]) -> tuple[bool, ...]:
-    """A joint is where its zero was measured; one of a transmission where those of all its actuators were."""
+    """Return which joints have a measured zero: of a transmission all actuators must have one."""
     whole = {
         name: all(actuator in known for actuator in each.actuators)
         for each in robot.transmissions
@@ -214,7 +217,7 @@ def _calibrated(robot: RobotFile, known: Mapping[str, JointCalibration]) -> tupl
 
 
 def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[JointRange]) -> TurnRange:
-    """On which turn each actuator was calibrated."""
+    """Return the turn on which each actuator was calibrated."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     sweeps = [(0, 0) if entry is None else entry.sweep_ticks for entry in entries]
     goals = [
@@ -275,7 +278,7 @@ def _ratings(robot: RobotFile) -> ActuatorRatings:
 
 
 def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRange]) -> JointBusMap:
-    """The joints of one bus, by id."""
+    """Return the joints of one bus, by id."""
     places = sorted(
         (place for place, joint in enumerate(robot.joints) if joint.bus == bus),
         key=lambda place: robot.joints[place].id,
@@ -302,7 +305,7 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[JointRang
 
 
 def _link(spec: TransmissionSpec, names: list[str], reach: Mapping[str, JointRange]) -> MappedTransmission:
-    """A transmission among the joints `names` of its bus."""
+    """Return a transmission in terms of the joints `names` of its bus."""
     return MappedTransmission(
         rows=np.array([names.index(name) for name in spec.joints], np.int64),
         law=spec.law,

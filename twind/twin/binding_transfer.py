@@ -1,7 +1,7 @@
-"""A bound robot as bytes, from the loop to the front it starts: both judge the very same model.
+"""Transfer of a bound robot from the loop to the front: both judge the same model.
 
-Pickled, because model and arrays are already compiled and checked. The bytes travel in a sealed memfd that
-the loop made itself; nothing that a client sends ever comes here.
+Pickled, because model and arrays are already compiled and checked. The bytes travel in a sealed memfd from
+the loop itself; data from clients never reach this module.
 """
 
 import pickle
@@ -13,15 +13,15 @@ from twind.twin.trajectory_precheck import TrajectoryPrecheck
 
 
 def packed(binding: Binding) -> bytes:
-    """The binding as bytes."""
+    """Return the binding as bytes."""
     return pickle.dumps(binding)
 
 
 def unpacked(data: bytes) -> Binding:
-    """What `packed` gave. Raises ValueError for anything else."""
+    """Return the binding from the bytes of `packed`. Raises ValueError for anything else."""
     try:
         binding = pickle.loads(data)
-    except Exception as error:  # noqa: BLE001  a broken handover is one error, whatever pickle calls it
+    except Exception as error:  # noqa: BLE001  a broken handover is one error, whatever pickle raises
         raise ValueError(f"no robot was handed over: {error!r}") from None
     if not isinstance(binding, Binding):
         raise ValueError(f"no robot was handed over: {type(binding).__name__}")
@@ -29,7 +29,7 @@ def unpacked(data: bytes) -> Binding:
 
 
 def foresight(data: bytes, period: float) -> TrajectoryPrecheck:
-    """What judges the paths of the robot handed over; `period` in s. Raises ValueError, BindingError."""
+    """Return the precheck for the robot in `data`; `period` in s. Raises ValueError, BindingError."""
     hush()
     binding = unpacked(data)
     return TrajectoryPrecheck(binding, period, Dynamics(binding))

@@ -1,6 +1,6 @@
-"""How close a robot comes to itself in its own poses and motions: to be reviewed before `allow` is set.
+"""Survey of a robot's clearance in its own poses and motions, for a review before `allow` is set.
 
-Proposes and changes nothing: a pair that is near because the robot is described wrongly would be allowed for
+It proposes and changes nothing: a pair that is near because the robot file is wrong would be allowed for
 good.
 """
 
@@ -28,7 +28,7 @@ class NearBodies:
 
 @dataclass(frozen=True, slots=True)
 class ClearanceSurvey:
-    """What was found. `near` is nearer than warned of, the nearest first, each pair of bodies once."""
+    """Result of a survey. `near` holds the pairs below the warning distance, nearest first, each once."""
 
     judged: int  # pairs of geoms
     possible: int  # pairs that the model lets collide
@@ -36,7 +36,7 @@ class ClearanceSurvey:
 
     @property
     def error(self) -> str | None:
-        """Why there is no look-ahead for this robot; None: there is."""
+        """Reason why there is no look-ahead for this robot; None: there is one."""
         if self.judged:
             return None
         why = (
@@ -46,24 +46,24 @@ class ClearanceSurvey:
 
     @property
     def proposed(self) -> tuple[tuple[str, str], ...]:
-        """What `allow` would have to list for all of it to pass without a word."""
+        """Entries of `allow` with which all pairs would pass without a warning."""
         return tuple(near.bodies for near in self.near if near.own)
 
     def lines(self) -> list[str]:
-        """For a person."""
-        said = [f"clearance: {self.judged} pairs of geoms are judged, of {self.possible} that can collide"]
+        """Return the result as lines for people."""
+        texts = [f"clearance: {self.judged} pairs of geoms are judged, of {self.possible} that can collide"]
         for near in self.near:
             word = "too close" if near.clearance <= near.block else "near"
             pair = " and ".join(near.bodies)
-            said.append(f"{word}: {pair}: {near.clearance * 1e3:.1f} mm in {near.where}")
+            texts.append(f"{word}: {pair}: {near.clearance * 1e3:.1f} mm in {near.where}")
         if self.proposed:
             pairs = ", ".join(f"[{one}, {other}]" for one, other in self.proposed)
-            said.append(f"if they may touch: collision: {{allow: [{pairs}]}}")
-        return said
+            texts.append(f"if they may touch: collision: {{allow: [{pairs}]}}")
+        return texts
 
 
 def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurvey:
-    """Every pose of the robot file, and `motions` by name, from the rest pose. Raises BindingError."""
+    """Survey every pose of the robot file, and `motions` by name, from the rest pose. Raises BindingError."""
     bodies = CollisionModel(binding)
     found: dict[tuple[str, str], NearBodies] = {}
     for name, pose in binding.robot.poses.items():
@@ -91,11 +91,11 @@ def _keep(
     *,
     moving: bool,
 ) -> None:
-    """The nearest of each pair of bodies."""
+    """Keep the nearest approach of each pair of bodies."""
     for close in (*swept.refused, *swept.warned):
         pair = bodies.pairs[close.pair]
         place = f"{where} at {close.at:.2f} s" if moving else where
         own = pair.code is ReasonCode.SELF_COLLISION
-        known = found.get(pair.bodies)
-        if known is None or close.clearance < known.clearance:
+        before = found.get(pair.bodies)
+        if before is None or close.clearance < before.clearance:
             found[pair.bodies] = NearBodies(pair.bodies, close.clearance, place, pair.block, own)

@@ -1,9 +1,9 @@
-"""How far apart the robot's bodies are in a pose: kinematics and collision on a model copy of its own.
+"""Distances of the robot's bodies in a pose: kinematics and collision on a model copy of its own.
 
-Which pairs are judged is settled once, from the model's own filters and the robot file. Distances are those
-of surfaces, negative inside each other, exact up to `CollisionModel.reach` and never overstated: contacts are
-exact with multi-point contacts off (but for two boxes, which are measured one by one). Knows no path and no
-time.
+The judged pairs are chosen once, from the model's own filters and the robot file. Distances are between
+surfaces, negative inside each other, exact up to `CollisionModel.reach` and never overstated. Contacts are
+exact with multi-point contacts off, except for two boxes, which are measured one by one. It has no path
+and no time.
 """
 
 import copy
@@ -24,8 +24,8 @@ from twind.twin.binding import BindingError
 from twind.twin.lever_bounds import levers
 from twind.twin.mirror import index
 
-REACH = 0.03  # m: how far a pair is looked at; what is further counts as this far
-WORLD = 0  # the body of all that does not move
+REACH = 0.03  # m: range of the measurement; farther pairs count as this far
+WORLD = 0  # the body of all fixed geoms
 _UNMEASURED = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
 
 
@@ -34,11 +34,11 @@ class CollisionSettings(Protocol):
 
     @property
     def path(self) -> Path:
-        """For messages."""
+        """Path of the robot file, for messages."""
 
     @property
     def base(self) -> str:
-        """The body that carries all others."""
+        """Name of the body that carries all others."""
 
     @property
     def gate(self) -> GateSettings:
@@ -67,7 +67,7 @@ class GeomPair:
 
     geoms: tuple[int, int]  # by number; the smaller first
     bodies: tuple[str, str]  # names, for people
-    code: ReasonCode  # what it is called when they come too close
+    code: ReasonCode  # reason code when they come too close
     block: float  # m
 
     @property
@@ -93,7 +93,7 @@ class CollisionModel:
         self._place = index(binding.qpos)
         self._qpos = self.data.qpos
         boxes = [place for place, pair in enumerate(self.pairs) if _boxes(model, pair.geoms)]
-        self.boxes = np.array(boxes, np.int64)  # pairs that `distances` does not know: ask `between`
+        self.boxes = np.array(boxes, np.int64)  # pairs that `distances` does not measure: see `between`
         self._contact = np.full((model.ngeom, model.ngeom), -1)
         for place, pair in enumerate(self.pairs):
             if place not in boxes:
@@ -101,10 +101,10 @@ class CollisionModel:
                 self._contact[a, b] = self._contact[b, a] = place
 
     def _prepare(self, ignored: frozenset[int] | None) -> None:
-        """Margins, so that near pairs are contacts; what is never judged is never looked at."""
+        """Set margins so that near pairs become contacts, and disable geoms that are never judged."""
         model = self.model
         reach = self.reach
-        # of a pair they are summed
+        # of a pair they are summed up
         model.geom_margin[:] = 0.5 * reach
         model.geom_gap[:] = 0.0
         model.pair_margin[:] = reach
@@ -115,12 +115,12 @@ class CollisionModel:
         mujoco.mj_setConst(model, mujoco.MjData(model))  # else margins count for single-geom bodies only
 
     def place(self, position: Floats) -> None:
-        """Take up a pose."""
+        """Set the pose (n,), rad."""
         self._qpos[self._place] = position
         mujoco.mj_kinematics(self.model, self.data)
 
     def distances(self, positions: Floats, boxes: Ints | None = None, most: float = REACH) -> Floats:
-        """Distances (k, p) in the poses (k, n), at most `reach`.
+        """Return distances (k, p), m, in the poses (k, n), at most `reach`.
 
         Of two boxes only the pairs `boxes` are measured, at most `most`; the others are left at `reach`.
         """
@@ -154,7 +154,7 @@ class CollisionModel:
         return found
 
     def between(self, place: int, most: float) -> float:
-        """Distance (m) of one pair in the pose taken up last, at most `most`."""
+        """Return the distance (m) of one pair in the pose set last, at most `most`."""
         a, b = self.pairs[place].geoms
         return float(mujoco.mj_geomDistance(self.model, self.data, a, b, most, None))
 
@@ -163,7 +163,7 @@ class CollisionModel:
 
 
 def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, ...]:
-    """The pairs that are judged. Raises BindingError where the robot file names what is not there."""
+    """Return the pairs that are judged. Raises BindingError where the robot file names a missing body."""
     clearance = robot.gate.collision
     where = f"{robot.path}: collision"
     world = strangers(model, robot.base)
@@ -174,20 +174,20 @@ def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, .
         only = _geom_pair_names(model, clearance.pairs, f"{where}.pairs")
         for names, named in zip(clearance.pairs, only, strict=True):
             if not any(named(pair) for pair in pairs):
-                said = f"the model never lets [{', '.join(names)}] collide, or `allow` does"
-                raise BindingError(f"{where}.pairs: {said}")
+                message = f"the model never lets [{', '.join(names)}] collide, or `allow` does"
+                raise BindingError(f"{where}.pairs: {message}")
         pairs = [pair for pair in pairs if any(named(pair) for named in only)]
     return tuple(_pair(model, pair, world, clearance, where) for pair in pairs)
 
 
 def strangers(model: mujoco.MjModel, base: str) -> frozenset[int]:
-    """Geoms that do not belong to the robot: floor, walls, things."""
+    """Return geoms that do not belong to the robot: floor, walls, things."""
     own = model.body_rootid[model.body(base).id]
     return frozenset(np.flatnonzero(model.body_rootid[model.geom_bodyid] != own).tolist())
 
 
 def candidates(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Pairs of geoms that the model lets collide: the smaller number first."""
+    """Return pairs of geoms that the model lets collide: the smaller number first."""
     listed = {tuple(sorted(pair)) for pair in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     return [
         (a, b)
@@ -198,7 +198,7 @@ def candidates(model: mujoco.MjModel) -> list[tuple[int, int]]:
 
 
 def _collides(model: mujoco.MjModel, a: int, b: int) -> bool:
-    """MuJoCo's own filters: masks, excluded bodies, a body and its parent (computation chapter)."""
+    """Apply MuJoCo's own filters: masks, excluded bodies, a body and its parent (computation chapter)."""
     if not (
         model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
     ):
@@ -220,7 +220,10 @@ def _collides(model: mujoco.MjModel, a: int, b: int) -> bool:
 
 
 def _boxes(model: mujoco.MjModel, pair: tuple[int, int]) -> bool:
-    """Contacts of two boxes do not say how far apart they are (up to 14 mm off, 12 % missed; measured)."""
+    """Check for two boxes, whose contacts do not give the distance.
+
+    They are up to 14 mm off and 12 % are missed (measured).
+    """
     return all(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX for geom in pair)
 
 
@@ -239,7 +242,7 @@ def _pair(
 
 
 def body_name(model: mujoco.MjModel, geom: int) -> str:
-    """Name of a geom's body; of what belongs to the world, of the geom itself."""
+    """Return the name of a geom's body; for a geom of the world, of the geom itself."""
     body = int(model.geom_bodyid[geom])
     if body == WORLD:
         return model.geom(geom).name or f"geom {geom} of the world"
@@ -248,7 +251,7 @@ def body_name(model: mujoco.MjModel, geom: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _GeomPairNames:
-    """One pair of names as geoms: what either name stands for."""
+    """One pair of names as the geoms of either name."""
 
     one: frozenset[int]
     other: frozenset[int]
@@ -265,7 +268,7 @@ def _geom_pair_names(
 
 
 def _geoms(model: mujoco.MjModel, name: str, where: str) -> frozenset[int]:
-    """The geom of that name, and those of the body of that name. Raises BindingError with the nearest."""
+    """Return the geom and the geoms of the body of that name. Raises BindingError with the nearest name."""
     geoms = {g for g in range(model.ngeom) if model.geom(g).name == name}
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if body >= 0:

@@ -19,7 +19,7 @@ class Contact:
 
 
 def deepest_contact(model: Any, data: Any, dof: int, ignored: Collection[int]) -> Contact | None:
-    """The deepest contact between a body that joint `dof` moves and one that it does not move.
+    """Return the deepest contact between a body that joint `dof` moves and one that it does not move.
 
     `dof`: address in qvel. `ignored`: geoms whose contacts are left out. None: there is no such contact.
     """
@@ -38,7 +38,10 @@ def deepest_contact(model: Any, data: Any, dof: int, ignored: Collection[int]) -
 
 
 def _moved(model: Any, body: int) -> Bools:
-    """Bodies (nbody,) that move with `body`: it and its descendants. A parent has the smaller number."""
+    """Return bodies (nbody,) that move with `body`: it and its descendants.
+
+    A parent has the smaller number.
+    """
     moved: Bools = np.zeros(model.nbody, np.bool_)
     moved[body] = True
     for child in range(body + 1, model.nbody):

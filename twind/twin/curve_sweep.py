@@ -1,9 +1,9 @@
-"""Does a whole curve keep its distance (SELF_COLLISION, KEEP_OUT)? Proved between samples, not only at them.
+"""Proof that a whole curve keeps its distance (SELF_COLLISION, KEEP_OUT), also between samples.
 
 A joint turns by no more than the length of its control polygon, and no two geoms come closer by more than
-lever x angle (`lever_bounds.py`). So where two poses with distances d and e lie L of such motion apart, the
-curve between them is clear of `block` if (d + e - L) / 2 > block; what is not proved so is halved. No clear
-verdict is wrong; a curve is refused wrongly only where its true clearance is within `BAND` above `block`.
+lever x angle (`lever_bounds.py`). Let two poses with distances d and e lie L of such motion apart. The curve
+between them is clear of `block` if (d + e - L) / 2 > block; an unproved piece is halved. No clear verdict is
+wrong. A curve is refused wrongly only where its true clearance is within `BAND` above `block`.
 """
 
 from collections.abc import Generator, Sequence
@@ -21,8 +21,8 @@ BAND = 1e-4  # m above `block` in which a curve may be refused although it is cl
 SLACK = 5e-4  # m: a start that is too close already may be left by a way that comes closer by this much
 SHARE = 0.6  # of the motion that two poses out of `reach` would allow between them
 CHUNK = 64  # pieces between two yields: 0.3 to 1 ms
-FAR = 1.0  # m: how far boxes are measured
-MOST = 60_000  # poses and measurements of one curve: some 0.4 s; what needs more is refused
+FAR = 1.0  # m: range in which boxes are measured
+MOST = 60_000  # poses and measurements of one curve: some 0.4 s; a curve that needs more is refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +30,14 @@ class CloseGeoms:
     """Two geoms too close, or nearly so."""
 
     pair: int  # place in `CollisionModel.pairs`
-    time: float  # s on the curve: the first moment of it
-    clearance: float  # m, the least that was found
-    at: float  # s, when that was
+    time: float  # s on the curve: the first moment of the approach
+    clearance: float  # m, the least clearance found
+    at: float  # s, the time of it
 
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """What became of a curve."""
+    """Result of the sweep of one curve."""
 
     refused: tuple[CloseGeoms, ...]  # in order of time
     warned: tuple[CloseGeoms, ...]  # nearer than the band beyond `block` at a sample
@@ -47,7 +47,7 @@ class SweepResult:
 
 @dataclass(slots=True)
 class _UnprovedPieces:
-    """Pairs whose way over a piece is not proved yet: piece (r,), pair (r,), distances at its ends, bound."""
+    """Pairs not proved yet on a piece: piece (r,), pair (r,), distances at its ends, bound (m)."""
 
     piece: Ints
     pair: Ints
@@ -71,7 +71,7 @@ class _CurvePieces:
     end: Floats
 
     def motion(self) -> Floats:
-        """The most that each joint turns, rad, (i, n)."""
+        """Return the most that each joint turns, rad, (i, n)."""
         turned: Floats = np.abs(np.diff(self.curve, axis=0)).sum(axis=0)
         return turned
 
@@ -79,7 +79,7 @@ class _CurvePieces:
         return _CurvePieces(self.curve[:, chosen], self.start[chosen], self.end[chosen])
 
     def split(self) -> "_CurvePieces":
-        """Each in two, in their order."""
+        """Split each piece in two, in their order."""
         left, right = halves(self.curve)
         middle = 0.5 * (self.start + self.end)
         shape = (len(left), 2 * len(middle), left.shape[2])
@@ -90,7 +90,7 @@ class _CurvePieces:
 
 
 def bernstein(curve: Spline) -> _CurvePieces:
-    """The segments of a spline."""
+    """Return the segments of a spline as pieces."""
     powers = curve.coefficients
     T = np.diff(curve.time)
     degree = powers.shape[1] - 1
@@ -105,7 +105,10 @@ def bernstein(curve: Spline) -> _CurvePieces:
 
 
 def _groups(share: Floats) -> Ints:
-    """The last piece of each group of pieces that together move by a share of at most 1 (or of one alone)."""
+    """Return the last piece of each group of pieces that together move by a share of at most 1.
+
+    A single piece may move by more.
+    """
     ends = []
     total = 0.0
     for piece, part in enumerate(share.tolist()):
@@ -117,13 +120,13 @@ def _groups(share: Floats) -> Ints:
 
 
 class CurveSweep:
-    """One curve on its way through the judgement."""
+    """Sweep of one curve, in slices."""
 
     def __init__(self, bodies: CollisionModel) -> None:
         self._bodies = bodies
         self._work = 0
         self._bound = bodies.block.copy()
-        self._leaving = np.zeros(len(bodies.pairs), np.bool_)  # too close at the start, and not yet out of it
+        self._leaving = np.zeros(len(bodies.pairs), np.bool_)  # too close at the start, and not yet clear
         self._bad: dict[int, CloseGeoms] = {}
         self._least = np.full(len(bodies.pairs), np.inf)
         self._when = np.zeros(len(bodies.pairs))
@@ -147,7 +150,7 @@ class CurveSweep:
         return self._result(unfinished=self._work > MOST)
 
     def standing(self, position: Sequence[float]) -> SweepResult:
-        """One pose (n,): a pair closer than `block` is refused, even if it could be left from there."""
+        """Judge one pose (n,): a pair closer than `block` is refused, even if it could be left from there."""
         self._note(self._measured(np.array(position, np.float64))[None], np.zeros(1))
         for pair in np.flatnonzero(~(self._least > self._bodies.block)):
             self._bad[int(pair)] = CloseGeoms(int(pair), 0.0, 0.0, 0.0)
@@ -156,12 +159,12 @@ class CurveSweep:
     # ------------------------------------------------------------------------------- pieces
 
     def _fine(self, pieces: _CurvePieces) -> _CurvePieces | None:
-        """Halved until no pair can cross the reach unseen; None where that takes too many."""
+        """Halve the pieces until no pair can cross the reach unseen; None where that takes too many."""
         bodies = self._bodies
         most = SHARE * 2.0 * (bodies.reach - bodies.block)
         while True:
             with np.errstate(all="ignore"):
-                # At most so much in one piece, for the pair that it moves most.
+                # The bound applies to the pair that the piece moves most.
                 wide: Bools = np.any(~(pieces.motion() @ bodies.levers.T <= most), axis=1)
             if not wide.any():
                 return pieces
@@ -177,9 +180,12 @@ class CurveSweep:
             )
 
     def _chunk(self, pieces: _CurvePieces, row: Floats) -> Generator[None, None, Floats]:
-        """Some pieces, the first of which begins at distances `row` (p,); the distances at their end.
+        """Judge some pieces, the first of which begins at distances `row` (p,).
 
-        Looks only where enough motion has come together; what is not proved so is looked at piece by piece.
+        Return the distances at their end.
+
+        Poses are measured only where enough motion has accumulated; an unproved group is judged piece by
+        piece.
         """
         bodies = self._bodies
         moved = pieces.motion() @ bodies.levers.T
@@ -209,7 +215,7 @@ class CurveSweep:
     def _taken_apart(
         self, pieces: _CurvePieces, starts: Ints, ends: Ints, rows: Floats, bound: Floats, unproved: Bools
     ) -> _UnprovedPieces:
-        """Pairs that a whole group does not prove, at every piece of the group."""
+        """Return the pairs that a whole group does not prove, at every piece of the group."""
         bodies = self._bodies
         found: list[tuple[int, int, float, float, float]] = []
         for group in np.flatnonzero(unproved.any(axis=1)):
@@ -230,7 +236,7 @@ class CurveSweep:
         return _UnprovedPieces(*places, np.array(columns[2]), np.array(columns[3]), np.array(columns[4]))
 
     def _close_in(self, pieces: _CurvePieces, rows: _UnprovedPieces) -> Generator[None, None, None]:
-        """Halve what is not proved until it is, or is found too close."""
+        """Halve the unproved pieces until each is proved, or found too close."""
         bodies = self._bodies
         levers = self._bodies.levers
         since = 0
@@ -271,19 +277,22 @@ class CurveSweep:
     # ------------------------------------------------------------------------------- findings
 
     def _measured(self, position: Floats) -> Floats:
-        """Distances (p,) of one pose, those of boxes too."""
+        """Return distances (p,) of one pose, with those of boxes."""
         bodies = self._bodies
         row: Floats = bodies.distances(position[None], bodies.boxes, FAR)[0]
         return row
 
     def _begin(self, row: Floats) -> None:
-        """A pair that is too close already may only be left."""
+        """Start the sweep; a pair that is too close already may only be left."""
         self._leaving = row < self._bodies.block + BAND
         self._bound = np.where(self._leaving, np.minimum(row - SLACK, self._bodies.block), self._bodies.block)
         self._note(row[None], np.zeros(1))
 
     def _bounds(self, rows: Floats) -> Floats:
-        """The bound of each piece and pair (i, p): `block`, but while a pair leaves the place it began in."""
+        """Return the bound of each piece and pair (i, p), m.
+
+        It is `block`, but lower while a pair leaves its start.
+        """
         block = np.broadcast_to(self._bodies.block, (len(rows) - 1, len(self._bound)))
         if not self._leaving.any():
             return block
@@ -293,7 +302,7 @@ class CurveSweep:
         return bound
 
     def _note(self, rows: Floats, times: Floats) -> None:
-        """Samples (k, p) at times (k,): the least of each pair, and since when it is near."""
+        """Note samples (k, p) at times (k,): the least of each pair, and since when it is near."""
         place = rows.argmin(axis=0)
         least = rows[place, np.arange(rows.shape[1])]
         lower = least < self._least
@@ -317,13 +326,13 @@ class CurveSweep:
         np.minimum.at(self._near_since, pair[near], times[near])
 
     def _mark(self, times: Floats, rows: Floats, bound: Floats) -> None:
-        """After the first refusal: what else is too close at the poses looked at anyway."""
+        """After the first refusal note all pairs that are too close at the measured poses."""
         for k, pair in np.argwhere(~(rows[1:] > bound)):
             if int(pair) not in self._bad:
                 self._bad[int(pair)] = CloseGeoms(int(pair), float(times[k]), 0.0, 0.0)
 
     def _found(self, pieces: _CurvePieces, rows: _UnprovedPieces, place: int) -> None:
-        """Too close somewhere on a piece: the first moment, to a thousandth of the piece."""
+        """Find the first moment of a violation on a piece, to a thousandth of the piece."""
         pair = int(rows.pair[place])
         piece = int(rows.piece[place])
         early = float(pieces.start[piece])

@@ -1,7 +1,7 @@
 """Torque and balance along a path (TORQUE_INFEASIBLE, UNSTABLE_POSE). Front process.
 
-Inverse dynamics on a model of its own: contacts, joint stops and loops are off, so that what comes out is
-what the joints alone must give. The base is pinned; a free-standing robot stands as `balance` says.
+Inverse dynamics on a model of its own: contacts, joint stops and loops are off, so that the result is the
+torque of the joints alone. The base is pinned; a free-standing robot stands as `balance` computes.
 """
 
 import copy
@@ -17,12 +17,12 @@ from twind.twin.balance import Balance, Stance, tipping
 from twind.twin.binding import Binding
 from twind.twin.mirror import index
 
-SHARE = 0.8  # of what a joint can give: more than that is told or refused
+SHARE = 0.8  # share of a joint's torque: more is reported or refused
 # samples between two yields: some 1 ms each
 PINNED = 128
 FREE = 8
 MOVES = 1e-9  # m or rad per rad: less than that, a joint does not move a foot
-HEAVIER = 1.01  # times the torque of the standing start: more than that is the path's own doing
+HEAVIER = 1.01  # times the torque of the standing start: a smaller excess is not caused by the path
 
 
 class Dynamics:
@@ -48,9 +48,9 @@ class Dynamics:
     ) -> Generator[None, None, Verdict]:
         """Judge samples of a path: time (k,) in s, the others (k, n) in rad, rad/s, rad/s².
 
-        What is faster than the joints' limits is slowed down or refused by others: it is judged as slow as
-        that. A joint whose effort limit is unknown (NaN) is not judged where torque is only told, and refuses
-        where the robot file says that torque refuses. Returns the verdict; yields every 2 ms or so.
+        Samples beyond the joints' limits are slowed down or refused by other rules, and judged at the limits.
+        A joint whose effort limit is unknown (NaN) is not judged where torque is only reported. It refuses
+        where the robot file refuses for torque. Returns the verdict; yields every 2 ms or so.
         """
         count = len(time)
         torque = np.empty_like(position, np.float64)
@@ -73,14 +73,13 @@ class Dynamics:
         return Verdict(tuple(refusals), tuple(warnings))
 
     def _slower(self, velocity: Floats, acceleration: Floats) -> float:
-        """The uniform stretch after which no sample is beyond the joints' limits."""
+        """Return the uniform stretch after which no sample is beyond the joints' limits."""
         fast = np.abs(velocity) / self._limits.velocity
         steep = np.sqrt(np.abs(acceleration) / self._limits.acceleration)
         return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
 
     def _sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
-        """Return the torque (n,) in N·m, NaN where not known, and how far inside its feet the robot stands,
-        m."""
+        """Return the torque (n,), N·m, NaN unknown, and the margin of balance (m)."""
         data = self._data
         data.qpos[self._place] = position
         data.qvel[self._speed] = velocity
@@ -93,9 +92,9 @@ class Dynamics:
         return self._carried(torque, stance), stance.margin
 
     def _carried(self, torque: Floats, stance: Stance) -> Floats:
-        """Return the torque with the robot's weight on its feet; on two feet each leg's share is not known.
+        """Return the torque with the robot's weight on its feet; on two feet each leg's share is unknown.
 
-        What is pushed is the same for a joint above both legs (a waist), whichever foot it goes through.
+        For a joint above both legs (a waist) the load is the same, whichever foot carries it.
         """
         if not stance.feet:
             return torque
@@ -129,14 +128,14 @@ class Dynamics:
         if not (self._strict and len(joints)):
             return []
         reason = (
-            f"what {len(joints)} joints can give is not known: torque constant or current limit are missing"
+            f"the torque of {len(joints)} joints is unknown: torque constant or current limit are missing"
         )
         return [Finding(ReasonCode.TORQUE_INFEASIBLE, joint=int(joints[0]), message=reason)]
 
 
 @dataclass(frozen=True, slots=True)
 class _Excess:
-    """A joint that needs too much; `worse`: more than it needs already where it stands."""
+    """A joint that needs too much torque; `worse`: more than it needs at rest at the start."""
 
     finding: Finding
     worse: bool
@@ -148,7 +147,7 @@ def _excess(joint: int, time: Floats, size: Floats, over: Ints, bound: Floats, s
     most = float(bound[joint])
     before = abs(float(standing[joint]))
     hangs = before > most
-    reason = f"more than {SHARE:g} of what the joint can give (N·m), most at {time[worst]:.3g} s"
+    reason = f"more than {SHARE:g} of the joint's torque (N·m), most at {time[worst]:.3g} s"
     if hangs:
         reason += f"; {before:.3g} N·m already standing still at the start"
     finding = Finding(

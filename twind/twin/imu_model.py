@@ -1,6 +1,6 @@
-"""An inertial sensor in the model: its mounting, and what it would tell. Values are in the axes of the base.
+"""An inertial sensor in the model: its mounting and its readings. Values are in the axes of the base.
 
-Physics tells them at a site of the base body, by sensors of our own: those of the model may be anything.
+Physics computes them at a site of the base body, by added sensors: those of the model may be of any kind.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ QUATERNION = "twind quaternion"
 
 
 def mount(model: Any, imu: ImuSpec) -> Quaternion:
-    """From the sensor's axes to the base's: as the file says, else as its site stands."""
+    """Return the rotation from the sensor's axes to the base's: of the robot file, else of its site."""
     if imu.rotation is not None:
         w, x, y, z = imu.rotation
         return (w, x, y, z)
@@ -29,18 +29,18 @@ def mount(model: Any, imu: ImuSpec) -> Quaternion:
 
 
 def mount_of(robot: RobotFile, imu: ImuSpec) -> Quaternion:
-    """The same, of a robot's model."""
+    """Return the mounting for a robot's model."""
     return mount(mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), imu)
 
 
 def _of_site(model: Any, name: str) -> Quaternion:
-    """From the axes of the site to those of its body."""
+    """Return the rotation from the axes of the site to those of its body."""
     w, x, y, z = model.site_quat[model.site(name).id].tolist()
     return unit((w, x, y, z))
 
 
 def require_site(spec: mujoco.MjSpec, robot: RobotFile, site: str) -> None:
-    """Raises BindingError: the base has no such site."""
+    """Check that the base has such a site. Raises BindingError."""
     sites = [each.name for each in spec.body(robot.base).sites if each.name]
     if site not in sites:
         at = place(robot.path, robot.text_sha256, ("sensors", "imu", "site"))
@@ -49,7 +49,7 @@ def require_site(spec: mujoco.MjSpec, robot: RobotFile, site: str) -> None:
 
 
 def feel(spec: mujoco.MjSpec, site: str) -> None:
-    """Put the sensors into a model, at one of its sites."""
+    """Add the sensors to a model, at one of its sites."""
     for name, kind in (
         (GYRO, mujoco.mjtSensor.mjSENS_GYRO),
         (ACCELERATION, mujoco.mjtSensor.mjSENS_ACCELEROMETER),
@@ -59,7 +59,7 @@ def feel(spec: mujoco.MjSpec, site: str) -> None:
 
 
 class ImuModel:
-    """What the sensors of one compiled model tell; it has been through `feel`."""
+    """Readings of the sensors of one compiled model, prepared by `feel`."""
 
     def __init__(self, model: Any, data: Any, site: str) -> None:
         self._stands = _of_site(model, site)
@@ -71,19 +71,22 @@ class ImuModel:
         self._gravity = model.opt.gravity
 
     def read_imu(self, time: float) -> Imu:
-        """A reading of now, which is `time` (s); before the first step of the physics all is 0."""
+        """Return a reading at `time` (s); before the first step of the physics all values are 0."""
         w, x, y, z = self._quaternion.tolist()
         turned = np.array(product(self._laid(), product(unit((w, x, y, z)), conjugate(self._stands))))
         return Imu(time, _kept(self._turn @ self._gyro), _kept(self._turn @ self._force), _kept(turned))
 
     def _laid(self) -> Quaternion:
-        """To a world with up upwards: of a robot that lies the model has its gravity turned."""
+        """Return the rotation to a world with up upwards.
+
+        The model of a lying robot has its gravity turned.
+        """
         x, y, z = (self._gravity / -max(float(np.linalg.norm(self._gravity)), 1e-9)).tolist()
         return UPRIGHT if z > 1.0 - 1e-12 or x == y == z == 0.0 else tilted(UPRIGHT, (x, y, z))
 
 
 def still(time: float) -> Imu:
-    """What a base tells that stands upright and does not move."""
+    """Return the reading of a base that stands upright and does not move."""
     return Imu(time, np.zeros(3), np.array([0.0, 0.0, G]), np.array(UPRIGHT))
 
 

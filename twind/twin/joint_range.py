@@ -1,6 +1,6 @@
-"""How far each joint may go: the tightest of robot file, travel, the actuator's own limits and the model.
+"""Range of each joint: the tightest of robot file, travel, the actuator's own limits and the model.
 
-Of joints that several actuators turn together the whole box of limits must lie within the counts of those.
+For joints of a transmission the whole box of limits must lie within the counts of its actuators.
 """
 
 import math
@@ -17,17 +17,17 @@ from twind.robot.arrays import Floats
 from twind.robot.transmission import span
 from twind.twin.transmission_range import TransmissionRangeError, box
 
-BEYOND = 0.05  # rad, hard limits past the robot file's (design 6.4)
+BEYOND = 0.05  # rad, hard limits past the robot file's (docs/reason-codes.md)
 ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
 
 
 class BindingError(Exception):
-    """A robot file, its model and its calibration that do not go together."""
+    """Exception: a robot file, its model and its calibration contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointRange:
-    """How far one joint may go: accepted, hard, and in counts. rad and ticks."""
+    """Range of one joint: accepted, hard, and in counts. rad and ticks."""
 
     lower: float
     upper: float
@@ -40,7 +40,7 @@ class JointRange:
 def _direct(
     joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None
 ) -> JointRange:
-    """The tightest of robot file, measured travel, the servo's own limits and the model."""
+    """Return the tightest of robot file, measured travel, the servo's own limits and the model."""
     hard_lower = joint.lower - BEYOND
     hard_upper = joint.upper + BEYOND
     if model_range is not None:
@@ -60,7 +60,7 @@ def _direct(
             f"(zero {zero}): remount the horn, or correct those (of a servo registers 48 and 52), then "
             "calibrate again"
         )
-    # A goal is rounded to the nearest count, and that must be one the servo takes.
+    # A goal is rounded to the nearest count, which the servo must accept.
     edge = ROUNDING * abs(rad_per_tick(joint))
     own, sent = (sorted(angle_of(joint, zero, u) for u in pair) for pair in ((least, most), (first, last)))
     hard_lower = max(hard_lower, own[0] - edge)
@@ -78,7 +78,7 @@ def _direct(
 def reaches(
     robot: RobotFile, known: Mapping[str, JointCalibration], model: Any, joints: list[int]
 ) -> tuple[list[int], list[JointRange]]:
-    """The zero (ticks) of each joint, and how far it may go; `joints`: their numbers in the model."""
+    """Return the zero (ticks) and the range of each joint; `joints`: their numbers in the model."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     zeros = [
         centre_of(joint.type) if entry is None else entry.zero_ticks
@@ -100,7 +100,7 @@ def reaches(
 
 
 class JointActuator(NamedTuple):
-    """A joint and what is known of the actuator that it sits on."""
+    """A joint with the data of the actuator that it sits on."""
 
     joint: JointSpec
     zero: int  # ticks
@@ -109,21 +109,24 @@ class JointActuator(NamedTuple):
 
     @property
     def allowed(self) -> tuple[int, int]:
-        """The counts that a goal of the actuator may have: its own limits, and its measured travel."""
+        """Counts that a goal of the actuator may have: its own limits, and its measured travel."""
         least, most = goals(self.joint, self.entry)
         sweep = (least, most) if self.entry is None else self.entry.sweep_ticks
         return max(least, sweep[0]), min(most, sweep[1])
 
     @property
     def angles(self) -> tuple[float, float]:
-        """The same as angles of the actuator, rad, with what rounds to them."""
+        """`allowed` as angles of the actuator, rad, with the angles that round to them."""
         edge = ROUNDING * abs(rad_per_tick(self.joint))
         ends = sorted(angle_of(self.joint, self.zero, count) for count in self.allowed)
         return ends[0] - edge, ends[1] + edge
 
 
 def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRange]:
-    """The whole box of limits of its joints must lie within the counts of its actuators."""
+    """Return the ranges of a transmission's joints.
+
+    The whole box of their limits must lie within the counts of its actuators.
+    """
     specs = [seat.joint for seat in seats]
     law = spec.law
     ranges = [(-math.inf, math.inf) if seat.model_range is None else seat.model_range for seat in seats]
@@ -142,9 +145,9 @@ def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRan
             ticks_of(seat.joint, seat.zero, angle) if math.isfinite(angle) else 0
             for angle in (error.least, error.most)
         )
-        asks = f"limits of {', '.join(spec.joints)} ask actuator {seat.joint.actuator} for counts"
+        demand = f"limits of {', '.join(spec.joints)} ask actuator {seat.joint.actuator} for counts"
         raise BindingError(
-            f"{seat.joint.name}: transmission {spec.name}: {asks} {counts[0]}..{counts[1]}; in its travel "
+            f"{seat.joint.name}: transmission {spec.name}: {demand} {counts[0]}..{counts[1]}; in its travel "
             f"and its own limits are {seat.allowed[0]}..{seat.allowed[1]} alone (zero {seat.zero}): narrow "
             "limits_rad, or remount the horn and calibrate again"
         ) from None
@@ -167,7 +170,7 @@ def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRan
 
 
 def goals(joint: JointSpec, entry: JointCalibration | None) -> tuple[int, int]:
-    """The smallest and the largest goal (counts) that an actuator takes and still reads as such."""
+    """Return the smallest and the largest goal (counts) that an actuator accepts and reads back unchanged."""
     recorded = None if entry is None else (entry.device.min_ticks, entry.device.max_ticks)
     least, most = joint.type.goals(joint.mode, recorded)
     if entry is not None and joint.type.fenced(joint.mode):  # beyond its one turn it reads another count
@@ -178,5 +181,8 @@ def goals(joint: JointSpec, entry: JointCalibration | None) -> tuple[int, int]:
 
 
 def turn_begin(joint: JointSpec, entry: JointCalibration | None) -> int:
-    """The first count of the turn that a servo in position mode reads at torque-on (e-manual, 11 and 20)."""
+    """Return the first count of the turn that is read at torque-on in position mode.
+
+    See the e-manual, registers 11 and 20.
+    """
     return turn_start(joint.type) + (0 if entry is None else entry.device.homing_offset_ticks)

@@ -1,8 +1,9 @@
-"""How much closer two bodies can come when a joint turns: lever arms, bounded over all poses, from the model.
+"""Bound of how much closer two bodies can come when a joint turns: lever arms over all poses.
 
 For a joint between two geoms no point of either moves, relative to the other, by more than lever x angle. The
-lever is the farthest a point of the geom can be from the joint's axis: from the axis to the next joint's
-anchor, then along the anchors, whose distances no joint changes, then to the farthest point of the geom.
+lever is the farthest a point of the geom can be from the joint's axis. It runs from the axis to the next
+joint's anchor, then along the anchors, whose distances no joint changes, then to the farthest point of the
+geom.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,9 @@ from twind.robot.arrays import Floats, Ints
 
 
 def levers(model: mujoco.MjModel, qpos: Ints, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """Lever (p, n), m, of each driven joint (by its address in qpos) for each pair of geoms; 0: not between.
+    """Return the lever (p, n), m, of each driven joint (by address in qpos) for each pair of geoms.
+
+    0: not between.
 
     Joints that no motor drives count as rigid, as everywhere in the look-ahead.
     """
@@ -34,7 +37,7 @@ def levers(model: mujoco.MjModel, qpos: Ints, pairs: Sequence[tuple[int, int]]) 
 
 
 def _arms(model: mujoco.MjModel, data: mujoco.MjData, geom: int, moved: dict[int, int]) -> dict[int, float]:
-    """Lever of each driven joint that moves a geom."""
+    """Return the lever of each driven joint that moves a geom."""
     points, radius = _outline(model, data, geom)
     chain = _chain(model, int(model.geom_bodyid[geom]), moved)
     found: dict[int, float] = {}
@@ -53,7 +56,7 @@ def _arms(model: mujoco.MjModel, data: mujoco.MjData, geom: int, moved: dict[int
 
 
 def _chain(model: mujoco.MjModel, body: int, moved: dict[int, int]) -> list[int]:
-    """Driven joints that move a body, from the nearest to the root."""
+    """Return the driven joints that move a body, from the nearest to the root."""
     chain: list[int] = []
     while body:
         first = int(model.body_jntadr[body])
@@ -64,14 +67,14 @@ def _chain(model: mujoco.MjModel, body: int, moved: dict[int, int]) -> list[int]
 
 
 def _off(points: Floats, anchor: Floats, axis: Floats) -> Floats:
-    """Distance of points (k, 3) from an axis."""
+    """Return the distance of points (k, 3) from an axis."""
     away = points - anchor
     distance: Floats = np.linalg.norm(away - np.outer(away @ axis, axis), axis=1)
     return distance
 
 
 def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[Floats, float]:
-    """Points (k, 3) in the world and a radius: all of the geom is within it of their hull."""
+    """Return points (k, 3) in the world and a radius: all of the geom is within it of their hull."""
     kind = int(model.geom_type[geom])
     size = model.geom_size[geom]
     rotation = data.geom_xmat[geom].reshape(3, 3)

@@ -1,7 +1,7 @@
-"""The measured robot in the model: pose, and the torque that the model says it takes to be there. No physics.
+"""The measured robot in the model: pose, and the torque that the model needs to be there. No physics.
 
-A pose is written and evaluated with `mj_inverse`, never `mj_forward`: measured poses jump, which defeats the
-solver, and a foot a millimetre inside the floor would be forces that nobody feels.
+A pose is written and evaluated with `mj_inverse`, never `mj_forward`. Measured poses jump, which defeats the
+solver, and a foot a millimetre inside the floor would cause forces that do not exist.
 """
 
 import copy
@@ -13,45 +13,45 @@ from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.state import JointState
 from twind.twin.binding import Binding
 
-# Beyond these a number is no reading, and MuJoCo would work with it all the same.
+# Values beyond these are no reading, and MuJoCo would use them all the same.
 MAX_ANGLE = 1e3  # rad
 MAX_SPEED = 1e4  # rad/s
 
 
 class TwinMirror:
-    """Holds the last believable reading of every joint; starts in the rest pose."""
+    """Mirror of the last believable reading of every joint; starts in the rest pose."""
 
     def __init__(self, binding: Binding) -> None:
-        self.model = copy.copy(binding.model)  # its own: contacts and joint stops are off here
+        self.model = copy.copy(binding.model)  # its own copy: contacts and joint stops are off here
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         self.data = mujoco.MjData(self.model)
-        self.refused = 0  # readings that were heard but not believable
+        self.refused = 0  # fresh readings that were not believable
         self._place = index(binding.qpos)
         self._speed = index(binding.dof)
         self._qpos = self.data.qpos
         self._qvel = self.data.qvel
         self._force = self.data.qfrc_inverse
         self._seen = np.zeros(len(binding.qpos), np.bool_)
-        self._whole = False  # every joint has been seen
+        self._whole = False  # every joint has been read
         self._qpos[self._place] = binding.rest
         mujoco.mj_inverse(self.model, self.data)  # qacc is zero and stays zero
 
     @property
     def position(self) -> Floats:
-        """The pose in the model (n,), rad. A copy."""
+        """Pose in the model (n,), rad. A copy."""
         return np.array(self._qpos[self._place])
 
     @property
     def effort(self) -> Floats:
-        """Torque (n,), N·m, that keeps the measured pose at its speed; NaN for joints never heard."""
+        """Torque (n,), N·m, that keeps the measured pose at its speed; NaN for joints never read."""
         force = np.array(self._force[self._speed])
         if not self._whole:
             force[~self._seen] = np.nan
         return force
 
     def update(self, measured: JointState) -> None:
-        """Take a reading. Joints not heard, or not believable, keep their last."""
+        """Take a reading. Joints that are not fresh, or not believable, keep their last."""
         position = measured.position
         velocity = measured.velocity
         fresh = believable(position, velocity)
@@ -71,13 +71,13 @@ class TwinMirror:
 
 
 def believable(position: Floats, velocity: Floats) -> Bools:
-    """(n,): both are numbers of a size that a joint can have. NaN is not."""
+    """Return (n,): both values have a size that a joint can have. NaN has not."""
     found: Bools = (np.abs(position) < MAX_ANGLE) & (np.abs(velocity) < MAX_SPEED)
     return found
 
 
 def index(addresses: Ints) -> slice | Ints:
-    """A slice where the addresses are one run: writing through it is twice as fast."""
+    """Return a slice where the addresses are consecutive: writing through it is twice as fast."""
     first = int(addresses[0])
     count = len(addresses)
     if np.array_equal(addresses, np.arange(first, first + count)):

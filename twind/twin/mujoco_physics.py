@@ -1,8 +1,8 @@
-"""MuJoCo as the muscles of virtual servos: one body for all buses, torque in servo units, 500 steps a second.
+"""MuJoCo as the muscles of virtual servos: one body for all buses, 500 steps a second.
 
-Runs in `twind-virtual` (and in tests); knows neither packets nor registers, only encoder ticks, gains as in
-the registers and raw currents. Keeps `twind_drivers.virtual.servo_physics.ServoPhysics` without importing it:
-rooms here may not.
+Torque is in servo units. Runs in `twind-virtual` (and in tests). It handles neither packets nor registers,
+only encoder ticks, gains as in the registers and raw currents. It has the interface
+`twind_drivers.virtual.servo_physics.ServoPhysics` without importing it, which the layers do not allow here.
 """
 
 import math
@@ -23,13 +23,13 @@ from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, 
 from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
 
 __all__ = ["BusPhysics", "MujocoPhysics", "PhysicsDiverged", "ServoMotor", "body_of"]
-# s without torque before time begins, at most; rad/s that is rest
+# s without torque before time begins, at most; rad/s that count as rest
 SETTLE = 20.0
 STILL = 1e-3
 
 
 class PhysicsDiverged(RuntimeError):
-    """The physics produced a number that is none; MuJoCo has reset its state, so nothing may go on."""
+    """Exception: the physics became non-finite; MuJoCo has reset its state, so nothing may go on."""
 
 
 class MujocoPhysics:
@@ -49,9 +49,9 @@ class MujocoPhysics:
     ) -> None:
         """`start`: angles (rad) by model joint, torque off; it comes to rest before time begins at `now`.
 
-        `pinned` removes the free joint; `stands`: how one that is left is held; `site`: where an inertial
-        sensor feels; `groups`: motors that drive joints together. Raises KeyError for a motor whose joint the
-        model lacks.
+        `pinned` removes the free joint; `stands`: hold of a base that keeps it; `site`: place of an inertial
+        sensor; `groups`: motors that drive joints together. Raises KeyError for a motor whose joint the model
+        lacks.
         """
         self._warnings: list[str] = []
         mujoco.set_mju_user_warning(self._warnings.append)  # else MuJoCo writes MUJOCO_LOG.TXT
@@ -82,23 +82,23 @@ class MujocoPhysics:
                 return
 
     def part(self, places: Sequence[int]) -> "BusPhysics":
-        """The motors of one bus, by their places in `motors`."""
+        """Return the motors of one bus, by their places in `motors`."""
         return BusPhysics(self, self._loops, np.asarray(places, np.intp))
 
     def impedance(self, places: Sequence[int]) -> "CanBusPhysics":
-        """The CAN actuators of one bus, by their places in `motors`."""
+        """Return the CAN actuators of one bus, by their places in `motors`."""
         return CanBusPhysics(self, self._loops, np.asarray(places, np.intp))
 
     def drive(self, drive: MotorDrive) -> None:
-        """Torque, mode, gains and caps; see `twind_drivers.virtual.servo_physics`."""
+        """Set torque, mode, gains and caps; see `twind_drivers.virtual.servo_physics`."""
         self._loops.drive(self._everyone, drive)
 
     def set_goals(self, goal: Floats) -> None:
-        """Goals in the units of the modes: encoder ticks, raw velocity, current or PWM."""
+        """Set goals (n,) in the units of the modes: encoder ticks, raw velocity, current or PWM."""
         self.data.ctrl[:] = self._loops.set_goals(self._everyone, goal)
 
     def block(self, held: Bools) -> None:
-        """Joints that something holds fast."""
+        """Block the joints `held` (n,)."""
         self._loops.block(self._everyone, held)
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
@@ -106,13 +106,13 @@ class MujocoPhysics:
         self._loops.grip(self._everyone, place, speed)
 
     def set_base_pose(self, base: str) -> None:
-        """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
+        """Hold the base in a pose of `base_pose.BASES` from now on. Raises KeyError for another name."""
         if base not in BASES:
             raise KeyError(f"lay: no base {base!r}; there are {', '.join(BASES)}")
         self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
 
     def advance(self, now: float) -> None:
-        """Step the body until `now` (s), to 2 ms. Raises Diverged."""
+        """Step the body until `now` (s), to 2 ms. Raises PhysicsDiverged."""
         steps = int((now - self._time) / STEP + 1e-6)
         if steps < 1:
             return
@@ -142,7 +142,7 @@ class MujocoPhysics:
 
 
 class BusPhysics:
-    """The motors of one bus. Keeps the protocol of `MujocoPhysics` for m of its n motors."""
+    """The motors of one bus: the interface of `MujocoPhysics` for m of its n motors."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole = whole
@@ -155,35 +155,37 @@ class BusPhysics:
         self.pwm = whole.pwm[at]
 
     def drive(self, drive: MotorDrive) -> None:
-        """As `MujocoPhysics.drive`."""
+        """See `MujocoPhysics.drive`."""
         self._loops.drive(self._at, drive)
 
     def set_goals(self, goal: Floats) -> None:
-        """As `MujocoPhysics.aim`."""
+        """See `MujocoPhysics.set_goals`."""
         self._whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
 
     def block(self, held: Bools) -> None:
-        """As `MujocoPhysics.block`."""
+        """See `MujocoPhysics.block`."""
         self._loops.block(self._at, held)
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
-        """As `MujocoPhysics.grip`."""
+        """See `MujocoPhysics.set_hand_positions`."""
         self._loops.grip(self._at, place, speed)
 
     def set_base_pose(self, base: str) -> None:
-        """As `MujocoPhysics.lay`: of the whole body."""
+        """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
         self._whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
-        """The whole body advances; the other buses see it when they do."""
+        """Advance the whole body to `now` (s); the other buses get its state with their own call."""
         self._whole.advance(now)
         for name in ("position", "velocity", "current", "pwm"):
             getattr(self, name)[:] = getattr(self._whole, name)[self._at]
 
 
 class CanBusPhysics:
-    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`.
-    Arrays (m,), SI."""
+    """The CAN actuators of one bus. Arrays (m,), SI.
+
+    It has the interface `twind_drivers.virtual.can.can_motor_physics.CanMotorPhysics`.
+    """
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole = whole
@@ -202,7 +204,7 @@ class CanBusPhysics:
         torque: Floats,
         limit: Floats,
     ) -> None:
-        """The last command of each (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m."""
+        """Set the last command of each (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m."""
         gains = np.stack([on, kp, kd, limit])
         if not np.array_equal(gains, self._gains):
             self._gains = gains
@@ -210,7 +212,7 @@ class CanBusPhysics:
         self._whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
 
     def block(self, held: Bools) -> None:
-        """Joints that something holds fast."""
+        """Block the joints `held` (m,)."""
         self._loops.block(self._at, held)
 
     def set_hand_positions(self, place: Floats, speed: Floats) -> None:
@@ -219,11 +221,14 @@ class CanBusPhysics:
         self._gains[:] = np.nan
 
     def set_base_pose(self, base: str) -> None:
-        """As `MujocoPhysics.lay`: of the whole body."""
+        """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
         self._whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
-        """The whole body advances; the other buses see it when they do. Raises Diverged."""
+        """Advance the whole body to `now` (s). Raises PhysicsDiverged.
+
+        The other buses get its state with their own call.
+        """
         self._whole.advance(now)
         self.position[:], self.velocity[:], self.torque[:] = self._loops.read_shafts(
             self._whole.data, self._at
@@ -240,11 +245,11 @@ def body_of(
     hold: str = BY_TORQUE,
     now: float = 0.0,
 ) -> MujocoPhysics:
-    """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
+    """Return the body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
 
-    `friction` (N·m), `stops` (rad): of joints where they are not the model's.
-    `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
-    `hold`: of `crane.HOLDS`, where its support is free and it is upright.
+    `friction` (N·m), `stops` (rad): of joints where they differ from the model. `base`: its pose
+    (`base_pose.BASES`); a lying one has a bench under it and does not move. `hold`: of `base_support.HOLDS`,
+    for an upright robot with support free.
     """
     rub = friction or {}
     ends = stops or {}
@@ -298,7 +303,7 @@ def _compile(
     stands: BaseHold | None,
     site: str | None,
 ) -> mujoco.MjModel:
-    """The model with our motors instead of its own; sensors and key poses would refer to what is gone."""
+    """Compile the model with our motors instead of its own; sensors and key poses are removed with them."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(element)
     if pinned:

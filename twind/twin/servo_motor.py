@@ -1,11 +1,11 @@
-"""The motors of virtual servos as MuJoCo actuators: what firmware makes of modes, gains, caps and goals.
+"""The motors of virtual servos as MuJoCo actuators: effect of firmware modes, gains, caps and goals.
 
-Runs in `twind-virtual` (and in tests). The motor is an XM430-W350 at 12 V (e-manual): position gain P makes
-P / 128 PWM counts per tick of error, 885 counts are the whole supply voltage, which stalls it at 4.1 N·m and
-lets it run free at 4.82 rad/s. P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85 N·m·s/rad. I and D act
-once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per raw velocity of error
-and I / 65536 more each millisecond (the manual's conversion coefficient is unknown: assumed 1). Current is
-what output and back-EMF leave: where it is sought (mode 0) or capped (mode 5), the output follows the speed.
+Runs in `twind-virtual` (and in tests). The motor is an XM430-W350 at 12 V (e-manual): position gain P makes P
+/ 128 PWM counts per tick of error, 885 counts are the whole supply voltage. It stalls at 4.1 N·m and runs
+free at 4.82 rad/s. P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85 N·m·s/rad. I and D act once a
+millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per raw velocity of error and I
+/ 65536 more each millisecond (the manual's conversion coefficient is unknown: assumed 1). Current follows
+from output and back-EMF: where it is the goal (mode 0) or capped (mode 5), the output follows the speed.
 """
 
 import math
@@ -26,17 +26,17 @@ STEP = 0.002  # s
 STALL = 4.1
 FREE = 4.82
 CYCLE = 0.001  # s, of the servo's own loop
-# N·m, N·m·s/rad: the least a gear of 353:1 has
+# N·m, N·m·s/rad: the least of a gear of 353:1
 FRICTION = 0.05
 DAMPING = 0.01
-TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
-# operating modes; 3 and 4 seek a position too
+TORQUE_CONSTANT = 1.78  # N·m/A where the robot file has none (XM430-W350)
+# operating modes; 3 and 4 control a position too
 CURRENT = 0
 VELOCITY = 1
 CURRENT_POSITION = 5
 PWM = 16
-BLOCKED = 1e4  # N·m, the friction of a joint that something holds fast
-HAND = 30.0  # N·m, what somebody's hand can do at a limp joint: it lifts every limb, and slips at a hard stop
+BLOCKED = 1e4  # N·m, the friction of a blocked joint
+HAND = 30.0  # N·m of a hand at a limp joint: it lifts every limb, and slips at a hard stop
 # N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
 GRIP = 5000.0
 STEADY = 250.0
@@ -44,8 +44,7 @@ Places = NDArray[np.intp]
 
 
 class MotorDrive(Protocol):
-    """What the firmware tells its motors, as `twind_drivers.virtual.servo_physics.DriveState` says; arrays
-    (m,)."""
+    """Firmware state of the motors, as `twind_drivers.virtual.servo_physics.DriveState`; arrays (m,)."""
 
     # ruff: noqa: D102
     @property
@@ -83,7 +82,7 @@ class ServoMotor:
     speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
     torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
     stall: float = STALL  # N·m of the shaft at full voltage
-    friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least a gear has
+    friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least of a gear
     stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
     @classmethod
@@ -95,7 +94,7 @@ class ServoMotor:
         friction: float = math.nan,
         stops: tuple[float, float] | None = None,
     ) -> "ServoMotor":
-        """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
+        """Return the motor of a robot file's joint. `zero`: ticks at joint angle 0."""
         kind = joint.type
         unit = kind.effort_lsb_nm
         limit = kind.effort_limit_nm
@@ -113,9 +112,9 @@ class ServoMotor:
 
 
 class MotorControlLoops:
-    """The control loops of n motors. Torque and speed are those of what they drive; arrays (n,), as `motors`.
+    """Control loops of n motors. Torque and speed are those of the driven joint; arrays (n,), as `motors`.
 
-    That is a joint, or of motors that drive joints together (`groups`) a shaft of their own.
+    Motors that drive joints together (`groups`) have a shaft of their own instead.
     """
 
     def __init__(
@@ -158,7 +157,7 @@ class MotorControlLoops:
         self._hand, self._lead, self._reach = (np.full(count, np.nan) for _ in range(3))  # rad, rad, rad/s
         self._on = np.zeros(count, np.bool_)
         self._gripped: Places = np.zeros(0, np.intp)
-        self._loose = np.ones(count)  # 0: what the actuator does is the hand's, not the motor's
+        self._loose = np.ones(count)  # 0: the actuator's force is the hand's, not the motor's
         self.integral = np.zeros(count)  # N·m
         self._mode = np.full(count, 3)
         self._ki = np.zeros(count)
@@ -169,21 +168,21 @@ class MotorControlLoops:
         self._ceiling = np.zeros(count)
         self._most = np.zeros(count)
         self._live: Places = np.zeros(0, np.intp)
-        self._simple = True  # does everyone seek a position?
+        self._simple = True  # all motors control a position
         self._each = np.zeros(count, np.bool_)
 
     @property
     def busy(self) -> bool:
-        """Must `step` be called before every step of the physics?"""
+        """True while `step` must be called before every step of the physics."""
         return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings)
 
     @property
     def on(self) -> Bools:
-        """Which motors have torque."""
+        """Mask (n,) of the motors with torque."""
         return self._on
 
     def drive(self, at: Places, drive: MotorDrive) -> None:
-        """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
+        """Set torque, mode, gains and caps of the motors `at`; the others do not change."""
         model = self._model
         ratio = self._ratio[at]
         ticks = np.abs(self._ticks[at])
@@ -224,7 +223,10 @@ class MotorControlLoops:
         self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
 
     def set_goals(self, at: Places, goal: Floats) -> Floats:
-        """Goals of the motors `at`, in the units of their modes. Returns the controls of their actuators."""
+        """Set goals of the motors `at` in the units of their modes.
+
+        Return the controls of their actuators.
+        """
         angle = (goal - self._zero[at]) / self._ticks[at]
         if self._simple:
             return angle
@@ -239,10 +241,10 @@ class MotorControlLoops:
         return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
 
     def impede(self, at: Places, on: Bools, kp: Floats, kd: Floats, limit: Floats) -> None:
-        """Motors `at` are CAN actuators: kp (position - q) + kd (velocity - v) + torque, within `limit`.
+        """Set the gains of motors `at` that are CAN actuators.
 
-        SI at the shaft; their current loop makes that torque whatever the back-EMF is. Damping acts
-        implicitly. `steer` must follow.
+        Their torque is kp (position - q) + kd (velocity - v) + torque, within `limit`. SI at the shaft; their
+        current loop makes that torque at any back-EMF. Damping acts implicitly. `steer` must follow.
         """
         model = self._model
         ratio = self._ratio[at]
@@ -258,14 +260,14 @@ class MotorControlLoops:
         self._grasp(at, on)
 
     def steer(self, at: Places, position: Floats, velocity: Floats, torque: Floats) -> Floats:
-        """Where to, for those: the controls of their actuators, N·m at the joint."""
+        """Set the command of these motors; return the controls of their actuators, N·m at the joint."""
         turn = self._ratio[at] * self._way[at]  # rad of the shaft per rad of the joint
         stiff, damp = -self._model.actuator_biasprm[at, 1:3].T
         angle = (position - self._zero[at] * self._angle[at]) / turn
         return np.asarray(stiff * angle + damp * velocity / turn + torque * turn)
 
     def read_shafts(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
-        """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
+        """Return shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m)."""
         ratio = self._ratio[at]
         way = self._way[at]
         turned, speed = self._shafts(data)
@@ -274,23 +276,23 @@ class MotorControlLoops:
         return angle, speed[at] * ratio * way, force / ratio * way
 
     def grip(self, at: Places, place: Floats, speed: Floats) -> None:
-        """Hands take the limp joints of the motors `at` there (ticks) and hold them; NaN: nobody; ticks/s."""
+        """Move and hold the limp joints of the motors `at` by hands: ticks (NaN: no hand), ticks/s."""
         self._grip(at, (place - self._zero[at]) / self._ticks[at], speed / np.abs(self._ticks[at]))
 
     def grip_shaft(self, at: Places, place: Floats, speed: Floats) -> None:
-        """The same in rad of the shaft, for CAN actuators; `impede` must follow."""
+        """Move and hold by hands in rad of the shaft, for CAN actuators; `impede` must follow."""
         turn = self._ratio[at] * self._way[at]
         self._grip(at, (place - self._zero[at] * self._angle[at]) / turn, speed / self._ratio[at])
 
     def _grip(self, at: Places, angle: Floats, speed: Floats) -> None:
-        let_go = at[np.isnan(angle) & ~self._on[at]]
-        self._model.actuator_forcerange[let_go] = 0.0
+        released = at[np.isnan(angle) & ~self._on[at]]
+        self._model.actuator_forcerange[released] = 0.0
         self._hand[at] = angle
         self._reach[at] = speed
         self._grasp(at, self._on[at])
 
     def _grasp(self, at: Places, on: Bools) -> None:
-        """A hand at a limp joint is a strong, damped actuator in place of the motor."""
+        """Update hands: at a limp joint a hand is a strong, damped actuator in place of the motor."""
         self._on[at] = on
         held = np.isfinite(self._hand) & ~self._on
         self._lead[~held] = np.nan
@@ -303,7 +305,10 @@ class MotorControlLoops:
         model.actuator_forcerange[rows] = [-HAND, HAND]
 
     def _carry(self, data: mujoco.MjData, turned: Floats) -> None:
-        """Before one step of the physics: the hands go on along their way, from where the joints are."""
+        """Move the hands one step along their way, from the joints' positions.
+
+        Before a step of the physics.
+        """
         at = self._gripped
         here = np.where(np.isnan(self._lead[at]), turned[at], self._lead[at])
         most = self._reach[at] * STEP
@@ -311,7 +316,7 @@ class MotorControlLoops:
         data.ctrl[at] = self._lead[at]
 
     def step(self, data: mujoco.MjData) -> None:
-        """Before one step of the physics: hands, integral terms, the room that the back-EMF leaves."""
+        """Prepare one step of the physics: hands, integral terms, the range that the back-EMF leaves."""
         turned, speeds = self._shafts(data)
         for each in self._couplings:
             each.set_tendon_positions(data, turned[each.rows])
@@ -334,11 +339,11 @@ class MotorControlLoops:
             data.qfrc_applied[addresses] = torque
 
     def block(self, at: Places, held: Bools) -> None:
-        """Hold the joints of the motors `at` fast, or let them go."""
+        """Block the joints of the motors `at`, or free them."""
         self._rub(at, np.where(held, BLOCKED, self._friction[at]))
 
     def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
-        """Encoder ticks, raw velocity, raw current, PWM counts (n,)."""
+        """Return encoder ticks, raw velocity, raw current, PWM counts (n,)."""
         angle, speed = self._shafts(data)
         output = data.actuator_force * self._loose + self.integral
         return (
@@ -349,7 +354,7 @@ class MotorControlLoops:
         )
 
     def _shafts(self, data: mujoco.MjData) -> tuple[Floats, Floats]:
-        """Angle and speed (n,) of what the motors drive."""
+        """Return angle and speed (n,) of the shafts or joints that the motors drive."""
         angle = data.qpos[self.q]
         speed = data.qvel[self.v]
         for each in self._couplings:
@@ -368,7 +373,7 @@ class MotorControlLoops:
 
 
 def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[ServoMotor]) -> None:
-    """Stops as hard as metal: the soft default gives by degrees where a small limb is pushed with 1 N·m."""
+    """Make stops as hard as metal: the soft default yields by degrees where 1 N·m pushes a small limb."""
     for joint, motor in zip(joints, motors, strict=True):
         if motor.stops is not None:
             model.jnt_limited[joint.id] = True

@@ -1,4 +1,4 @@
-"""The commanded robot: position servos and physics, one period per tick. Sees no measurement."""
+"""The commanded robot: position servos and physics, one period per tick. Uses no measurement."""
 
 import copy
 
@@ -14,7 +14,7 @@ from twind.twin.contacts import Contact, deepest_contact
 from twind.twin.imu_model import ImuModel
 from twind.twin.mirror import MAX_ANGLE, index
 
-# MuJoCo answers these by resetting everything to its own default pose and going on.
+# MuJoCo handles these by a reset to its own default pose, and goes on.
 FATAL = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -24,11 +24,11 @@ FATAL = (
 
 def hush() -> None:
     """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working directory; `MjData.warning` still counts."""
-    mujoco.set_mju_user_warning(_unsaid)
+    mujoco.set_mju_user_warning(_discard)
 
 
-def _unsaid(message: str) -> None:
-    """The count of warnings is what is looked at."""
+def _discard(message: str) -> None:
+    """Drop the text of a warning; its count is used."""
 
 
 class Simulation:
@@ -43,7 +43,7 @@ class Simulation:
         self.model.opt.timestep = period / self._substeps
         self.data = mujoco.MjData(self.model)
         self.warnings = 0  # of MuJoCo, all kinds
-        self.resets = 0  # times the physics broke down and was put back to the last good pose
+        self.resets = 0  # times the physics diverged and was reset to the last good pose
         self.frozen = False
         self._floating = binding.floating
         self._base = binding.robot.base
@@ -59,14 +59,17 @@ class Simulation:
         self._force = self.data.qfrc_actuator
         self._warned = self.data.warning.number
         self._age = np.zeros(len(binding.rest))
-        self._heard = np.ones(len(binding.rest), np.bool_)
+        self._fresh = np.ones(len(binding.rest), np.bool_)
         self._age.setflags(write=False)
-        self._heard.setflags(write=False)
+        self._fresh.setflags(write=False)
         self.place(binding.rest)
         self._rest = np.array(self._qpos), np.array(self._ctrl)
 
     def place(self, position: Floats) -> None:
-        """Start anew at `position`, at rest, holding there. A joint without a finite angle stays."""
+        """Start anew at `position` (n,), rad, at rest, holding there.
+
+        A joint without a finite angle stays.
+        """
         position = np.where(np.abs(position) < MAX_ANGLE, position, self._qpos[self._place])
         self.frozen = False
         mujoco.mj_resetData(self.model, self.data)
@@ -79,7 +82,7 @@ class Simulation:
         self._sound = False
 
     def halt(self) -> None:
-        """Stop where it is: the pose of now is the goal; none is taken until `place` or `release`."""
+        """Stop at the present pose, which becomes the goal; no goal is taken until `place` or `release`."""
         self._ctrl[self._goal] = self._qpos[self._place]
         self.frozen = True
 
@@ -88,7 +91,7 @@ class Simulation:
         self.frozen = False
 
     def step(self, goal: Floats | None) -> None:
-        """One period. Without a goal (None, or not a finite angle) a joint holds its last."""
+        """Simulate one period. Without a goal (None, or not finite) a joint holds its last."""
         if goal is not None and not self.frozen:
             fit: Bools = np.abs(goal) < MAX_ANGLE
             self._ctrl[self._goal] = goal if every(fit) else np.where(fit, goal, self._ctrl[self._goal])
@@ -100,19 +103,19 @@ class Simulation:
             self._sound = True
 
     def state(self, now: float) -> JointState:
-        """Where it is, as a reading that has just arrived. Effort is what the servos pull, N·m."""
+        """Return the simulated state as a fresh reading. Effort is the torque of the servos, N·m."""
         return JointState(
             time=now,
             position=_reading(self._qpos, self._place),
             velocity=_reading(self._qvel, self._speed),
             effort=_reading(self._force, self._speed),
             age=self._age,
-            heard=self._heard,
+            heard=self._fresh,
             imu=None if self._felt is None else self._felt.read_imu(now),
         )
 
     def contact(self, joint: int) -> Contact | None:
-        """The deepest contact that keeps `joint` from turning; None: there is none.
+        """Return the deepest contact that keeps `joint` from turning; None: there is none.
 
         A free-standing robot always touches the ground, so its contacts with the world do not count.
         """
@@ -120,9 +123,11 @@ class Simulation:
         return deepest_contact(self.model, self.data, int(self._dof[joint]), ignored)
 
     def _warning(self) -> None:
-        """Count; after a breakdown back to the last good pose, at rest: MuJoCo went to its default.
+        """Count warnings.
 
-        A pose that breaks down before one sound step is no good one: then back to the rest pose.
+        After a breakdown restore the last good pose, at rest, as MuJoCo went to its default.
+
+        A pose that breaks down before one sound step is not good: then the rest pose is restored.
         """
         self.warnings += int(self._warned.sum())
         broken = any(self._warned[int(kind)] for kind in FATAL)

@@ -1,7 +1,8 @@
-"""Shafts of virtual motors that turn joints together: tendons of the model, whose length is a shaft's angle.
+"""Shafts of virtual motors that turn joints together, as tendons of the model.
 
-Runs in `twind-virtual` (and in tests). What a motor does to its tendon reaches the joints by J⁻ᵀ, so no power
-is lost. A tendon is linear in its joints: of a linkage it is laid anew, along the table, before every step.
+The length of a tendon is a shaft's angle. Runs in `twind-virtual` (and in tests). The force of a motor on its
+tendon reaches the joints by J⁻ᵀ, so no power is lost. A tendon is linear in its joints: for a linkage it is
+set anew, from the table, before every step.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ class MotorGroup:
 
 
 def strung(spec: mujoco.MjSpec, groups: Sequence[MotorGroup]) -> None:
-    """A tendon for every motor of a group, over all its joints."""
+    """Add a tendon for every motor of a group, over all its joints."""
     for group in groups:
         for joint in group.joints:
             tendon = spec.add_tendon(name=f"{PREFIX}{joint}")
@@ -53,7 +54,7 @@ class Coupling:
         self._keep(group.law.forward(middle), middle)
 
     def place(self, data: mujoco.MjData) -> tuple[Floats, Floats]:
-        """Angles and speeds of the shafts; where the table ends, straight on from where it was left."""
+        """Return angles and speeds of the shafts; outside the table, in a straight line from its edge."""
         joints = data.qpos[self._q]
         shafts = self._law.inverse(joints)
         if np.isfinite(shafts).all():
@@ -63,8 +64,10 @@ class Coupling:
         return shafts, self._back @ data.qvel[self._v]
 
     def set_tendon_positions(self, data: mujoco.MjData, shafts: Floats) -> None:
-        """The tendons as they are where the shafts are now (`place`); forces go by the angle of a shaft, not
-        by the length of its tendon."""
+        """Set the tendons for the present shaft angles (`place`).
+
+        Forces depend on the angle of a shaft, not on the length of its tendon.
+        """
         self._model.wrap_prm[self._wraps] = self._back
         length = self._back @ data.qpos[self._q]
         model = self._model
@@ -72,7 +75,7 @@ class Coupling:
         model.actuator_biasprm[rows, 0] = model.actuator_biasprm[rows, 1] * (shafts - length)
 
     def to_joints(self, torque: Floats) -> tuple[np.ndarray, Floats]:
-        """Addresses in qvel, and what torques of the shafts are there."""
+        """Return addresses in qvel, and the joint torques there of the shafts' torques."""
         return self._v, self._back.T @ torque
 
     def _keep(self, joints: Floats, shafts: Floats) -> None:

@@ -1,9 +1,9 @@
 """Clearance, torque and balance of a path before it is sent, in slices. Front process.
 
-Judges the curve that the executor would follow from where it stands: a start that jumps gets its lead-in, and
-a stop that was asked for its ramp. A path that the loop slows down (`retime`) keeps its curve as long as it
-begins at rest, so what was judged holds. Joints that the path does not command stay where they are: what they
-do meanwhile, and a start from a moving reference, is watched while it happens (LOOKAHEAD_COLLISION).
+Judges the curve that the executor would follow from its present reference: with lead-in for a start that
+jumps, and with the ramp of a requested stop. A path that the loop slows down (`retime`) keeps its curve as
+long as it begins at rest, so the verdict holds. Joints that the path does not command are assumed to stay;
+their motion, and a start from a moving reference, is checked while it happens (LOOKAHEAD_COLLISION).
 """
 
 from collections.abc import Generator, Sequence
@@ -29,12 +29,12 @@ SAMPLES = 3000  # of one path at most
 
 
 class DynamicsCheck(Protocol):
-    """What judges torque and balance (TORQUE_INFEASIBLE, UNSTABLE_POSE): `twin/dynamics.py`."""
+    """Check of torque and balance (TORQUE_INFEASIBLE, UNSTABLE_POSE): `twin/dynamics.py`."""
 
     def judging(
         self, time: Floats, position: Floats, velocity: Floats, acceleration: Floats
     ) -> Generator[None, None, Verdict]:
-        """Samples of a path: time (k,), the others (k, n)."""
+        """Judge samples of a path: time (k,), s, the others (k, n)."""
 
 
 class TrajectoryPrecheck:
@@ -53,10 +53,10 @@ class TrajectoryPrecheck:
     def judging(
         self, path: Trajectory, reference: Reference, *, append_stop: bool = False
     ) -> Generator[None, None, Verdict]:
-        """Judge `path` from `reference`, in slices of 2 ms at most. A place that is unknown refuses."""
+        """Judge `path` from `reference`, in slices of 2 ms at most. An unknown position refuses."""
         if not np.isfinite(reference.position).all():
             joint = int(np.argmin(np.isfinite(reference.position)))
-            reason = "where this joint stands is not known, so nobody knows what is in its way"
+            reason = "the position of this joint is unknown, so its path cannot be checked"
             return Verdict((Finding(ReasonCode.SELF_COLLISION, joint=joint, message=reason),))
         whole = with_stop(path, self._limits, GateThresholds())[0] if append_stop else path
         curve = along_the_way(whole, reference, self._limits, self._period)
@@ -81,7 +81,7 @@ class TrajectoryPrecheck:
         return Verdict(tuple(refused), tuple(warned))
 
     def _finding(self, close: CloseGeoms, path: Trajectory, late: float, *, near: bool) -> Finding:
-        """When it begins, and how near they come at worst. `near`: within the band that warns alone."""
+        """Return the finding of a pair: start and worst distance. `near`: within the band that only warns."""
         pair = self.bodies.pairs[close.pair]
         time = max(close.time - late, 0.0)
         least = max(close.at - late, 0.0)
@@ -92,12 +92,12 @@ class TrajectoryPrecheck:
 
 
 def along_the_way(path: Trajectory, reference: Reference, limits: JointLimits, period: float) -> Spline:
-    """The curve that the executor would follow from `reference`, lead-in included."""
+    """Return the curve that the executor would follow from `reference`, lead-in included."""
     return interpolate(led_in(path, reference, limits, period), reference)
 
 
 def samples(curve: Spline) -> tuple[Floats, Floats, Floats, Floats]:
-    """Time (k,), position, velocity and acceleration (k, n) along a curve."""
+    """Return time (k,), position, velocity and acceleration (k, n) along a curve."""
     count = int(np.clip(np.ceil(curve.duration / STEP), 1, SAMPLES)) + 1
     time = np.linspace(0.0, curve.duration, count)
     over = time >= curve.time[-1]
@@ -118,7 +118,7 @@ def samples(curve: Spline) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _on_the_path(findings: Sequence[Finding], path: Trajectory, late: float) -> list[Finding]:
-    """Findings on the curve, in times and points of the path as it was asked."""
+    """Return findings on the curve in times and points of the submitted path."""
     placed = []
     for each in findings:
         time = None if each.time is None else max(each.time - late, 0.0)

@@ -1,7 +1,7 @@
-"""How far joints may go that several actuators turn together. Pure: arrays in, arrays out.
+"""Range of joints that several actuators turn together. Pure: arrays in, arrays out.
 
-Limits are a box of joint angles, counts are a box of actuator angles, and a transmission turns the one box
-into something else. So the joints' box is kept only if the whole of it lies within the actuators'.
+Limits are a box of joint angles, counts are a box of actuator angles, and a transmission distorts the one
+box. The joints' box is kept only if the whole of it lies within the actuators' box.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Floats
 from twind.robot.transmission import Transmission, fair, forth, span
 
-TAKEN_IN = 0.01  # rad that limits may be taken in to end where the actuators do; more is refused
-HALVINGS = 10  # of what is between limits that fit and such that do not: 60 µrad are left
+TAKEN_IN = 0.01  # rad that limits may be reduced to end where the actuators do; more is refused
+HALVINGS = 10  # of the interval between limits that fit and limits that do not: 60 µrad are left
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class JointBox:
 
 
 class TransmissionRangeError(ValueError):
-    """Limits that lead an actuator beyond what it may. `place`: which of the transmission."""
+    """Limits that lead an actuator beyond its range. `place`: its index in the transmission."""
 
     def __init__(self, place: int, least: float, most: float) -> None:
         super().__init__(f"{least:.4f}..{most:.4f} rad")
@@ -44,10 +44,10 @@ def box(
     allowed: tuple[Floats, Floats],
     beyond: float,
 ) -> JointBox:
-    """The joints' `limits`, and what is kept beyond them: `beyond` rad, or less where actuators end before.
+    """Return the joints' `limits` with `beyond` rad around them, or less where actuators end before.
 
-    All alike are lower and upper ends (k,), rad; `ranges` are the model's, `allowed` the actuators'. Raises
-    DoesNotFit where even limits a little narrower would lead an actuator beyond.
+    All arguments are lower and upper ends (k,), rad; `ranges` are the model's, `allowed` the actuators'.
+    Raises TransmissionRangeError where even limits a little narrower would lead an actuator beyond.
     """
 
     def widened(by: float) -> tuple[Floats, Floats]:
@@ -76,6 +76,9 @@ def box(
 
 
 def strength(law: Transmission, seats: Sequence[JointSpec]) -> Floats:
-    """N·m (k,) that all joints may give at once without more than an actuator can; NaN unknown."""
+    """Return the torque (k,), N·m, that all joints can have at once within the actuators' limits.
+
+    NaN unknown.
+    """
     bound = np.array([joint.ratio * joint.type.effort_limit_nm for joint in seats])
     return fair(forth(law).T, bound, np.full(len(seats), np.inf))

@@ -1,4 +1,4 @@
-"""The twin: the measured robot mirrored, the commanded robot simulated. Lives in the loop's thread."""
+"""The twin: mirror of the measured robot and simulation of the commanded one, in the loop's thread."""
 
 from twind.robot.arrays import Floats
 from twind.robot.state import JointState
@@ -9,7 +9,7 @@ from twind.twin.simulation import Simulation, hush
 
 
 class Twin:
-    """Both halves, on model copies of their own. Arrays are (n,) in joint order."""
+    """Mirror and simulation, each on its own copy of the model. Arrays are (n,) in joint order."""
 
     def __init__(self, binding: Binding, period: float) -> None:
         """`period`: s, of one tick. The simulation starts at the rest pose."""
@@ -24,18 +24,18 @@ class Twin:
 
     @property
     def resets(self) -> int:
-        """Times the simulation broke down and was put back to its last good pose."""
+        """Times the simulation broke down and was reset to its last good pose."""
         return self.simulation.resets
 
     @property
     def model_effort(self) -> Floats:
-        """Torque (n,) in N·m that the model says the measured pose takes; NaN for joints never heard."""
+        """Torque (n,), N·m, that the measured pose takes in the model; NaN for joints never read."""
         return self.mirror.effort
 
     def update(self, measured: JointState | None, goal: Floats | None, now: float) -> JointState:
-        """Mirror a reading, let one period pass in the simulation, return the simulated state.
+        """Mirror a reading, simulate one period, return the simulated state.
 
-        None: no reading, no new goal. Nothing that is not a finite number enters either model.
+        None: no reading, no new goal. Only finite numbers enter either model.
         """
         if measured is not None:
             self.mirror.update(measured)
@@ -43,22 +43,22 @@ class Twin:
         return self.simulation.state(now)
 
     def contact(self, joint: int) -> Contact | None:
-        """The deepest simulated contact that keeps `joint` from turning; None: there is none."""
+        """Return the deepest simulated contact that keeps `joint` from turning; None: there is none."""
         return self.simulation.contact(joint)
 
     def place(self, position: Floats) -> None:
-        """The simulation starts anew at `position` (n,) rad, at rest, holding there."""
+        """Start the simulation anew at `position` (n,), rad, at rest, holding there."""
         self.simulation.place(position)
 
     def halt(self) -> None:
-        """The simulated e-stop: it stops where it is; goals are not taken until `place` or `release`."""
+        """Stop the simulation (its e-stop): goals are not taken until `place` or `release`."""
         self.simulation.halt()
 
     @property
     def halted(self) -> bool:
-        """`halt` was the last word: goals are not taken."""
+        """True after `halt`: goals are not taken."""
         return self.simulation.frozen
 
     def release(self) -> None:
-        """After `halt`: goals are taken again."""
+        """Take goals again after `halt`."""
         self.simulation.release()

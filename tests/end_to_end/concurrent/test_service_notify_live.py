@@ -31,7 +31,7 @@ def test_a_daemon_is_ready_once_it_answers_and_says_that_it_stops(tmp_path: Path
     try:
         until(lambda: said("READY=1"), 20.0, "READY=1")
         assert (daemon.sockets / "control.sock").is_socket()
-        until(lambda: said("STATUS=sim, disconnected, 0 of 24 joints heard, 100 Hz"), 5.0, "STATUS")
+        until(lambda: said("STATUS=sim, disconnected, 0 of 24 joints fresh, 100 Hz"), 5.0, "STATUS")
         until(lambda: said("") and told.count("WATCHDOG=1") > 2, 5.0, "WATCHDOG=1")
         front = Path(f"/proc/{daemon.front()}/environ").read_bytes()
         assert b"NOTIFY_SOCKET" not in front

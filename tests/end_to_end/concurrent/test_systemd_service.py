@@ -41,7 +41,7 @@ def test_without_settings_it_mirrors_and_moves_nothing(first: Json) -> None:
 
 
 def test_the_status_line_says_mode_state_joints_and_rate(plain: Service) -> None:
-    assert re.match(r"mirror, disconnected, 0 of 24 joints heard, \d+ Hz", plain.show("StatusText"))
+    assert re.match(r"mirror, disconnected, 0 of 24 joints fresh, \d+ Hz", plain.show("StatusText"))
 
 
 def test_it_runs_with_mujoco_and_without_any_right(plain: Service) -> None:

@@ -309,7 +309,7 @@ def test_the_daemons_own_faults_are_named_with_what_they_keep_from_arming(tmp_pa
         return {"code": code, "joint": joint, "message": message}
 
     faults = [fault("DEVICE_MISSING", f"j{number}", "no answer") for number in range(24)]
-    faults += [fault("FOREIGN_TRAFFIC", None, "packets on bus main that nobody asked for")]
+    faults += [fault("FOREIGN_TRAFFIC", None, "packets on bus main in a second that were not requested")]
     with answering(tmp_path / "control.sock", {"status": {"faults": faults}, "joints": []}):
         seen = CheckContext(HostInspector(), "twind.service", daemon=Asked(Client(tmp_path)))
         missing, foreign = service_checks.faults(seen)
