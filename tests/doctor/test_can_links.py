@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import found, host, mended, plant
-from twind_calibration.doctor import check_table
-from twind_calibration.doctor.can_links import CanNetworkInterface, judge, read_link, with_details
-from twind_calibration.doctor.check import Severity
-from twind_calibration.doctor.host_inspector import HostInspector
+from twind.doctor import check_table
+from twind.doctor.can_links import CanNetworkInterface, judge, read_link, with_details
+from twind.doctor.check import Severity
+from twind.doctor.host_inspector import HostInspector
 from twind_drivers.can.can_interface import CAN_TYPE
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 
 from tests.doctor.test_servo_checks import KNEE, found, servo
+from twind import doctor
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
-from twind_calibration import doctor
-from twind_calibration.command_hint import CommandHint
-from twind_calibration.doctor import check_table, report
-from twind_calibration.doctor.check import DoctorFinding, Fix
-from twind_calibration.doctor.finding_commands import add_commands
-from twind_calibration.doctor.runner import DoctorReport
+from twind.ctl.command_hint import CommandHint
+from twind.doctor import check_table, report
+from twind.doctor.check import DoctorFinding, Fix
+from twind.doctor.finding_commands import add_commands
+from twind.doctor.runner import DoctorReport
 
 ROWS = check_table.complaints()
 # What moves, drops, wipes, burns or stops something where the diagnosis is wrong.

@@ -11,8 +11,8 @@ from tests.support.doctor_rig import ROOT, found, look, nobody, plant, way_to
 from tests.support.file_checks_rig import settings, spoil
 from twind.config.calibration_file import dump_calibration
 from twind.config.robot_file import load_robot
+from twind.doctor import storage_checks
 from twind.virtual.virtual_robot_spec import calibration, specimen
-from twind_calibration.doctor import storage_checks
 
 HERE = Path(__file__).parents[2]
 BUILT_IN = HERE / "twind/robots"

@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import pytest
 
 from tests.support.doctor_rig import options
-from twind_calibration.command_hint import CommandHint, command_hint
-from twind_calibration.doctor import check_table, report, runner
-from twind_calibration.doctor.bus_surveys import merge_findings
-from twind_calibration.doctor.check import Devices, DoctorFinding, Fix
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.check_table import CheckProbe
-from twind_calibration.doctor.finding_commands import add_commands
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.runner import DoctorReport
+from twind.ctl.command_hint import CommandHint, command_hint
+from twind.doctor import check_table, report, runner
+from twind.doctor.bus_surveys import merge_findings
+from twind.doctor.check import Devices, DoctorFinding, Fix
+from twind.doctor.check_context import CheckContext
+from twind.doctor.check_table import CheckProbe
+from twind.doctor.finding_commands import add_commands
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.runner import DoctorReport
 
 ROWS = check_table.complaints()
 HERE = CommandHint("--socket /tmp/a ", " --port main=/dev/x")

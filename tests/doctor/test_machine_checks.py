@@ -11,14 +11,14 @@ import pytest
 
 from tests.support.doctor_rig import ROOT, found, host, mended, nobody, options, plant, way_to
 from twind.client import Client, NoDaemon
+from twind.doctor import systemd, user_account
+from twind.doctor.check import CheckUnavailable
+from twind.doctor.context_builder import examine
+from twind.doctor.host_inspector import is_daemon
+from twind.doctor.machine_checks import synchronised
+from twind.doctor.machine_rows import MACHINE
+from twind.doctor.service_checks import judge_unit
 from twind.loop.realtime import LIMIT, PRIORITY
-from twind_calibration.doctor import systemd, user_account
-from twind_calibration.doctor.check import CheckUnavailable
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.host_inspector import is_daemon
-from twind_calibration.doctor.machine_checks import synchronised
-from twind_calibration.doctor.machine_rows import MACHINE
-from twind_calibration.doctor.service_checks import judge_unit
 from twind_drivers.clock import MonotonicClock
 
 needs_root = pytest.mark.skipif(not ROOT, reason="looks as another user: needs root")

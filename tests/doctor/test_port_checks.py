@@ -11,8 +11,8 @@ import pytest
 
 from tests.support.doctor_rig import ROOT, found, host, look, mended, nobody, plant, way_to
 from tests.support.port_checks_rig import codes
-from twind_calibration.doctor import latency_test
-from twind_calibration.doctor.host_inspector import HostInspector
+from twind.doctor import latency_test
+from twind.doctor.host_inspector import HostInspector
 
 needs_root = pytest.mark.skipif(not ROOT, reason="makes device nodes and looks as another user: needs root")
 MINOR = 250  # of a node that no driver serves: opening it would fail, and nobody opens it

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import look, options
+from twind import doctor
 from twind.ctl.ctl_main import main
 from twind.ctl.verb import UsageError
-from twind_calibration import doctor
-from twind_calibration.doctor import check_table, host_rows, report, robot_rows, runner, table_page
-from twind_calibration.doctor.check import (
+from twind.doctor import check_table, host_rows, report, robot_rows, runner, table_page
+from twind.doctor.check import (
     Check,
     CheckNotApplicable,
     CheckUnavailable,
@@ -22,10 +22,10 @@ from twind_calibration.doctor.check import (
     Fix,
     Severity,
 )
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.check_table import CHECK_BROKEN, CheckProbe
-from twind_calibration.doctor.context_builder import examine, real_port
-from twind_calibration.doctor.host_inspector import HostInspector
+from twind.doctor.check_context import CheckContext
+from twind.doctor.check_table import CHECK_BROKEN, CheckProbe
+from twind.doctor.context_builder import examine, real_port
+from twind.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 ROWS = {
@@ -98,9 +98,7 @@ def test_no_code_stands_in_the_table_twice() -> None:
 
 def test_the_troubleshooting_page_has_the_table_as_it_is() -> None:
     text = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text()
-    assert table_page.render_page(text) == text, (
-        "python -m twind_calibration.doctor.table_page docs/troubleshooting.md"
-    )
+    assert table_page.render_page(text) == text, "python -m twind.doctor.table_page docs/troubleshooting.md"
 
 
 def test_a_page_without_a_place_for_the_table_is_refused(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
 from twind.ctl.ctl_main import main
-from twind_calibration.doctor import (
+from twind.doctor import (
     check_table,
     daemon_survey,
     register_fix,
@@ -24,13 +24,13 @@ from twind_calibration.doctor import (
     runner,
     service_checks,
 )
-from twind_calibration.doctor.bus_surveys import merge_findings
-from twind_calibration.doctor.check import CheckUnavailable, Devices, DoctorFinding, Fix
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.daemon_inspector import DaemonInspector
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
-from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, is_queried
+from twind.doctor.bus_surveys import merge_findings
+from twind.doctor.check import CheckUnavailable, Devices, DoctorFinding, Fix
+from twind.doctor.check_context import CheckContext
+from twind.doctor.daemon_inspector import DaemonInspector
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.serial_bus_inspector import SerialBusInspector
+from twind.doctor.survey import SerialSurvey, SurveyedServo, is_queried
 from twind_drivers.clock import MonotonicClock
 
 ROBOT = load_robot("h24")

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twind_calibration.doctor import add_arguments, check_table, runner
-from twind_calibration.doctor.check import DoctorFinding
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.runner import DoctorReport, FixResult
+from twind.doctor import add_arguments, check_table, runner
+from twind.doctor.check import DoctorFinding
+from twind.doctor.check_context import CheckContext
+from twind.doctor.context_builder import examine
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.runner import DoctorReport, FixResult
 from twind_drivers.clock import MonotonicClock
 
 NOBODY = 65534

@@ -1,7 +1,7 @@
 """Helpers shared by the computed and the real-time tests of doctor ports."""
 
 from tests.support.doctor_rig import found
-from twind_calibration.doctor.host_inspector import HostInspector
+from twind.doctor.host_inspector import HostInspector
 
 
 def codes(path: object, code: str, on: HostInspector | None = None) -> list[str]:

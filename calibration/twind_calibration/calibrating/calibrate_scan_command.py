@@ -4,17 +4,17 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
+from twind.ctl.command_hint import command_hint
 from twind.ctl.progress import ProgressLine
 from twind.ctl.status_table import lined_up
 from twind.ctl.verb import DONE, REFUSED, show
-from twind_calibration.command_hint import command_hint
-from twind_calibration.doctor import check_table, report, runner
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.finding_commands import add_commands
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
-from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
+from twind.doctor import check_table, report, runner
+from twind.doctor.check_context import CheckContext
+from twind.doctor.context_builder import examine
+from twind.doctor.finding_commands import add_commands
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
+from twind.doctor.survey import CanSurvey, SerialSurvey
 from twind_drivers.clock import MonotonicClock
 
 LOOKS = (BUSES, SERVOS, ACTUATORS)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind.client import Client
+from twind.ctl.command_hint import command_hint
 from twind.ctl.verb import Rejected, UsageError, lease
 from twind.robot.arrays import Floats
-from twind_calibration.command_hint import command_hint
 
 AROUND = 0.4  # s that are recorded before and after a move
 MOST_FRICTION = 100.0  # N·m

@@ -25,14 +25,14 @@ from tests.support.doctor_rig import options
 from tests.support.doctor_robot import BAUD, Case, Ground, Vendor, planted, ready, upper_body
 from tests.support.processes import Daemon, Virtual, daemon, robot
 from twind.config.robot_file import load_robot
-from twind_calibration.doctor import check_table, robot_checks, robot_rows, runner
-from twind_calibration.doctor.check import DoctorFinding
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.runner import DoctorReport, FixResult
-from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
-from twind_calibration.doctor.serial_survey import survey_port
+from twind.doctor import check_table, robot_checks, robot_rows, runner
+from twind.doctor.check import DoctorFinding
+from twind.doctor.check_context import CheckContext
+from twind.doctor.context_builder import examine
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.runner import DoctorReport, FixResult
+from twind.doctor.serial_bus_inspector import SerialBusInspector
+from twind.doctor.serial_survey import survey_port
 from twind_drivers.clock import MonotonicClock
 
 ROWS = check_table.complaints()

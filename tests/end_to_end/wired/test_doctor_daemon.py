@@ -21,13 +21,13 @@ from tests.support.doctor_rig import ROOT, found, look, mended, nobody, way_to, 
 from tests.support.processes import Daemon, Virtual, daemon, favour, robot, until
 from twind.client import Client
 from twind.ctl.ctl_main import main
+from twind.doctor import machine_rows, service_checks
+from twind.doctor.check_context import CheckContext
+from twind.doctor.daemon_inspector import PATIENCE
+from twind.doctor.daemon_inspector import DaemonInspector as Asked
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.service_checks import ENOUGH, MISSED
 from twind.version import __version__
-from twind_calibration.doctor import machine_rows, service_checks
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.daemon_inspector import PATIENCE
-from twind_calibration.doctor.daemon_inspector import DaemonInspector as Asked
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.service_checks import ENOUGH, MISSED
 
 needs_root = pytest.mark.skipif(not ROOT, reason="looks as another user: needs root")
 # What a machine may really lack: no false alarm of these is claimed here, but in test_doctor_machine.py.

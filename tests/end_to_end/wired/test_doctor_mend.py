@@ -12,13 +12,13 @@ from tests.support.doctor_robot import BAUD, Ground, Vendor, upper_body
 from tests.support.processes import robot
 from twind.config.robot_file import load_robot
 from twind.ctl.verb import Rejected
-from twind_calibration.doctor import register_fix
-from twind_calibration.doctor.bus_surveys import servos
-from twind_calibration.doctor.check import CheckUnavailable
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
-from twind_calibration.doctor.serial_survey import survey_port
+from twind.doctor import register_fix
+from twind.doctor.bus_surveys import servos
+from twind.doctor.check import CheckUnavailable
+from twind.doctor.check_context import CheckContext
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.serial_bus_inspector import SerialBusInspector
+from twind.doctor.serial_survey import survey_port
 from twind_drivers.clock import MonotonicClock
 
 HOLD = "import os,sys; fd=os.open(sys.argv[1],os.O_RDWR|os.O_NOCTTY); print(flush=True); sys.stdin.read()"

@@ -12,10 +12,10 @@ from tests.support.doctor_rig import options
 from tests.support.processes import Daemon, Virtual, daemon, robot, until
 from twind.client import Client
 from twind.ctl.ctl_main import main
+from twind.doctor import check_table, robot_checks, runner
+from twind.doctor.context_builder import examine
+from twind.doctor.host_inspector import HostInspector
 from twind.robot.attitude import G
-from twind_calibration.doctor import check_table, robot_checks, runner
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 ID = 200

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.systemd.machine import Machine
 from tests.support.systemd.service import Json, Robot, Service, settings
-from twind_calibration.doctor import machine_rows
+from twind.doctor import machine_rows
 
 pytestmark = pytest.mark.slow
 
