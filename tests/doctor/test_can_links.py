@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import found, host, mended, plant
-from twind.doctor import check_table
-from twind.doctor.can_links import CanNetworkInterface, judge, read_link, with_details
-from twind.doctor.check import Severity
+from twind.doctor import runner
+from twind.doctor.can_links import CanNetworkInterface, judge_link, read_link, with_details
+from twind.doctor.check import Severity, severity_of
 from twind.doctor.host_inspector import HostInspector
 from twind_drivers.can.can_interface import CAN_TYPE
 
@@ -34,7 +34,7 @@ def link(text: str, *, up: bool = True, queue: int = 10) -> CanNetworkInterface:
 
 
 def codes(one: CanNetworkInterface) -> list[str]:
-    return [each.code for each in judge(HostInspector(), one, 1_000_000)]
+    return [each.code for each in judge_link(HostInspector(), one, 1_000_000)]
 
 
 def test_a_well_interface_gives_no_alarm() -> None:
@@ -43,34 +43,34 @@ def test_a_well_interface_gives_no_alarm() -> None:
 
 @pytest.mark.parametrize("state", ["BUS-OFF", "ERROR-PASSIVE"])
 def test_a_controller_that_counts_errors_is_told_with_its_counters(state: str) -> None:
-    (finding,) = judge(HostInspector(), link(told(state)), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(told(state)), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_STATE", f"{state}, errors tx 128, rx 3")
     assert finding.command.splitlines()[1] == "sudo ip link set can0 down"
 
 
 def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down() -> None:
-    (finding,) = judge(HostInspector(), link(told("ERROR-WARNING")), 1_000_000)
-    assert (finding.code, finding.measured) == ("CAN_LINK_ERRORS", "ERROR-WARNING, tx 128, rx 3")
+    (finding,) = judge_link(HostInspector(), link(told("ERROR-WARNING")), 1_000_000)
+    assert (finding.code, finding.measured) == ("BUS_NOISE", "ERROR-WARNING, errors tx 128, rx 3")
     assert finding.command == ""
-    assert check_table.complaints()[finding.code].severity is Severity.WARNING
+    assert severity_of(finding, runner.table()) is Severity.WARNING
 
 
 @pytest.mark.parametrize("told_", [told("BUS-OFF"), told(bitrate=500_000), told(restart=0)])
 def test_a_link_that_is_up_is_taken_down_only_after_a_disarming(told_: str) -> None:
-    (finding,) = judge(HostInspector(), link(told_), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(told_), 1_000_000)
     first, second, third = finding.command.splitlines()
     assert (first, second) == ("twindctl disarm", "sudo ip link set can0 down")
     assert third.startswith("sudo ip link set can0 up ")
-    row = check_table.complaints()[finding.code].remedy
+    row = runner.table()[finding.code].remedy
     assert row.index("`twindctl disarm`") < row.index("`sudo ip link set can0 down`")
-    (down, *_) = judge(HostInspector(), link(told_, up=False), 1_000_000)
+    (down, *_) = judge_link(HostInspector(), link(told_, up=False), 1_000_000)
     assert "disarm" not in down.command, "it is down already"
 
 
 def test_another_bit_rate_is_told_with_both() -> None:
-    (finding,) = judge(HostInspector(), link(told(bitrate=500_000)), 1_000_000)
+    (finding,) = judge_link(HostInspector(), link(told(bitrate=500_000)), 1_000_000)
     assert (finding.code, finding.measured, finding.expected) == (
-        "CAN_LINK_BITRATE",
+        "CAN_LINK_STATE",
         "500000 bit/s",
         "1000000 bit/s",
     )
@@ -82,12 +82,12 @@ def test_an_interface_that_is_down_is_told_once_and_not_as_a_state_too() -> None
 
 
 def test_a_controller_that_never_restarts_is_told() -> None:
-    assert codes(link(told(restart=0))) == ["CAN_LINK_RESTART"]
+    assert codes(link(told(restart=0))) == ["CAN_LINK_STATE"]
 
 
 @pytest.mark.parametrize(("queue", "wrong"), [(10, False), (100, False), (101, True), (1000, True)])
 def test_a_queue_is_long_above_100_frames(queue: int, wrong: bool) -> None:
-    assert codes(link(told(), queue=queue)) == (["CAN_LINK_QUEUE"] if wrong else [])
+    assert codes(link(told(), queue=queue)) == (["CAN_LINK_STATE"] if wrong else [])
 
 
 def test_a_virtual_can_has_no_controller_to_complain_of() -> None:
@@ -115,13 +115,13 @@ def test_an_interface_of_this_machine_is_read_as_it_is() -> None:
 def test_an_interface_that_is_not_there_is_found_with_the_command_that_makes_it() -> None:
     if Path("/sys/class/net/can0").exists():
         pytest.skip("this machine has a can0")
-    (finding,) = found(*LEGS, code="CAN_LINK_MISSING")
+    (finding,) = found(*LEGS, code="CAN_LINK_DOWN")
     assert finding.thing == "can0" and "no such interface; there are:" in finding.measured
     assert finding.command == "sudo ip link set can0 up type can bitrate 1000000 restart-ms 100"
 
 
 def test_an_interface_of_another_kind_is_no_can_interface() -> None:
-    (finding,) = found("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:lo", code="CAN_LINK_MISSING")
+    (finding,) = found("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:lo", code="CAN_LINK_DOWN")
     assert finding.thing == "lo" and "is no CAN interface" in finding.measured
 
 
@@ -131,9 +131,12 @@ def test_a_long_queue_in_sys_is_found_and_shortened(tmp_path: Path) -> None:
     plant(folder / "flags", "0x40081\n")
     queue = plant(folder / "tx_queue_len", "1000\n")
     on = host(sys=tmp_path)
-    (finding,) = found(*LEGS, code="CAN_LINK_QUEUE", on=on)
-    assert finding.measured == "1000 frames" and finding.command == "sudo ip link set can0 txqueuelen 48"
-    (tried,) = mended(*LEGS, code="CAN_LINK_QUEUE", on=on)
+    (finding,) = found(*LEGS, code="CAN_LINK_STATE", on=on)
+    assert (
+        finding.measured == "a queue of 1000 frames"
+        and finding.command == "sudo ip link set can0 txqueuelen 48"
+    )
+    (tried,) = mended(*LEGS, code="CAN_LINK_STATE", on=on)
     assert (tried.error, tried.there) == ("", False) and queue.read_text() == "48\n"
     plant(folder / "flags", "0x40080\n")
     assert [each.thing for each in found(*LEGS, code="CAN_LINK_DOWN", on=on)] == ["can0"]

@@ -1,8 +1,8 @@
 """what is wrong with this machine, its files, the daemon, the buses and the servos, and what mends it
 
-With a running daemon it is asked; without one the free ports are opened, asked and read. Nothing moves, no
-torque changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine; but
-a serial port that is opened is asked for low latency, which stays with the adapter until it is unplugged.
+It asks a running daemon; without one it opens and reads the free ports. Nothing moves and no torque changes.
+Without `--fix` nothing is written to a servo, a file or a setting of this machine; but a serial port that is
+opened is set to low latency, which stays with the adapter until it is unplugged.
 """
 
 import argparse
@@ -22,13 +22,11 @@ NICE = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the verb; those that `twind` has too mean the same."""
+    """Add the options of the verb; those that `twind` has too mean the same."""
     parser.add_argument("--fix", action="store_true", help="mend what can be mended safely, and look again")
     parser.add_argument("--yes", action="store_true", help="with --fix: without asking first")
-    parser.add_argument(
-        "--only", metavar="CODE", nargs="+", default=[], help="look for these complaints alone"
-    )
-    parser.add_argument("--verbose", action="store_true", help="say all that was looked at")
+    parser.add_argument("--only", metavar="CODE", nargs="+", default=[], help="look for these codes alone")
+    parser.add_argument("--verbose", action="store_true", help="list all that was looked at")
     parser.add_argument("--config", metavar="FILE", help="settings, as for `twind`")
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot, as for `twind`")
     parser.add_argument("--calibration", metavar="FILE", help="calibration, as for `twind`")
@@ -36,47 +34,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0: nothing wrong (notes alone do not count), 1: something found, or nothing looked at.
+    """Run the doctor. Exit code 0: nothing wrong (notes do not count); 1: a finding, or nothing inspected.
 
     Raises UsageError.
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
     from twind.ctl.command_hint import command_hint
     from twind.ctl.progress import ProgressLine
-    from twind.doctor import check_table, report, runner
-    from twind.doctor.check_context import CheckContext
-    from twind.doctor.context_builder import examine
-    from twind.doctor.finding_commands import add_commands
+    from twind.doctor import report, runner
+    from twind.doctor.check_context import CheckContext, examine
     from twind.doctor.host_inspector import HostInspector
     from twind_drivers.clock import MonotonicClock
 
     def look() -> CheckContext:
         return examine(options, HostInspector(), MonotonicClock())
 
-    known = check_table.complaints()
-    checks = check_table.checks()
+    known = runner.table()
+    checks = runner.all_checks()
     asks = options.fix and not options.yes
     if asks and (options.json or not sys.stdin.isatty()):
-        raise UsageError("--fix asks before it changes anything; where nobody can answer, say --fix --yes")
+        raise UsageError("--fix asks before it changes anything; without a terminal use --fix --yes")
     if unknown := sorted(set(options.only) - set(known)):
-        raise UsageError(f"--only: no complaint {unknown[0]!r}; known: {', '.join(known)}")
-    examined = look()
+        raise UsageError(f"--only: no code {unknown[0]!r}; known: {', '.join(known)}")
+    context = look()
     try:
-        with _gently(examined.daemon is not None), ProgressLine(options, "doctor") as progress:
+        with _low_priority(context.daemon is not None), ProgressLine(options, "doctor") as progress:
             chosen = progress.each(runner.select_checks(checks, options.only), lambda check: check.what)
-            outcome = runner.run(examined, chosen, known)
+            outcome = runner.run(context, chosen, known)
         if options.only:
             outcome.found = [each for each in outcome.found if each.code in {*options.only, "CHECK_BROKEN"}]
             outcome.because = {}
-        here = command_hint(options, examined.sockets or None)
-        outcome.found, outcome.fix = add_commands(
-            outcome.found, known, here, options.only, daemon=examined.daemon is not None
+        here = command_hint(options, context.sockets or None)
+        outcome.found, outcome.fix = report.add_commands(
+            outcome.found, known, here, options.only, daemon=context.daemon is not None
         )
     finally:
-        examined.close()
+        context.close()
     mended = None
-    if options.fix and _agreed(outcome, known, asks):
-        with _gently(examined.daemon is not None):
+    if options.fix and _confirm(outcome, known, asks):
+        with _low_priority(context.daemon is not None):
             mended = runner.mend(outcome, look, checks, known)
     text = report.text(outcome, known, mended, verbose=options.verbose)
     show(options, report.data(outcome, known, mended), text)
@@ -84,20 +80,20 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _gently(beside: bool) -> Iterator[None]:
-    """Beside a daemon: after everybody else, for who examines a loop must not make it late."""
+def _low_priority(beside: bool) -> Iterator[None]:
+    """Lower the priority of this process beside a daemon, whose loop must not become late."""
     before = os.getpriority(os.PRIO_PROCESS, 0)
     if beside:
         os.setpriority(os.PRIO_PROCESS, 0, max(before, NICE))
     try:
         yield
     finally:
-        with suppress(PermissionError):  # who is not root stays so, and is about to end
+        with suppress(PermissionError):  # only root may raise it again; this process ends soon
             os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
-def _agreed(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) -> bool:
-    """Shows what would be done and its cautions, and waits for a yes; without work it is a yes."""
+def _confirm(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) -> bool:
+    """Return the consent to all fixes: print them with their cautions and read the answer, if `asks`."""
     fixed = [found for found in outcome.found if found.fix is not None]
     todo = [f"{found.thing}: {found.fix.text}" for found in fixed if found.fix is not None]
     todo += dict.fromkeys(f"first: {rows[each.code].caution}" for each in fixed if rows[each.code].caution)
@@ -105,4 +101,4 @@ def _agreed(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) ->
         return True
     print("\n".join(["--fix would do:", *(f"    {each}" for each in todo)]))
     print("do all of this? [y/N] ", end="", flush=True)
-    return sys.stdin.readline().strip().lower() in ("y", "yes")  # the end of the input is no yes
+    return sys.stdin.readline().strip().lower() in ("y", "yes")  # the end of the input is no consent

@@ -1,4 +1,4 @@
-"""Checks of the kernel's CAN interfaces, by /sys/class/net and `ip -details -json link`. Changes none."""
+"""Subject: CAN interfaces of the kernel, by /sys/class/net and `ip -details -json link`. Reads only."""
 
 import json
 from collections.abc import Iterator
@@ -6,18 +6,49 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twind.config.actuator_types import CAN
-from twind.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
-from twind.doctor.check_context import CheckContext
+from twind.doctor.check import (
+    SUPPORT,
+    Check,
+    CheckNotApplicable,
+    CheckUnavailable,
+    DoctorFinding,
+    Fix,
+    Severity,
+)
+from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector
-from twind_drivers.can import can_ports
+from twind.doctor.ports import can_interfaces
 from twind_drivers.can.can_interface import CAN_TYPE, LONG
 
 SHORT = 48  # frames: two cycles of 24 actuators
 RESTART_MS = 100
 WELL = ("ERROR-ACTIVE", "STOPPED", "SLEEPING")  # of a controller that counts no errors; the two last: down
-WARNING = "ERROR-WARNING"  # 96 errors or more counted; it still sends and hears all (ISO 11898-1)
+WARNING = "ERROR-WARNING"  # 96 errors or more counted; it still sends and receives all (ISO 11898-1)
 UP = 0x1  # IFF_UP (linux/if.h)
+BIT_RATE = "check the actuators' rate: a wrong one destroys the frames of all devices"
+
+ROWS = (
+    Check(
+        "CAN_LINK_DOWN",
+        "the CAN interface does not exist or is down",
+        "the bus carries no frames",
+        "plug the adapter in, `sudo modprobe can_raw`, "
+        "`sudo ip link set can0 up type can bitrate RATE restart-ms 100`",
+        Severity.FAULT,
+        caution=BIT_RATE,
+    ),
+    Check(
+        "CAN_LINK_STATE",
+        "the CAN controller left the bus, or its interface is set wrongly",
+        "wrong rate or wiring: no frame is acknowledged; without `restart-ms` the bus stays off; old frames "
+        "of a long queue leave when power returns: the robot jerks",
+        "check power, bit rate, 60 Ω between the wires (all off); `twindctl disarm`, "
+        "`sudo ip link set can0 down`, then as CAN_LINK_DOWN; queue: `sudo ip link set can0 txqueuelen 48`",
+        Severity.FAULT,
+        caution=f"{BIT_RATE}; {SUPPORT}",
+        explains=("BUS_NOISE",),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,62 +101,57 @@ def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:
     )
 
 
-def links(x: CheckContext) -> Iterator[DoctorFinding]:
-    """CAN_LINK_…: check every interface that a bus of this robot uses."""
-    for bus, name in _configured_interfaces(x):
-        link = read_link(x.host, name)
+def check_links(context: CheckContext) -> Iterator[DoctorFinding]:
+    """CAN_LINK_DOWN, CAN_LINK_STATE, BUS_NOISE: every interface that a bus of this robot uses."""
+    links = can_interfaces(context)
+    if not links:
+        raise CheckNotApplicable("no bus goes through a CAN interface of the kernel")
+    for bus, name in links:
+        link = read_link(context.host, name)
+        bitrate = context.bus(bus).baud
         if link is None or link.kind != CAN_TYPE:
             what = "no such interface" if link is None else "is no CAN interface"
-            yield DoctorFinding(
-                "CAN_LINK_MISSING",
-                name,
-                f"{what}; there are: {_there(x.host)}",
-                command=_up(name, x.bus(bus).baud),
-            )
+            text = f"{what}; there are: {_there(context.host)}"
+            yield DoctorFinding("CAN_LINK_DOWN", name, text, command=_up(name, bitrate))
         else:
-            yield from judge(x.host, link, x.bus(bus).baud)
+            yield from judge_link(context.host, link, bitrate)
 
 
-def judge(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Iterator[DoctorFinding]:
-    """Yield the findings on one existing interface.
-
-    Checks bit rate, link and controller state, queue length and restart time.
-    """
+def judge_link(host: HostInspector, link: CanNetworkInterface, bitrate: int) -> Iterator[DoctorFinding]:
+    """Yield the findings on one existing interface: rate, link, controller, queue, restart time."""
     name = link.name
     again = f"sudo ip link set {link.name} down\n{_up(link.name, bitrate)}"
-    if link.up:  # down, it takes the goals from who is armed: the actuators run into their watchdogs
+    if link.up:  # without a disarm the actuators of an armed robot would run into their watchdogs
         again = f"twindctl disarm\n{again}"
+    errors = f", errors {link.errors}" if link.errors else ""
     if link.bitrate is not None and link.bitrate != bitrate:
-        yield DoctorFinding("CAN_LINK_BITRATE", name, f"{link.bitrate} bit/s", f"{bitrate} bit/s", again)
+        yield DoctorFinding("CAN_LINK_STATE", name, f"{link.bitrate} bit/s", f"{bitrate} bit/s", again)
     if not link.up:
         yield DoctorFinding("CAN_LINK_DOWN", name, "down", "up", _up(name, bitrate))
     elif link.state == WARNING:
-        counted = link.errors or "errors counted"
-        yield DoctorFinding("CAN_LINK_ERRORS", name, f"{link.state}, {counted}", "ERROR-ACTIVE")
+        yield DoctorFinding("BUS_NOISE", name, f"{link.state}{errors}", "ERROR-ACTIVE")
     elif link.state is not None and link.state not in WELL:
-        counted = f", errors {link.errors}" if link.errors else ""
-        yield DoctorFinding("CAN_LINK_STATE", name, f"{link.state}{counted}", "ERROR-ACTIVE", again)
+        yield DoctorFinding("CAN_LINK_STATE", name, f"{link.state}{errors}", "ERROR-ACTIVE", again)
     if link.queue > LONG:
         file = host.sys / "class/net" / name / "tx_queue_len"
-        fix = Fix(f"shorten it to {SHORT}", lambda: _write(file, SHORT))
-        command = f"sudo ip link set {name} txqueuelen {SHORT}"
-        yield DoctorFinding("CAN_LINK_QUEUE", name, f"{link.queue} frames", f"at most {LONG}", command, fix)
+        yield DoctorFinding(
+            "CAN_LINK_STATE",
+            name,
+            f"a queue of {link.queue} frames",
+            f"at most {LONG} frames",
+            f"sudo ip link set {name} txqueuelen {SHORT}",
+            Fix(f"shorten it to {SHORT}", lambda: _write(file, SHORT)),
+            severity=Severity.WARNING,
+        )
     if link.restart_ms == 0:
-        yield DoctorFinding("CAN_LINK_RESTART", name, "restart-ms 0", f"restart-ms {RESTART_MS}", again)
-
-
-def _configured_interfaces(x: CheckContext) -> list[tuple[str, str]]:
-    """Return bus and interface of every socketcan port. Raises CheckNotApplicable."""
-    robot = x.need_robot()
-    found = []
-    for bus, port in x.ports.items():
-        if port is not None and robot.bus(bus).kind == CAN:
-            parts = can_ports.parse(port)
-            if parts.interface == "socketcan":
-                found.append((bus, parts.channel))
-    if not found:
-        raise CheckNotApplicable("no bus goes through a CAN interface of the kernel")
-    return found
+        yield DoctorFinding(
+            "CAN_LINK_STATE",
+            name,
+            "restart-ms 0",
+            f"restart-ms {RESTART_MS}",
+            again,
+            severity=Severity.WARNING,
+        )
 
 
 def _there(host: HostInspector) -> str:
@@ -139,3 +165,6 @@ def _up(name: str, bitrate: int) -> str:
 
 def _write(file: Path, value: int) -> None:
     file.write_text(f"{value}\n")
+
+
+CHECKS = (CheckProbe("CAN interfaces", ("CAN_LINK_DOWN", "CAN_LINK_STATE", "BUS_NOISE"), check_links),)

@@ -1,7 +1,7 @@
-"""Writing one register of one servo, read back: through the running daemon, or alone on the free port.
+"""Write of one register of one servo with read-back: through the running daemon, or on the free port.
 
-Offered only while nobody is armed and that servo's torque is off, which is looked at again before the write.
-The half that writes exists only inside `Fix.do`.
+It is offered only while the robot is disarmed and the torque of that servo is off. Both are checked again
+before the write. Only `Fix.do` creates a writer.
 """
 
 from pathlib import Path
@@ -10,36 +10,35 @@ import numpy as np
 
 from twind.client import Client
 from twind.ctl.verb import Rejected, write_register
-from twind.doctor.bus_probe import PATIENCE, BusProbe
 from twind.doctor.check import Fix
 from twind.doctor.check_context import CheckContext
-from twind.doctor.daemon_inspector import DaemonInspector
-from twind.doctor.serial_bus_inspector import SerialBusInspector
-from twind.doctor.survey import SurveyedServo
+from twind.doctor.inspectors import REPLY_SLACK, DaemonInspector, SerialBusInspector
+from twind.doctor.serial_survey import SurveyedServo
 from twind_drivers.bus import BusError, PortError
-from twind_drivers.clock import Clock
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
-from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.run_script import perform
 
 
-def command(servo: SurveyedServo, register: str, value: int) -> str:
-    """What a person types for it; the daemon must be in live, with torque off."""
+def format_command(servo: SurveyedServo, register: str, value: int) -> str:
+    """Return the shell command of the write; the daemon must be in live, with torque off."""
     return f"twindctl register write {servo.bus} {servo.id} {register} {value}"
 
 
-def register(examined: CheckContext, servo: SurveyedServo, name: str, value: int) -> Fix | None:
-    """Writes `value`; None: not now (torque on or not known, somebody armed, the daemon may not write), or
-    never: the robot file demands another."""
+def offer_fix(context: CheckContext, servo: SurveyedServo, name: str, value: int) -> Fix | None:
+    """Return the fix that writes `value`; None: it is not offered.
+
+    Reasons: torque is on or unknown, the robot is armed, the daemon may not write, or the robot file
+    demands another value.
+    """
     if servo.values.get("torque_enable") != 0 or name not in servo.values:
         return None
     if servo.joint is not None and servo.joint.registers.get(name, value) != value:
         return None
     text = f"{name} := {value} (is {servo.values[name]})"
-    daemon = examined.daemon
-    line = examined.lines.get(servo.bus)
+    daemon = context.daemon
+    line = context.lines.get(servo.bus)
     if daemon is not None:
         if not daemon.is_live or daemon.status["armed"] or daemon.status["inherited"]:
             return None
@@ -50,18 +49,21 @@ def register(examined: CheckContext, servo: SurveyedServo, name: str, value: int
 
 
 def _by_daemon(daemon: DaemonInspector, servo: SurveyedServo, name: str, value: int) -> None:
-    """Raises ClientError with the daemon's reason; it refuses while anybody has torque."""
+    """Write through the daemon, which refuses while any servo has torque. Raises ClientError."""
     with Client(Path(daemon.path).parent) as client:
         write_register(client, bus=servo.bus, id=servo.id, name=name, value=value)
 
 
 def _alone(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int) -> None:
-    """Raises CannotLook: somebody has the port by now; PortError; Rejected: another servo is there, torque is
-    on by now, it does not answer, it refused, it reads otherwise."""
-    line.close()  # so that opening it looks anew at who has it
+    """Write on the free port.
+
+    Raises CheckUnavailable: another program has the port; PortError; Rejected: another servo answers, none
+    answers, torque is on, the servo refused, or the read-back differs.
+    """
+    line.close()  # opening it checks the holders again
     try:
         _require_same(line, servo)
-        _write(line.transport, line, servo, name, value, line.clock)
+        _write(line, servo, name, value)
     except PortError:
         raise
     except (BusError, ValueError) as error:
@@ -71,15 +73,15 @@ def _alone(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int
 
 
 def _require_same(line: SerialBusInspector, servo: SurveyedServo) -> None:
-    """Raises Rejected where another than the one that was looked at answers: minutes may have gone by."""
-    asker = BusProbe(line.transport, line.clock, line.baud, timer=(line.transport.latency_ms or 0) * 1e-3)
-    heard = asker.ping(servo.id)
-    if heard.data is None:  # one lost packet is not a missing servo
-        heard = asker.ping(servo.id)
-    if heard.data is None:
+    """Raise Rejected where another servo answers than before: minutes may have passed."""
+    probe = line.open_probe()
+    reply = probe.ping(servo.id)
+    if reply.data is None:  # one lost packet is not a missing servo
+        reply = probe.ping(servo.id)
+    if reply.data is None:
         raise Rejected(f"{servo.thing}: it does not answer any more: nothing was written")
-    model = int.from_bytes(heard.data[:2], "little")
-    firmware = heard.data[2]
+    model = int.from_bytes(reply.data[:2], "little")
+    firmware = reply.data[2]
     if (model, firmware) != (servo.model, servo.firmware):
         now = f"model {model}, firmware {firmware}"
         then = f"model {servo.model}, firmware {servo.firmware}"
@@ -88,28 +90,20 @@ def _require_same(line: SerialBusInspector, servo: SurveyedServo) -> None:
         )
 
 
-def _write(
-    transport: SerialTransport,
-    line: SerialBusInspector,
-    servo: SurveyedServo,
-    name: str,
-    value: int,
-    clock: Clock,
-) -> None:
+def _write(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int) -> None:
     assert servo.model is not None
-    timer = (transport.latency_ms or 0) * 1e-3
     reader = DynamixelReader(
         servo.bus,
-        transport,
+        line.transport,
         [servo.id],
         [servo.model],
         baud=line.baud,
         return_delay_us=LONGEST_DELAY * 1e6,
-        slack=PATIENCE + timer,
+        slack=REPLY_SLACK + line.timer_s,
     )
-    if perform(reader, reader.read(servo.id, "torque_enable"), clock).value:
+    if perform(reader, reader.read(servo.id, "torque_enable"), line.clock).value:
         raise Rejected(f"{servo.thing}: torque is on by now: nothing was written")
     centre = reader.table(servo.id).facts.centre or 0
-    only = np.array([centre])  # no goal is ever sent; the writer wants to know what would be allowed
+    only = np.array([centre])  # limits that the writer requires; it sends no goal
     writer = DynamixelWriter(reader, lower=only, upper=only, gains=[(0, 0, 0)])
-    perform(reader, writer.write(servo.id, name, value), clock, writer)
+    perform(reader, writer.write(servo.id, name, value), line.clock, writer)

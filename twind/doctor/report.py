@@ -1,18 +1,68 @@
-"""Report of the doctor, as text and as one JSON object."""
+"""Report of the doctor, as text and as one JSON object. Commands are completed for a copy to the shell."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from twind.doctor.check import Check, Devices, DoctorFinding, Fix, Severity
+from twind.ctl.command_hint import CommandHint
+from twind.doctor.check import MANY, Check, Devices, DoctorFinding, Fix, Severity, severity_of
 from twind.doctor.runner import DoctorReport, FixResult
 
-LABEL = {Severity.FAULT: "FAULT", Severity.WARNING: "WARNING", Severity.NOTE: "NOTE"}
+OTHERS = ("PORT_HELD",)  # codes whose commands ask another daemon than that of this call
+FIX = "twindctl doctor --fix"
+ASKS = re.compile(r"^twindctl (register|reboot|disarm|arm|reset|reload)\b", re.MULTILINE)
+WRITE = re.compile(r"twindctl register write (?P<bus>\S+) (?P<id>\d+) (?P<what>.*)")
+FIRST = "a running daemon does it (mode live, disarmed): "
+
+
+def add_commands(
+    found: Sequence[DoctorFinding],
+    rows: Mapping[str, Check],
+    again: CommandHint,
+    only: Sequence[str] = (),
+    *,
+    daemon: bool,
+) -> tuple[list[DoctorFinding], str]:
+    """Return the findings with commands for this call, and the command of `--fix` ("": it can do nothing).
+
+    `only`: the codes of `--only`. `daemon`: whether one was asked. Without a daemon, `--fix` writes registers
+    on the free port; other commands get the advice to start a daemon first.
+    """
+    fix = again.command(" ".join([FIX, *(["--only"] if only else []), *only]))
+    ready = [_complete(each, rows[each.code], again, fix, daemon=daemon) for each in found]
+    return ready, fix if any(each.fix is not None for each in found) else ""
+
+
+def _complete(
+    each: DoctorFinding, row: Check, again: CommandHint, fix: str, *, daemon: bool
+) -> DoctorFinding:
+    if each.code in OTHERS:
+        return each
+    command = _shorten(each.command)
+    advice = each.advice
+    if not daemon and ASKS.search(each.command):
+        if each.fix is not None:
+            return replace(each, command=fix, advice=again.prose(advice))
+        advice = FIRST + (advice or row.remedy)
+    advice = advice or ("" if each.command else row.remedy)
+    return replace(each, command=again.command(command), advice=again.prose(advice))
+
+
+def _shorten(command: str) -> str:
+    """Join equal writes to more than `MANY` servos of one bus into one shell loop."""
+    lines = command.splitlines()
+    writes = [found for line in lines if (found := WRITE.fullmatch(line))]
+    same = len(writes) == len(lines) and len({(each["bus"], each["what"]) for each in writes}) == 1
+    if len(lines) <= MANY or not same:
+        return command
+    ids = " ".join(each["id"] for each in writes)
+    return f"for id in {ids}; do twindctl register write {writes[0]['bus']} $id {writes[0]['what']}; done"
 
 
 def text(
     outcome: DoctorReport,
-    complaints: Mapping[str, Check],
+    rows: Mapping[str, Check],
     mended: Sequence[FixResult] | None,
     *,
     verbose: bool = False,
@@ -24,15 +74,15 @@ def text(
     for place, found in enumerate(outcome.found):
         because = outcome.because.get(place)
         fix = fixes.get(id(found))
-        lines += [*_finding(found, complaints[found.code], because, fix, outcome.fix, ids), ""]
+        lines += [*_finding(found, rows[found.code], because, fix, outcome.fix, ids), ""]
     if outcome.fix and mended is None:
         lines += ["what `--fix` can do, all of it, after asking:", f"    {outcome.fix}", ""]
-    lines += _last(outcome, complaints, mended, verbose=verbose)
+    lines += _last(outcome, rows, mended, verbose=verbose)
     return "\n".join(lines)
 
 
 def data(
-    outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None
+    outcome: DoctorReport, rows: Mapping[str, Check], mended: Sequence[FixResult] | None
 ) -> dict[str, Any]:
     """Return the report as one object: about, found, looked, not_looked, mended (null without `--fix`)."""
     return {
@@ -40,14 +90,14 @@ def data(
         "found": [
             {
                 "code": found.code,
-                "severity": complaints[found.code].severity.value,
-                "title": complaints[found.code].title,
+                "severity": severity_of(found, rows).value,
+                "title": rows[found.code].title,
                 "thing": found.thing,
                 "measured": found.measured,
                 "expected": found.expected or None,
-                "why": complaints[found.code].why,
-                "remedy": found.advice or complaints[found.code].remedy,
-                "caution": complaints[found.code].caution or None,
+                "why": rows[found.code].why,
+                "remedy": found.advice or rows[found.code].remedy,
+                "caution": rows[found.code].caution or None,
                 "command": found.command or None,
                 "fix": None if found.fix is None else str(found.fix),
                 "because_of": outcome.because.get(place),
@@ -72,13 +122,12 @@ def data(
 
 
 def count_problems(
-    outcome: DoctorReport, complaints: Mapping[str, Check], mended: Sequence[FixResult] | None
+    outcome: DoctorReport, rows: Mapping[str, Check], mended: Sequence[FixResult] | None
 ) -> int:
     """Count the findings, without notes and without those that were fixed."""
     gone = {id(each.found) for each in mended or () if not each.there and not each.error}
     return sum(
-        complaints[found.code].severity is not Severity.NOTE and id(found) not in gone
-        for found in outcome.found
+        severity_of(found, rows) is not Severity.NOTE and id(found) not in gone for found in outcome.found
     )
 
 
@@ -94,8 +143,8 @@ def _about(about: Mapping[str, Any]) -> str:
     daemon = about["daemon"]
     if daemon is None:
         return f"{robot}; no daemon was asked"
-    told = ", ".join(f"{key} {daemon[key]}" for key in ("version", "mode", "state") if key in daemon)
-    return f"{robot}; daemon at {daemon['socket']}" + (f": {told}" if told else "")
+    state = ", ".join(f"{key} {daemon[key]}" for key in ("version", "mode", "state") if key in daemon)
+    return f"{robot}; daemon at {daemon['socket']}" + (f": {state}" if state else "")
 
 
 def _finding(
@@ -106,7 +155,7 @@ def _finding(
     by_fix: str,
     ids: Mapping[str, Sequence[int]],
 ) -> list[str]:
-    title = f"{LABEL[row.severity]}  {row.code}: {row.title}"
+    title = f"{(found.severity or row.severity).name}  {row.code}: {row.title}"
     body = [
         f"{_short(found.thing, ids)}: {found.measured}"
         + (f"; should be {found.expected}" if found.expected else "")
@@ -116,7 +165,9 @@ def _finding(
         body.append(f"probably because of {because}, above")
     if row.caution:
         body.append(f"first: {row.caution}")
-    command = "" if found.fix is not None and found.command == by_fix else found.command  # told once, below
+    command = (
+        "" if found.fix is not None and found.command == by_fix else found.command
+    )  # it follows below, once
     if found.advice or not found.command:
         body.append(f"do: {found.advice or row.remedy}")
     if command:
@@ -151,12 +202,12 @@ def _short(thing: str, ids: Mapping[str, Sequence[int]]) -> str:
 
 def _last(
     outcome: DoctorReport,
-    complaints: Mapping[str, Check],
+    rows: Mapping[str, Check],
     mended: Sequence[FixResult] | None,
     *,
     verbose: bool,
 ) -> list[str]:
-    count = count_problems(outcome, complaints, mended)
+    count = count_problems(outcome, rows, mended)
     verdict = (
         "nothing wrong" if count == 0 else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
     )

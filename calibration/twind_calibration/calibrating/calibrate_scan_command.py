@@ -8,13 +8,13 @@ from twind.ctl.command_hint import command_hint
 from twind.ctl.progress import ProgressLine
 from twind.ctl.status_table import lined_up
 from twind.ctl.verb import DONE, REFUSED, show
-from twind.doctor import check_table, report, runner
-from twind.doctor.check_context import CheckContext
-from twind.doctor.context_builder import examine
-from twind.doctor.finding_commands import add_commands
+from twind.doctor import report, runner
+from twind.doctor.can_bus import ACTUATORS, CanSurvey
+from twind.doctor.check_context import CheckContext, examine
 from twind.doctor.host_inspector import HostInspector
-from twind.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
-from twind.doctor.survey import CanSurvey, SerialSurvey
+from twind.doctor.serial_bus import BUSES
+from twind.doctor.serial_survey import SerialSurvey
+from twind.doctor.servo_settings import SERVOS
 from twind_drivers.clock import MonotonicClock
 
 LOOKS = (BUSES, SERVOS, ACTUATORS)
@@ -34,15 +34,15 @@ BESIDE = (
 
 def scan(options: argparse.Namespace) -> int:
     """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
-    known = check_table.complaints()
-    checks = [each for each in check_table.checks() if each.what in LOOKS]
+    known = runner.table()
+    checks = [each for each in runner.all_checks() if each.what in LOOKS]
     examined = examine(options, HostInspector(), MonotonicClock())
     try:
         with ProgressLine(options, "scan") as progress:
             outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
         beside = examined.daemon is not None
         here = command_hint(options, examined.sockets or None)
-        outcome.found, outcome.fix = add_commands(outcome.found, known, here, daemon=beside)
+        outcome.found, outcome.fix = report.add_commands(outcome.found, known, here, daemon=beside)
         devices = list(_devices(examined))
     finally:
         examined.close()

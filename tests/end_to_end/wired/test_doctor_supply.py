@@ -11,7 +11,7 @@ from tests.support.doctor_rig import look as see
 from tests.support.doctor_robot import Vendor, upper_body
 from tests.support.processes import Virtual, robot, until
 from twind.config.robot_file import load_robot
-from twind.doctor import check_table, report, runner
+from twind.doctor import report, runner
 from twind.doctor.check import DoctorFinding
 
 CODES = ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP")
@@ -74,7 +74,7 @@ def look(virtual: Virtual, *words: str) -> list[DoctorFinding]:
 
 def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it."""
-    return report.text(runner.DoctorReport(found=[finding]), check_table.complaints(), None)
+    return report.text(runner.DoctorReport(found=[finding]), runner.table(), None)
 
 
 def test_servos_of_5_v_beside_servos_of_12_v_are_healthy(mixed: Virtual) -> None:
