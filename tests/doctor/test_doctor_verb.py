@@ -122,4 +122,4 @@ def test_where_nothing_was_looked_at_nothing_is_called_right(capsys: pytest.Capt
     *_, last = capsys.readouterr().out.splitlines()
     assert last.startswith("nothing is known; looked at 0 things; could not look at: serial buses, servos (")
     assert main([*words, "FILE_REFUSED"]) == 0
-    assert "nothing wrong; looked at 1 thing" in capsys.readouterr().out
+    assert "nothing wrong; looked at 2 things" in capsys.readouterr().out

@@ -31,8 +31,8 @@ ROWS = (
         "VOLTAGE_LOW",
         "the supply is low",
         "devices grow weak, then restart during motion",
-        "measure at the device, compare with its page; charge the battery, use thicker cables or a stronger "
-        "supply of equal voltage",
+        "measure with a meter at the device, compare with its page; charge the battery, use thicker cables "
+        "or a stronger supply of equal voltage",
         Severity.WARNING,
         caution="never feed a device above the rated voltage of its model, nor raise a supply that other "
         "models share",
@@ -57,7 +57,8 @@ ROWS = (
         "VOLTAGE_DROP",
         "servos get less voltage than others on this bus",
         "thin cable or bad connector: these servos restart first",
-        "measure at the first of them; if low, check the cables before it; feed long chains at both ends",
+        "measure the voltage at the first of them; if low, check the cables before it; feed long chains at "
+        "both ends",
         Severity.WARNING,
         caution="do not raise the supply: the others would get too much",
         explains=("VOLTAGE_LOW",),
