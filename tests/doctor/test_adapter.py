@@ -63,7 +63,7 @@ def test_a_long_latency_timer_is_found_and_mended(pty: str, tmp_path: Path) -> N
 
 
 @needs_root
-def test_a_timer_that_this_user_may_not_write_is_left_and_said_so(pty: str, tmp_path: Path) -> None:
+def test_fix_of_timer_without_permission_reports_the_error(pty: str, tmp_path: Path) -> None:
     for above in way_to(tmp_path):
         os.chmod(above, 0o755)
     file = plant(tty(tmp_path, pty) / "latency_timer", "16\n")

@@ -42,7 +42,7 @@ def test_a_well_interface_gives_no_alarm() -> None:
 
 
 @pytest.mark.parametrize("state", ["BUS-OFF", "ERROR-PASSIVE"])
-def test_a_controller_that_counts_errors_is_told_with_its_counters(state: str) -> None:
+def test_controller_off_the_bus_is_reported_with_its_counters(state: str) -> None:
     (finding,) = judge_link(HostInspector(), link(told(state)), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_STATE", f"{state}, errors tx 128, rx 3")
     assert finding.command.splitlines()[1] == "sudo ip link set can0 down"
@@ -56,7 +56,7 @@ def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down(
 
 
 @pytest.mark.parametrize("told_", [told("BUS-OFF"), told(bitrate=500_000), told(restart=0)])
-def test_a_link_that_is_up_is_taken_down_only_after_a_disarming(told_: str) -> None:
+def test_link_that_is_up_is_taken_down_only_after_disarming(told_: str) -> None:
     (finding,) = judge_link(HostInspector(), link(told_), 1_000_000)
     first, second, third = finding.command.splitlines()
     assert (first, second) == ("twindctl disarm", "sudo ip link set can0 down")
@@ -67,7 +67,7 @@ def test_a_link_that_is_up_is_taken_down_only_after_a_disarming(told_: str) -> N
     assert "disarm" not in down.command, "it is down already"
 
 
-def test_another_bit_rate_is_told_with_both() -> None:
+def test_wrong_bit_rate_is_reported_with_both_rates() -> None:
     (finding,) = judge_link(HostInspector(), link(told(bitrate=500_000)), 1_000_000)
     assert (finding.code, finding.measured, finding.expected) == (
         "CAN_LINK_STATE",
@@ -77,11 +77,11 @@ def test_another_bit_rate_is_told_with_both() -> None:
     assert "up type can bitrate 1000000 restart-ms 100" in finding.command
 
 
-def test_an_interface_that_is_down_is_told_once_and_not_as_a_state_too() -> None:
+def test_interface_that_is_down_is_one_finding() -> None:
     assert codes(link(told("STOPPED", up=False), up=False)) == ["CAN_LINK_DOWN"]
 
 
-def test_a_controller_that_never_restarts_is_told() -> None:
+def test_controller_without_restart_time_is_reported() -> None:
     assert codes(link(told(restart=0))) == ["CAN_LINK_STATE"]
 
 
@@ -96,11 +96,11 @@ def test_a_virtual_can_has_no_controller_to_complain_of() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[1]", "[{}, {}]", '[{"linkinfo": null}]', "no json"])
-def test_a_text_that_says_nothing_leaves_what_the_kernel_said(text: str) -> None:
+def test_output_without_details_keeps_the_values_of_the_kernel(text: str) -> None:
     assert link(text) == CanNetworkInterface("can0", CAN_TYPE, True, 10)
 
 
-def test_an_interface_of_this_machine_is_read_as_it_is() -> None:
+def test_interface_of_this_machine_is_read() -> None:
     """Every Linux has `lo`: a loopback of type 772 (ARPHRD_LOOPBACK), up, and no CAN."""
     if not Path("/sys/class/net/lo").exists():
         pytest.skip("no /sys/class/net/lo here")

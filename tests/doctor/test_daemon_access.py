@@ -19,7 +19,7 @@ from twind.doctor.host_inspector import HostInspector
         (False, "", False, "NO_DAEMON"),
     ],
 )
-def test_why_no_daemon_answers_is_known_without_its_words(
+def test_reason_without_daemon_follows_from_fields(
     tmp_path: Path, full: bool, asleep: str, other: bool, code: str
 ) -> None:
     (tmp_path / "control.sock").touch()

@@ -13,14 +13,14 @@ from twind.doctor.check import (
 )
 
 
-def test_who_answers_commands_alone_is_not_missing_where_nobody_commands() -> None:
+def test_actuator_that_replies_to_commands_alone_is_not_queried() -> None:
     leg = next(joint for joint in load_robot("h24-mixed").joints if joint.bus == "l_leg")
     assert isinstance(leg.type, CanType)
     assert is_queried(leg)
     assert not is_queried(replace(leg, type=replace(leg.type, family="cubemars")))
 
 
-def test_the_watchdog_of_an_actuator_is_not_to_be_tried_out_with_hands_on_the_robot() -> None:
+def test_unverified_watchdog_warns_against_trying_it_out() -> None:
     said = printed(DoctorFinding("WATCHDOG_UNKNOWN", "bus l_leg id 1", "`watchdog: unverified`"))
     assert "kill -9" not in said
     assert "hold the joint by hand" not in said

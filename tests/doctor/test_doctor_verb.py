@@ -18,7 +18,7 @@ from twind.doctor.host_inspector import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 
-def test_as_json_it_is_one_object_with_everything_a_finding_has(
+def test_json_report_is_one_object_with_all_fields_of_a_finding(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     port = tmp_path / "no-such-port"
@@ -53,25 +53,25 @@ def test_options_that_make_no_sense_are_a_usage_error(
     assert main(["--socket", str(tmp_path), "doctor", "--port", ""]) == 2
 
 
-def test_fix_is_refused_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fix_without_terminal_is_a_usage_error(monkeypatch: pytest.MonkeyPatch) -> None:
     with open("/dev/null") as nobody_there:
         monkeypatch.setattr("sys.stdin", nobody_there)
         with pytest.raises(UsageError, match="--fix --yes"):
             doctor.run(options("--fix"))
 
 
-def test_only_some_codes_are_looked_for_when_asked_so(tmp_path: Path) -> None:
+def test_only_limits_checks_and_findings(tmp_path: Path) -> None:
     outcome = look("--port", str(tmp_path / "no"), only=["PORT_MISSING"])
     assert [each.code for each in outcome.found] == ["PORT_MISSING"] and outcome.looked == ["ports"]
 
 
-def test_whom_it_is_about_is_said_first(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_report_begins_with_robot_and_ports(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     main(["--socket", str(tmp_path), "doctor", "--only", "PORT_UNSET"])
     first = capsys.readouterr().out.splitlines()[0]
     assert first == "robot h24, main on no port; no daemon was asked"
 
 
-def test_ports_of_the_settings_that_fit_no_bus_are_a_finding_and_no_usage_error(tmp_path: Path) -> None:
+def test_wrong_ports_of_the_settings_are_a_finding(tmp_path: Path) -> None:
     file = tmp_path / "twind.yaml"
     for ports, said in (
         ("{legs: /dev/ttyUSB0}", "no bus 'legs'; the buses of this robot: main"),
@@ -83,7 +83,7 @@ def test_ports_of_the_settings_that_fit_no_bus_are_a_finding_and_no_usage_error(
         assert finding.thing == str(file) and said in finding.measured
 
 
-def test_a_port_is_the_same_under_each_of_its_names(tmp_path: Path) -> None:
+def test_real_port_is_equal_for_all_names_of_a_port(tmp_path: Path) -> None:
     (tmp_path / "main").symlink_to("/dev/null")
     assert real_port(f"{tmp_path}/main") == real_port("/dev/null")
     assert real_port(f"can:slcan:{tmp_path}/main") == "can:slcan:/dev/null" != real_port("/dev/null")
@@ -92,7 +92,7 @@ def test_a_port_is_the_same_under_each_of_its_names(tmp_path: Path) -> None:
     assert real_port("") == ""
 
 
-def test_an_instance_is_known_by_its_settings_or_by_its_sockets(tmp_path: Path) -> None:
+def test_instance_follows_from_settings_or_sockets(tmp_path: Path) -> None:
     """twind@body.service has /etc/twind/body.yaml and /run/twind/body (design 6.3)."""
     (tmp_path / "twind").mkdir()
     file = tmp_path / "twind/body.yaml"
@@ -108,7 +108,7 @@ def test_an_instance_is_known_by_its_settings_or_by_its_sockets(tmp_path: Path) 
     assert examine(options(socket="/run/twind/other"), on, MonotonicClock()).unit == "twind.service"
 
 
-def test_where_nothing_was_looked_at_nothing_is_called_right(capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_without_inspection_gives_no_verdict(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--socket", "/nowhere", "doctor", "--robot", "h24", "--only"]
     assert main([*words, "LATENCY_FLOOR"]) == 1
     *_, last = capsys.readouterr().out.splitlines()

@@ -37,7 +37,7 @@ def rights(word: str) -> list[DoctorFinding]:
 
 
 @needs_root
-def test_a_user_whose_limits_forbid_real_time_is_told() -> None:
+def test_limits_without_real_time_are_reported() -> None:
     """nobody has no capability, so the limits of this process decide; root's own are what they are."""
     if resource.getrlimit(resource.RLIMIT_RTPRIO)[1] >= PRIORITY:
         pytest.skip("the limits here allow real time to everybody")
@@ -51,7 +51,7 @@ def test_a_user_whose_limits_forbid_real_time_is_told() -> None:
     assert finding.expected == f"{LIMIT}, as the service has"
 
 
-def test_one_number_is_told_everywhere_and_the_units_have_it() -> None:
+def test_remedy_and_units_have_the_same_priority_limit() -> None:
     units = Path(__file__).parents[2] / "systemd"
     for unit in ("twind.service", "twind@.service", "twind-failsafe@.service"):
         assert f"LimitRTPRIO={LIMIT}\n" in (units / unit).read_text()
@@ -60,7 +60,7 @@ def test_one_number_is_told_everywhere_and_the_units_have_it() -> None:
 
 
 @needs_root
-def test_a_user_who_may_lock_little_memory_is_told() -> None:
+def test_limits_on_locked_memory_are_reported() -> None:
     hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
     if hard == resource.RLIM_INFINITY or hard > 1 << 30:
         pytest.skip("the limits here allow everybody to lock memory")
@@ -71,7 +71,7 @@ def test_a_user_who_may_lock_little_memory_is_told() -> None:
 
 
 @needs_root
-def test_who_may_have_real_time_gets_no_alarm() -> None:
+def test_real_time_rights_cause_no_finding() -> None:
     """As the kernel says it: this process really gets FIFO."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
@@ -129,7 +129,7 @@ def ahead_of_clock(settings: Path) -> list[DoctorFinding]:
     return [each for each in found("--config", str(settings), code="CLOCK_WRONG") if each.severity is None]
 
 
-def test_whether_the_clock_is_synchronised_is_what_the_kernel_says() -> None:
+def test_clock_state_equals_that_of_the_kernel() -> None:
     """By the status word of adjtimex, where the check goes by its return value (adjtimex(2))."""
     buffer = ctypes.create_string_buffer(512)
     assert ctypes.CDLL(None).adjtimex(buffer) >= 0
@@ -143,7 +143,7 @@ def test_a_state_folder_that_can_be_made_gives_no_alarm(tmp_path: Path, robot: P
 
 
 @needs_root
-def test_a_state_folder_of_somebody_else_is_found(tmp_path: Path, robot: Path) -> None:
+def test_state_folder_of_another_user_is_reported(tmp_path: Path, robot: Path) -> None:
     for folder in (*way_to(tmp_path), robot.parent):
         os.chmod(folder, 0o755)
     (tmp_path / "state").mkdir(mode=0o755)
@@ -166,5 +166,5 @@ def test_a_library_that_is_too_old_or_missing_is_found() -> None:
     )
 
 
-def test_what_is_installed_here_is_new_enough() -> None:
+def test_installed_libraries_cause_no_finding() -> None:
     assert found(code="SOFTWARE_OLD") == []

@@ -65,14 +65,14 @@ def test_a_file_is_no_port(tmp_path: Path) -> None:
     assert codes(file, "PORT_MISSING") == [str(file)]
 
 
-def test_a_bus_without_a_port_is_a_note_that_lists_what_is_plugged_in(tmp_path: Path) -> None:
+def test_bus_without_port_is_a_note_that_lists_adapters(tmp_path: Path) -> None:
     plant(tmp_path / "ttyACM3", "")
     (finding,) = found(code="PORT_UNSET", on=host(dev=tmp_path))
     assert finding.thing == "bus main" and str(tmp_path / "ttyACM3") in finding.measured
 
 
 @needs_root
-def test_a_number_is_told_with_the_name_that_stays(tmp_path: Path) -> None:
+def test_numbered_port_is_reported_with_its_permanent_name(tmp_path: Path) -> None:
     port = node(tmp_path / "ttyUSB0")
     link = tmp_path / "serial/by-id/usb-FTDI_FT0000-if00-port0"
     link.parent.mkdir(parents=True)
@@ -83,7 +83,7 @@ def test_a_number_is_told_with_the_name_that_stays(tmp_path: Path) -> None:
 
 
 @needs_root
-def test_a_user_without_the_ports_group_is_told_how_to_get_it(tmp_path: Path) -> None:
+def test_user_outside_the_group_of_the_port_gets_the_command(tmp_path: Path) -> None:
     for above in way_to(tmp_path):
         os.chmod(above, 0o755)
     port = node(tmp_path / "ttyUSB0", 0o660, group=20)  # dialout on Debian
@@ -129,7 +129,7 @@ def udev_says(port: Path, answer: str) -> None:
     ("answer", "wrong"),
     [("DEVNAME=/dev/ttyACM0", True), ("ID_MM_DEVICE_IGNORE=1", False), ("ID_MM_PORT_IGNORE=1", False)],
 )
-def test_a_program_that_probes_new_ports_is_found_where_udev_does_not_keep_it_away(
+def test_modem_manager_is_reported_unless_udev_keeps_it_away(
     port_of_udev: Path, answer: str, wrong: bool
 ) -> None:
     udev_says(port_of_udev, answer)
@@ -141,14 +141,14 @@ def test_a_program_that_probes_new_ports_is_found_where_udev_does_not_keep_it_aw
 
 
 @needs_root
-def test_where_udev_cannot_be_asked_nobody_is_accused_of_probing(port_of_udev: Path) -> None:
+def test_probing_check_without_udevadm_is_unavailable(port_of_udev: Path) -> None:
     on = host(proc=port_of_udev.parent / "proc")
     outcome = look("--port", str(port_of_udev), on=on, only=["PORT_PROBED"])
     assert (outcome.found, outcome.unseen) == ([], [("probing programs", "udevadm is not installed")])
 
 
 @needs_root
-def test_a_braille_display_is_not_masked_because_it_runs(port_of_udev: Path) -> None:
+def test_running_brltty_causes_no_finding(port_of_udev: Path) -> None:
     udev_says(port_of_udev, "DEVNAME=/dev/ttyACM0")
     plant(port_of_udev.parent / "proc/4242/comm", "brltty\n")
     assert codes(port_of_udev, "PORT_PROBED", host(proc=port_of_udev.parent / "proc")) == []
@@ -174,7 +174,7 @@ def test_a_braille_display_is_not_masked_because_it_runs(port_of_udev: Path) -> 
     ],
     ids=["told its sockets", "by hand", "service", "instance"],
 )
-def test_nobody_is_told_to_kill_another_daemon(
+def test_port_held_by_another_daemon_advises_to_ask_it(
     pty: str, tmp_path: Path, words: str, group: str, ask: str, end: str
 ) -> None:
     """Its command line is longer than the 80 characters that are told of it."""
@@ -190,12 +190,22 @@ def test_nobody_is_told_to_kill_another_daemon(
     assert end in finding.advice
 
 
-def test_the_holders_of_a_locked_node_are_read_from_the_kernels_list(pty: str) -> None:
-    """Our own lock is not told: it is the doctor's."""
+def test_holders_of_a_locked_port_are_read_from_the_list_of_locks(pty: str, tmp_path: Path) -> None:
+    """The list has every user's locks. The process of the doctor is left out: it may lock the port itself."""
+    node = os.stat(pty)
+    place = f"{os.major(node.st_dev):02x}:{os.minor(node.st_dev):02x}:{node.st_ino}"
+    for pid, holders in ((4242, [4242]), (os.getpid(), [])):
+        plant(tmp_path / "locks", f"1: FLOCK  ADVISORY  WRITE {pid} {place} 0 EOF\n")
+        assert [each.pid for each in host(proc=tmp_path).holders(pty)] == holders
+
+
+def test_lock_of_a_port_is_in_the_list_of_the_kernel(pty: str) -> None:
     fd = os.open(pty, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(fd, fcntl.LOCK_EX)
     try:
+        inode = f":{os.stat(pty).st_ino} "
+        locks = Path("/proc/locks").read_text().splitlines()
+        assert [line for line in locks if inode in line and f" {os.getpid()} " in line]
         assert HostInspector().holders(pty) == []
-        assert list(HostInspector()._lockers(pty)) == [os.getpid()]
     finally:
         os.close(fd)

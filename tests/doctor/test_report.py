@@ -51,7 +51,7 @@ def delay(id: int, *, fix: bool = True) -> DoctorFinding:
 
 
 @pytest.mark.parametrize("code", [code for code in ROWS if HARMFUL.search(ROWS[code].remedy)])
-def test_a_remedy_that_can_harm_has_a_caution(code: str) -> None:
+def test_harmful_remedy_has_a_caution(code: str) -> None:
     assert ROWS[code].caution or code in HARMLESS
 
 
@@ -65,7 +65,7 @@ def test_the_caution_is_printed_before_the_remedy_and_before_the_command(code: s
     assert data["caution"] == ROWS[code].caution
 
 
-def test_what_fix_would_do_is_asked_with_the_cautions(
+def test_fix_dialog_prints_each_caution_once(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin.readline", lambda: "n\n")
@@ -73,7 +73,7 @@ def test_what_fix_would_do_is_asked_with_the_cautions(
         DoctorFinding("RETURN_DELAY", f"id {id}", "500 us", fix=Fix("delay := 5", lambda: None))
         for id in (1, 2)
     ]
-    assert not doctor._confirm(DoctorReport(found=mends), ROWS, asks=True)
+    assert not doctor.confirm_fixes(DoctorReport(found=mends), ROWS, asks=True)
     assert capsys.readouterr().out.count(ROWS["RETURN_DELAY"].caution) == 1
 
 
@@ -95,7 +95,7 @@ def test_a_command_keeps_the_options_of_the_call(text: str, printed: str) -> Non
     assert CommandHint().command(text) == text
 
 
-def test_words_for_people_are_left_as_they_are_but_for_what_is_quoted() -> None:
+def test_hint_changes_only_quoted_commands_of_prose() -> None:
     said = "twindctl and twind differ: `twindctl reload` (not `sudo twind`)"
     assert (
         HERE.prose(said) == "twindctl and twind differ: `twindctl --socket /tmp/a reload` (not `sudo twind`)"
@@ -111,7 +111,7 @@ def test_the_options_are_quoted_as_a_shell_takes_them() -> None:
     assert command_hint(argparse.Namespace(socket="/run/b"), "/run/c") == CommandHint("--socket /run/b ")
 
 
-def test_without_a_daemon_what_fix_does_is_one_command_that_is_printed_once() -> None:
+def test_without_daemon_the_fix_command_is_printed_once() -> None:
     found, fix = add_commands(
         [*merge_findings(map(delay, range(1, 25))), delay(30)], ROWS, HERE, daemon=False
     )
@@ -121,7 +121,7 @@ def test_without_a_daemon_what_fix_does_is_one_command_that_is_printed_once() ->
     assert add_commands(found, ROWS, HERE, ["RETURN_DELAY"], daemon=False)[1] == f"{FIX} --only RETURN_DELAY"
 
 
-def test_without_a_daemon_what_only_a_daemon_can_do_is_said_to_need_one() -> None:
+def test_without_daemon_other_writes_advise_to_start_one() -> None:
     ((found,), fix) = add_commands([delay(7, fix=False)], ROWS, HERE, daemon=False)
     assert fix == "" and found.advice.startswith("a running daemon does it")
     assert found.command == "twindctl --socket /tmp/a register write main 7 return_delay_time 5"
@@ -137,7 +137,7 @@ def test_by_a_daemon_many_equal_writes_are_one_line_of_shell() -> None:
     assert [each.command.count("\n") for each in add_commands(apart, ROWS, HERE, daemon=True)[0]] == [0, 0, 0]
 
 
-def test_no_row_of_the_table_is_told_without_the_options_of_the_call() -> None:
+def test_every_remedy_carries_the_options_of_the_call() -> None:
     """Neither the remedies of rows nor those of findings: a bare command asks another daemon."""
     found, _ = add_commands([DoctorFinding(code, "x", "y") for code in ROWS], ROWS, HERE, daemon=True)
     said = report.text(DoctorReport(found=found), ROWS, None)
@@ -145,12 +145,12 @@ def test_no_row_of_the_table_is_told_without_the_options_of_the_call() -> None:
     assert bare == []
 
 
-def test_how_another_daemon_is_asked_is_left_as_it_is() -> None:
+def test_command_for_another_daemon_is_unchanged() -> None:
     ask = DoctorFinding("PORT_HELD", "/dev/x", "held", advice="ask that one, `twindctl doctor`")
     assert add_commands([ask], ROWS, HERE, daemon=False) == ([ask], "")
 
 
-def test_what_all_servos_of_a_bus_have_is_told_by_the_first_and_the_last_id() -> None:
+def test_finding_about_all_servos_names_first_and_last_id() -> None:
     every, fix = add_commands([*merge_findings(map(delay, range(1, 25)))], ROWS, HERE, daemon=False)
     about = {"robot": "h24", "ports": {"main": "/dev/x"}, "ids": {"main": list(range(1, 25))}, "daemon": None}
     said = report.text(DoctorReport(about=about, found=every, fix=fix), ROWS, None)
@@ -160,7 +160,7 @@ def test_what_all_servos_of_a_bus_have_is_told_by_the_first_and_the_last_id() ->
     assert "23 (j23): 500 us" in report.text(DoctorReport(about=about, found=some), ROWS, None)
 
 
-def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> None:
+def test_equal_findings_about_many_servos_are_joined_with_one_fix() -> None:
     done: list[int] = []
     same = [
         DoctorFinding(

@@ -69,7 +69,7 @@ def test_a_model_without_limits_is_found_with_its_joints(robot: Path) -> None:
     assert 'range="LOWER UPPER"' in finding.advice and "head_yaw" in finding.advice
 
 
-def test_the_robot_file_is_told_before_what_only_follows_from_it(tmp_path: Path, robot: Path) -> None:
+def test_rejected_robot_file_precedes_its_consequences(tmp_path: Path, robot: Path) -> None:
     spoil(robot, lambda text: text.replace("baud: 2000000", "baud: fast"))
     outcome = look("--robot", str(robot), socket=tmp_path, only=["FILE_REFUSED", "NO_DAEMON"])
     assert [each.code for each in outcome.found] == ["FILE_REFUSED", "NO_DAEMON"]
@@ -84,7 +84,7 @@ def calibrated(tmp_path: Path, robot: Path) -> Path:
     return plant(tmp_path / f"state/calibration/{described.name}.yaml", text)
 
 
-def test_a_robot_without_a_calibration_is_told_where_it_is_looked_for(tmp_path: Path, robot: Path) -> None:
+def test_missing_calibration_is_reported_with_its_usual_path(tmp_path: Path, robot: Path) -> None:
     (finding,) = found("--config", str(settings(tmp_path, robot)), code="CALIBRATION_MISSING")
     assert str(tmp_path / "state/calibration/h24.yaml") in finding.expected
     page = Path(finding.advice.split()[1].rstrip(";"))

@@ -50,27 +50,27 @@ def run(*checks: CheckProbe) -> runner.DoctorReport:
     return runner.run(nothing_examined(), checks, ROWS)
 
 
-def test_every_complaint_is_looked_for_by_a_check_and_every_check_has_its_complaints() -> None:
+def test_checks_and_rows_have_the_same_codes() -> None:
     rows = runner.table()
     seen = {code for each in runner.all_checks() for code in each.codes}
     assert seen | {CHECK_BROKEN.code} == set(rows)
 
 
-def test_there_are_more_than_25_complaints_each_with_words_for_people() -> None:
+def test_table_has_at_most_60_complete_rows() -> None:
     rows = runner.table().values()
-    assert len(rows) > 25
+    assert 25 < len(rows) <= 60
     for row in rows:
         assert row.code.isupper() and row.title and row.why and row.remedy, row.code
         assert "\n" not in row.title + row.why + row.remedy and not row.title.endswith("."), row.code
 
 
-def test_what_a_complaint_explains_is_a_complaint_of_the_table() -> None:
+def test_explained_codes_are_codes_of_the_table() -> None:
     rows = runner.table()
     for row in rows.values():
         assert set(row.explains) <= set(rows) - {row.code}, row.code
 
 
-def test_every_complaint_stands_in_a_test_that_plants_it() -> None:
+def test_every_code_is_planted_by_a_test() -> None:
     """As a value that a test looks for, of one table as of the other; in a comment or a name it is none."""
     here = Path(__file__)
     others = {*here.parent.glob("*.py"), *here.parents[1].rglob("*doctor*.py")} - {here}
@@ -79,22 +79,22 @@ def test_every_complaint_stands_in_a_test_that_plants_it() -> None:
     assert set(runner.table()) - {CHECK_BROKEN.code} - values == set()
 
 
-def test_no_code_stands_in_the_table_twice() -> None:
+def test_codes_are_unique() -> None:
     codes = [row.code for subject in (*runner.BEFORE_HOST, runner.host) for row in subject.ROWS]
     assert len(codes) == len(set(codes)) == len(runner.table()) - 1
 
 
-def test_the_troubleshooting_page_has_the_table_as_it_is() -> None:
+def test_troubleshooting_page_has_the_present_table() -> None:
     text = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text()
     assert table_page.render_page(text) == text, "python -m twind.doctor.table_page docs/troubleshooting.md"
 
 
-def test_a_page_without_a_place_for_the_table_is_refused(tmp_path: Path) -> None:
+def test_page_without_markers_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no <!-- from the doctor"):
         table_page.render_page("# nothing")
 
 
-def test_a_check_that_breaks_becomes_a_finding_and_the_others_go_on() -> None:
+def test_failing_check_becomes_a_finding_and_others_run() -> None:
     broken = check("moons", DoctorFinding("NOTE", "a", "b"), error=ZeroDivisionError("of Jupiter"))
     outcome = run(broken, check("suns", DoctorFinding("FAULT", "c", "d")))
     assert [each.code for each in outcome.found] == ["FAULT", "CHECK_BROKEN", "NOTE"]
@@ -102,7 +102,7 @@ def test_a_check_that_breaks_becomes_a_finding_and_the_others_go_on() -> None:
     assert outcome.looked == ["suns"]
 
 
-def test_what_could_not_be_looked_at_is_said_and_what_is_not_there_is_not() -> None:
+def test_unavailable_checks_are_reported_and_inapplicable_ones_are_not() -> None:
     outcome = run(
         check("moons", error=CheckUnavailable("clouds")), check("CAN", error=CheckNotApplicable("no CAN"))
     )
@@ -113,7 +113,7 @@ def test_what_could_not_be_looked_at_is_said_and_what_is_not_there_is_not() -> N
     assert report.text(outcome, ROWS, None).endswith("looked at 0 things; could not look at: moons (clouds)")
 
 
-def test_a_finding_comes_right_after_the_one_that_explains_it_and_says_so() -> None:
+def test_finding_follows_the_finding_that_explains_it() -> None:
     outcome = run(
         check("all", *[DoctorFinding(code, "x", "y") for code in ("NOTE", "EFFECT", "CAUSE", "FAULT")])
     )
@@ -133,7 +133,7 @@ def test_of_one_severity_the_machine_comes_after_buses_and_servos() -> None:
     assert [each.thing for each in outcome.found] == ["bus", "servo", "machine"]
 
 
-def test_two_complaints_that_explain_each_other_are_both_told() -> None:
+def test_findings_that_explain_each_other_are_both_reported() -> None:
     rows = ROWS | {
         "FAULT": replace(ROWS["FAULT"], explains=("CAUSE",)),
         "CAUSE": replace(ROWS["CAUSE"], explains=("FAULT",)),
@@ -146,14 +146,14 @@ def test_two_complaints_that_explain_each_other_are_both_told() -> None:
     assert sorted(each.code for each in outcome.found) == ["CAUSE", "FAULT"]
 
 
-def test_notes_alone_are_nothing_wrong() -> None:
+def test_notes_alone_leave_the_verdict_good() -> None:
     outcome = run(check("all", DoctorFinding("NOTE", "x", "y")))
     assert report.count_problems(outcome, ROWS, None) == 0
     assert report.text(outcome, ROWS, None).endswith("nothing wrong; looked at 1 thing")
     assert report.text(outcome, ROWS, None, verbose=True).endswith("nothing wrong; looked at: all")
 
 
-def test_a_fix_is_done_and_then_looked_for_again() -> None:
+def test_fix_is_followed_by_a_second_inspection() -> None:
     broken = {"lamp": True, "wheel": True}
 
     def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
@@ -176,7 +176,7 @@ def test_a_fix_is_done_and_then_looked_for_again() -> None:
     assert "mended: mend the lamp" in said and "done, but it is still there: mend the wheel" in said
 
 
-def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> None:
+def test_joined_fix_fails_while_one_servo_is_left() -> None:
     told = [
         Devices("main", [(1, "neck"), (2, "hip"), (3, "knee"), (5, "toe")]),
         Devices("main", [(7, "arm")]),
@@ -203,7 +203,7 @@ def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> N
 @pytest.mark.parametrize(
     "error", [CheckUnavailable("held"), CheckNotApplicable("gone"), ZeroDivisionError("of Jupiter")]
 )
-def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, before: bool) -> None:
+def test_fix_without_second_inspection_is_no_success(error: Exception, before: bool) -> None:
     """Unless the same was in the way before, as a bus without a port is: then all was found beside it."""
     looks = iter([before and isinstance(error, CheckUnavailable), True])
 
@@ -225,7 +225,7 @@ def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, b
     assert report.count_problems(outcome, ROWS, [tried]) == 1
 
 
-def test_a_fix_that_fails_says_why_and_still_counts() -> None:
+def test_failed_fix_reports_its_reason_and_counts() -> None:
     def fail() -> None:
         raise PermissionError(13, "Permission denied", "/sys/x")
 

@@ -33,12 +33,12 @@ from twind.doctor.inspectors import DaemonInspector, scan_bus
 from twind.doctor.serial_survey import SerialSurvey
 
 
-def test_servos_that_are_well_have_no_complaint() -> None:
+def test_healthy_servos_cause_no_finding() -> None:
     assert not survey_findings()
 
 
 @pytest.mark.parametrize("name", sorted(WELL))
-def test_a_register_that_could_not_be_read_is_no_complaint_and_breaks_nothing(name: str) -> None:
+def test_unread_register_causes_no_finding(name: str) -> None:
     assert not survey_codes(servo(KNEE, **{name: None}))
 
 
@@ -62,12 +62,12 @@ def test_a_register_that_could_not_be_read_is_no_complaint_and_breaks_nothing(na
         ("shutdown", 63, 20, "SHUTDOWN_MASK"),
     ],
 )
-def test_each_bound_is_where_it_is_said_to_be(register: str, well: int, ill: int, code: str) -> None:
+def test_each_bound_separates_finding_from_none(register: str, well: int, ill: int, code: str) -> None:
     assert code not in survey_codes(servo(KNEE, **{register: well}))
     assert code in survey_codes(servo(KNEE, **{register: ill}))
 
 
-def test_of_a_servo_of_another_model_its_registers_are_not_judged() -> None:
+def test_registers_of_another_model_are_not_judged() -> None:
     other = replace(servo(KNEE, present_input_voltage=50, shutdown=0), model=1200, model_name="XL330-M288")
     assert survey_codes(other) == {"SERVO_MODEL"}
 
@@ -87,13 +87,13 @@ def test_a_robot_in_sim_has_no_buses_to_look_at(tmp_path: Path) -> None:
     assert (outcome.found, outcome.looked, outcome.unseen) == ([], [], [])
 
 
-def test_a_bus_without_a_port_is_said_to_be_unseen(tmp_path: Path) -> None:
+def test_bus_without_port_is_unavailable(tmp_path: Path) -> None:
     outcome = look("--robot", "h24", only=["BUS_SILENT"])
     assert not outcome.found
     assert outcome.unseen == [("serial buses", "bus main has no port: name it with --port")]
 
 
-def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemon(tmp_path: Path) -> None:
+def test_scan_is_advised_on_the_free_port_or_through_the_daemon(tmp_path: Path) -> None:
     """While a daemon has the port, `scan --port` is refused."""
     spec = ROBOT.buses[0]
     joints = ROBOT.joints
@@ -116,7 +116,7 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
 
 @pytest.mark.parametrize("message", ["x", "main: no reply to ping from [1]"])
 @pytest.mark.parametrize("silent", [True, False])
-def test_a_bus_on_which_no_device_answers_is_known_by_its_field(message: str, silent: bool) -> None:
+def test_scan_of_a_silent_bus_is_empty_by_its_field(message: str, silent: bool) -> None:
     class Deaf(Client):
         def stream(self, method: str, **parameters: object) -> Iterator[Mapping[str, object]]:
             given = {"bus": "main", "message": message, "silent": silent}
@@ -130,12 +130,12 @@ def test_a_bus_on_which_no_device_answers_is_known_by_its_field(message: str, si
             scan_bus(client, "main")
 
 
-def test_a_second_id_that_couples_two_servos_of_one_joint_is_to_be_left() -> None:
+def test_second_id_warns_about_coupled_servos_first() -> None:
     said = print_only("SECOND_ID", servo(KNEE, secondary_shadow_id=17))
     assert said.index("where two servos turn one joint") < said.index("secondary_shadow_id 255")
 
 
-def test_a_silent_bus_is_not_to_be_switched_on_with_a_person_at_the_robot() -> None:
+def test_silent_bus_warns_about_persons_at_the_robot() -> None:
     for code in ("BUS_SILENT",):
         assert "make sure that no person works at the robot" in printed(
             DoctorFinding(code, "bus main", "no answer")

@@ -33,7 +33,7 @@ STATES = """#!/bin/sh
 
 
 @needs_root
-def test_what_an_account_may_is_what_the_kernel_lets_it(tmp_path: Path) -> None:
+def test_rights_of_an_account_equal_those_of_the_kernel(tmp_path: Path) -> None:
     for folder in way_to(tmp_path):
         os.chmod(folder, 0o755)
     for mode in (0o600, 0o660, 0o640, 0o666, 0o606, 0o066):
@@ -48,7 +48,7 @@ def test_what_an_account_may_is_what_the_kernel_lets_it(tmp_path: Path) -> None:
 
 
 @needs_root
-def test_a_folder_that_may_not_be_entered_hides_what_is_in_it(tmp_path: Path) -> None:
+def test_closed_folder_hides_its_files(tmp_path: Path) -> None:
     for folder in way_to(tmp_path):
         os.chmod(folder, 0o755)
     path = plant(tmp_path / "closed/file", "")
@@ -84,7 +84,7 @@ def test_a_service_that_runs_or_is_stopped_gives_no_alarm() -> None:
     assert unit() == unit(ActiveState="inactive", SubState="dead") == unit(NRestarts="") == []
 
 
-def test_a_service_that_was_given_up_is_told_with_its_last_words_and_how_to_start_it() -> None:
+def test_failed_service_is_reported_with_last_lines_and_commands() -> None:
     ((code, said, command, advice),) = unit(
         ActiveState="failed", Result="start-limit-hit", ExecMainStatus="2"
     )
@@ -96,13 +96,13 @@ def test_a_service_that_was_given_up_is_told_with_its_last_words_and_how_to_star
     ]
 
 
-def test_a_service_in_a_crash_loop_or_restarted_once_is_told() -> None:
+def test_restarting_service_is_reported() -> None:
     assert unit(ActiveState="activating", SubState="auto-restart", Result="watchdog")[0][0] == "UNIT_FAILED"
     ((code, said, _, _),) = unit(NRestarts="3")
     assert code == "UNIT_RESTARTED" and said.startswith("restarted 3 times")
 
 
-def test_where_systemd_is_not_init_nothing_is_said_of_a_service() -> None:
+def test_service_check_without_systemd_is_inapplicable() -> None:
     if host_inspector.BOOTED.is_dir():
         pytest.skip("systemd is the init system here")
     outcome = look(only=["UNIT_FAILED"])
@@ -121,7 +121,7 @@ def test_where_systemd_is_not_init_nothing_is_said_of_a_service() -> None:
         ("", False),
     ],
 )
-def test_a_daemon_is_known_by_its_command_line(command: str, daemon: bool) -> None:
+def test_is_daemon_by_command_line(command: str, daemon: bool) -> None:
     assert is_daemon(command) == daemon
 
 
@@ -148,7 +148,7 @@ def absent(client: Client) -> None:
         ("''", False),
     ],
 )
-def test_which_service_a_connection_would_start_is_asked_of_systemd_first(
+def test_service_that_a_connection_would_start_is_read_from_systemd(
     path: str,
     service: str,
     socket: str,

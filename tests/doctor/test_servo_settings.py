@@ -29,7 +29,7 @@ from twind.doctor.host_inspector import HostInspector
     ],
     ids=["written since", "as calibrated", "written since, and calibrated tight"],
 )
-def test_what_is_said_of_tight_position_limits_does_not_lead_to_the_next_complaint(
+def test_remedy_of_tight_position_limits_causes_no_next_finding(
     calibrated: tuple[int, int], now: tuple[int, int], told: str
 ) -> None:
     record = DeviceRecord(1020, 47, None, 0, 0, 3, *calibrated)
@@ -47,7 +47,7 @@ def test_what_is_said_of_tight_position_limits_does_not_lead_to_the_next_complai
         assert not survey_findings(after, calibration=before)
 
 
-def test_a_mask_that_the_robot_file_demands_is_no_complaint_and_another_is_not_mended_for_anybody() -> None:
+def test_shutdown_mask_of_the_robot_file_is_no_finding_and_no_mask_is_fixed() -> None:
     wanted = replace(KNEE, registers={"shutdown": 20})
     assert not survey_codes(servo(wanted, shutdown=20))
     [other] = survey_findings(servo(wanted, shutdown=52))
@@ -57,7 +57,7 @@ def test_a_mask_that_the_robot_file_demands_is_no_complaint_and_another_is_not_m
     assert "register write main" in unsaid.command
 
 
-def test_nothing_is_written_that_the_robot_file_demands_otherwise() -> None:
+def test_fix_is_not_offered_against_the_robot_file() -> None:
     seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, lines={"main": LINE})
     assert register_fix.offer_fix(seen, servo(KNEE), "return_delay_time", 5) is not None
     demanded = replace(KNEE, registers={"return_delay_time": 9})
@@ -73,25 +73,25 @@ def test_without_a_calibration_position_limits_are_judged_by_their_width() -> No
     assert not tight.command, "which counts are right, nobody knows"
 
 
-def test_a_servo_that_answers_pings_alone_is_told_as_that_and_nothing_else() -> None:
+def test_servo_that_answers_pings_alone_is_one_finding() -> None:
     assert survey_codes(replace(servo(KNEE), values={})) == {"STATUS_LEVEL"}
 
 
-def test_a_limit_that_locks_a_joint_is_not_raised_to_the_model_s_most() -> None:
+def test_zero_limit_is_not_raised_to_the_model_maximum() -> None:
     for name in ("velocity_limit", "pwm_limit", "current_limit"):
         said = print_only("FENCE_TIGHT", servo(KNEE, **{name: 0}))
         assert "register write main" not in said
         assert "and no further" in said
 
 
-def test_a_current_limit_that_protects_a_joint_is_kept_and_the_robot_file_lowered() -> None:
+def test_low_current_limit_advises_to_lower_the_robot_file() -> None:
     joint = replace(KNEE, mode="current_based_position")
     said = print_only("FENCE_TIGHT", servo(joint, current_limit=500, operating_mode=5))
     assert "register write main" not in said
     assert "lower `current_limit_a` of type xm430 to 1.34 A" in said
 
 
-def test_an_exchanged_servo_is_not_to_get_the_zero_of_the_old_one() -> None:
+def test_calibration_restore_warns_about_exchanged_servos_first() -> None:
     record = DeviceRecord(1020, 47, None, 300, 0, 3, 0, 4095)
     entry = JointCalibration(
         KNEE.name, "main", KNEE.id, record, 2048, 0.0, 1, 1, (0, 4095), 0, (0, 4096), "jig"

@@ -32,7 +32,7 @@ def test_torque_without_arming_and_without_a_watchdog_is_one_finding() -> None:
     assert (watched.code, watched.measured) == ("TORQUE_ON", "torque is on")
 
 
-def test_a_servo_with_an_error_that_still_holds_is_not_to_be_rebooted() -> None:
+def test_servo_with_error_and_torque_gets_no_reboot_command() -> None:
     """By its mask an input voltage error switches nothing off: a reboot would let the joint fall."""
     assert "twindctl reboot main" in print_only("SERVO_ERROR", servo(KNEE, hardware_error_status=1))
     holds = print_only("SERVO_ERROR", servo(KNEE, hardware_error_status=1, torque_enable=1))
@@ -40,6 +40,6 @@ def test_a_servo_with_an_error_that_still_holds_is_not_to_be_rebooted() -> None:
     assert "support the joint" in holds
 
 
-def test_torque_of_another_program_is_not_taken_off_before_the_robot_is_supported() -> None:
+def test_torque_warns_to_support_the_robot_before_disarm() -> None:
     said = print_only("TORQUE_ON", servo(KNEE, torque_enable=1))
     assert said.index("support the robot") < said.index("twindctl disarm")

@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
     finally:
         context.close()
     mended = None
-    if options.fix and _confirm(outcome, known, asks):
+    if options.fix and confirm_fixes(outcome, known, asks):
         with _low_priority(context.daemon is not None):
             mended = runner.mend(outcome, look, checks, known)
     text = report.text(outcome, known, mended, verbose=options.verbose)
@@ -92,7 +92,7 @@ def _low_priority(beside: bool) -> Iterator[None]:
             os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
-def _confirm(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) -> bool:
+def confirm_fixes(outcome: "DoctorReport", rows: "Mapping[str, Check]", asks: bool) -> bool:
     """Return the consent to all fixes: print them with their cautions and read the answer, if `asks`."""
     fixed = [found for found in outcome.found if found.fix is not None]
     todo = [f"{found.thing}: {found.fix.text}" for found in fixed if found.fix is not None]

@@ -135,7 +135,7 @@ def check_latency(context: CheckContext) -> Iterator[DoctorFinding]:
     for name, line in context.lines.items():
         delays = _delays(line, [joint.id for joint in context.need_robot().joints if joint.bus == name])
         if len(delays) < ENOUGH:
-            silent.append(f"{name}: nobody answers on {line.port}")
+            silent.append(f"{name}: no device answers on {line.port}")
             continue
         wire = (len(packet.ping(1)) + PING_REPLY) * 10 / line.baud
         # The first meets the timer anywhere; on a busy machine one may be luck, and most are slow.

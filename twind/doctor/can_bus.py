@@ -58,11 +58,11 @@ MODES = {"damiao": ("mode", 1), "robstride": ("run_mode", 0)}
 # Bits of an actuator's fault, as the drivers report them.
 FAULTS = (
     *("input voltage", "not calibrated", "overheating", "encoder", "electrical shock", "overload"),
-    *("lost its master", "a code that nobody knows"),
+    *("lost its master", "an unknown code"),
 )
 CONDITIONS = {
     CanErrorState.PASSIVE: "the controller is error passive: many frames are broken",
-    CanErrorState.OFF: "the controller has left the bus, or nobody acknowledges its frames",
+    CanErrorState.OFF: "the controller has left the bus, or no device acknowledges its frames",
 }
 TORQUE = {True: 1, False: 0, None: -1}
 

@@ -75,10 +75,10 @@ def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
         return None
     plain = CanNetworkInterface(name, kind, bool(int(flags, 16) & UP), queue)
     try:
-        said = host.program("ip", "-details", "-json", "link", "show", "dev", name)
+        output = host.program("ip", "-details", "-json", "link", "show", "dev", name)
     except CheckUnavailable:
         return plain
-    return with_details(plain, said)
+    return with_details(plain, output)
 
 
 def with_details(link: CanNetworkInterface, text: str) -> CanNetworkInterface:

@@ -32,7 +32,7 @@ TWINS = (
     "another master, bad wiring, or two servos with one id, which a daemon cannot tell apart: stop it, which "
     "lowers the robot (`{0}`, or Ctrl-C where it runs), and ask `twindctl doctor` again: it finds the id"
 )
-UNUSED = "nobody listens on it"
+UNUSED = "no program listens on it"
 ANSWER = f"an answer within {PATIENCE:g} s"
 
 ROWS = (

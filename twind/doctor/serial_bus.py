@@ -175,7 +175,7 @@ def check_line(context: CheckContext) -> Iterator[DoctorFinding]:
             yield DoctorFinding("BUS_SILENT", thing, text, advice=POWER + _scan(context, survey))
         kinds = {trouble.kind for trouble in survey.troubles}
         if Kind.TALK in kinds:
-            yield DoctorFinding("BUS_TALK", thing, "bytes on a line where nobody was asked", "silence")
+            yield DoctorFinding("BUS_TALK", thing, "bytes without a request", "silence")
         if Kind.ECHO in kinds:
             text = "every packet comes back before its reply"
             advice = "the daemon removes the echo; for others switch it off, or exchange the adapter"

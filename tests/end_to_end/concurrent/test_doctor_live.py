@@ -24,7 +24,7 @@ head -c 4m /dev/zero > "$1/state/recording" 2> /dev/null
 """
 
 
-def test_who_owns_an_interface_is_named_though_it_has_no_node() -> None:
+def test_owner_of_a_can_interface_is_named() -> None:
     name = f"doct{os.getpid()}"
     program = (
         "from twind_drivers.can.can_interface_lock import CanInterfaceLock; sign = "
@@ -55,7 +55,7 @@ def lone_pty() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("lock", ["None", "fcntl.flock(fd, fcntl.LOCK_EX)"], ids=["open", "locked"])
-def test_who_holds_a_port_is_named_with_its_pid(lone_pty: str, lock: str) -> None:
+def test_holder_of_a_port_is_named_with_its_pid(lone_pty: str, lock: str) -> None:
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD.format(lock), lone_pty], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
@@ -74,7 +74,7 @@ def test_who_holds_a_port_is_named_with_its_pid(lone_pty: str, lock: str) -> Non
     assert codes(lone_pty, "PORT_HELD") == []
 
 
-def test_a_port_that_somebody_holds_is_never_opened(lone_pty: str) -> None:
+def test_held_port_is_not_opened(lone_pty: str) -> None:
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD.format("None"), lone_pty], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )

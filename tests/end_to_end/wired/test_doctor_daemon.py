@@ -265,7 +265,9 @@ def test_no_daemon_is_a_note_whether_its_socket_is_left_or_not(tmp_path: Path) -
     with listening(tmp_path):
         pass
     outcome = look(socket=tmp_path, only=["NO_DAEMON"])
-    assert [each.measured for each in outcome.found] == ["nobody listens on it"] and wrong(outcome) == set()
+    assert [each.measured for each in outcome.found] == ["no program listens on it"] and wrong(
+        outcome
+    ) == set()
 
 
 def test_a_daemon_that_says_nothing_is_found_and_waited_for_once(tmp_path: Path) -> None:
