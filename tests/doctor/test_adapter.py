@@ -18,6 +18,7 @@ from tests.support.doctor_rig import (
     way_to,
 )
 from twind.doctor import adapter
+from twind.doctor.check import Severity
 
 
 @pytest.fixture
@@ -95,6 +96,7 @@ def test_three_hubs_are_one_too_many(pty: str, tmp_path: Path) -> None:
     tty(tmp_path, pty, usb="1-1.4.2.3")
     (finding,) = found("--port", pty, code="LATENCY_FLOOR", on=host(sys=tmp_path))
     assert "3 hubs (1-1.4.2.3)" in finding.measured
+    assert finding.severity is Severity.NOTE
 
 
 def test_a_rate_that_the_adapters_driver_cannot_do_is_found(pty: str, tmp_path: Path) -> None:

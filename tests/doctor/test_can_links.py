@@ -82,7 +82,9 @@ def test_interface_that_is_down_is_one_finding() -> None:
 
 
 def test_controller_without_restart_time_is_reported() -> None:
-    assert codes(link(told(restart=0))) == ["CAN_LINK_STATE"]
+    (finding,) = judge_link(HostInspector(), link(told(restart=0)), 1_000_000)
+    assert (finding.code, finding.measured) == ("CAN_LINK_STATE", "restart-ms 0")
+    assert severity_of(finding, runner.table()) is Severity.WARNING
 
 
 @pytest.mark.parametrize(("queue", "wrong"), [(10, False), (100, False), (101, True), (1000, True)])

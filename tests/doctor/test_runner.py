@@ -176,6 +176,29 @@ def test_fix_is_followed_by_a_second_inspection() -> None:
     assert "mended: mend the lamp" in said and "done, but it is still there: mend the wheel" in said
 
 
+def test_fix_is_confirmed_though_another_finding_of_the_same_code_is_left() -> None:
+    """One code can stand for two settings of one thing, which differ in what they should be."""
+    expected = {"short", "long"}
+
+    def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
+        for each in sorted(expected):
+            fix = Fix("shorten it", lambda: expected.discard("short")) if each == "short" else None
+            yield DoctorFinding("FAULT", "queue", "wrong", each, fix=fix)
+
+    checks = [CheckProbe("things", ("FAULT",), look_at)]
+    (tried,) = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
+    assert (tried.error, tried.there) == ("", False)
+
+
+def test_finding_with_its_own_severity_is_ordered_counted_and_printed_by_it() -> None:
+    note = DoctorFinding("FAULT", "hubs", "x", severity=Severity.NOTE)
+    outcome = run(check("all", note, DoctorFinding("CAUSE", "timer", "x")))
+    assert [each.thing for each in outcome.found] == ["timer", "hubs"]
+    assert report.count_problems(outcome, ROWS, None) == 1
+    assert "NOTE  FAULT: a fault" in report.text(outcome, ROWS, None)
+    assert [each["severity"] for each in report.data(outcome, ROWS, None)["found"]] == ["warning", "note"]
+
+
 def test_joined_fix_fails_while_one_servo_is_left() -> None:
     told = [
         Devices("main", [(1, "neck"), (2, "hip"), (3, "knee"), (5, "toe")]),

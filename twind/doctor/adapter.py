@@ -38,15 +38,16 @@ PING_REPLY = 14  # bytes
 ROWS = (
     Check(
         "LATENCY_TIMER",
-        "the adapter delays packets: a long latency timer, or USB suspension",
+        "the adapter has a long latency timer, or may be suspended",
         "16 ms allow at most 50 to 60 readings per second; after a suspension the first packet is lost",
-        "the printed `echo … | sudo tee`; permanently: twind's udev rules (`sudo make install`)",
+        "`echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`, or `echo on` to its "
+        "`power/control`; permanently: `sudo make install`",
         Severity.WARNING,
         explains=("LATENCY_FLOOR",),
     ),
     Check(
         "LATENCY_FLOOR",
-        "replies are late as with a long latency timer, or the adapter is behind several hubs",
+        "replies are late, as with a long latency timer, or the adapter is behind hubs",
         "readings are old and few; above 100 ms motion is refused",
         "LATENCY_TIMER by sysfs, not `setserial`; no hub, no virtual machine; another adapter",
         Severity.WARNING,

@@ -42,7 +42,7 @@ ROWS = (
         "the CAN controller left the bus, or its interface is set wrongly",
         "wrong rate or wiring: no frame is acknowledged; without `restart-ms` the bus stays off; old frames "
         "of a long queue leave when power returns: the robot jerks",
-        "check power, bit rate, 60 Ω between the wires (all off); `twindctl disarm`, "
+        "check power, bit rate, termination (60 Ω, all off); `twindctl disarm`, "
         "`sudo ip link set can0 down`, then as CAN_LINK_DOWN; queue: `sudo ip link set can0 txqueuelen 48`",
         Severity.FAULT,
         caution=f"{BIT_RATE}; {SUPPORT}",

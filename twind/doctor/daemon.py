@@ -47,7 +47,7 @@ ROWS = (
     ),
     Check(
         "DAEMON_SILENT",
-        "the daemon accepts the connection but does not answer",
+        "the daemon does not answer",
         "no command arrives, not even an e-stop by this socket",
         "in danger use the emergency switch; retry, then `sudo systemctl restart twind`",
         Severity.FAULT,

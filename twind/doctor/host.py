@@ -51,7 +51,7 @@ ROWS = (
         "STATE_UNWRITABLE",
         "the daemon cannot write its state folder",
         "calibrations, recordings and dumps are lost",
-        "`sudo chown twind: /var/lib/twind`; as a service `StateDirectory=twind`",
+        "`sudo chown twind: /var/lib/twind`",
         Severity.FAULT,
         caution="the folder must be the daemon's alone: other programs lose their files",
     ),

@@ -29,7 +29,7 @@ ROWS = (
         "MODEL_NO_LIMITS",
         "joints of the model have no range",
         "only the robot file limits motion; an error there stays unnoticed",
-        'write `range="LOWER UPPER"` at these joints of the model',
+        'write `range="LOWER UPPER"` at these joints',
         Severity.WARNING,
         caution="torque off, move the joint by hand over the range: a range too wide hits the endstop",
     ),

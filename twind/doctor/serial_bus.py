@@ -149,7 +149,7 @@ ROWS = (
         "BUS_BUDGET",
         "the bus cannot hold the rate",
         "ticks are missed and readings grow old",
-        "shorter return delays, higher baud rate, firmware with fast read, another bus, or a lower rate",
+        "shorter return delays, higher baud rate, fast read (firmware), another bus, lower rate",
         Severity.FAULT,
         caution="write return delay and baud rate to every servo, torque off: one left out is lost; "
         f"{FIRMWARE}",

@@ -36,7 +36,7 @@ ROWS = (
     ),
     Check(
         "OPERATING_MODE",
-        "operating mode, homing offset or direction do not fit the robot file",
+        "operating mode, homing offset or direction differ from the robot file",
         "goals or zeros have another meaning: arming is refused; a direction bit hides the sign of torque",
         "write operating_mode, homing_offset or drive_mode, torque off, then calibrate; or correct `mode`",
         Severity.FAULT,
