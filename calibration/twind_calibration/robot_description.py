@@ -12,7 +12,7 @@ from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind_calibration.instances import settings_of, sockets_of
+from twind.ctl.instances import settings_of, sockets_of
 
 SERVICE = Path("/etc/twind/twind.yaml")
 

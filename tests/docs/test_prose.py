@@ -25,7 +25,7 @@ SHOWN = "a text for people becomes another one: nothing depends on its words"
 ALLOWED = {
     ("twind/bridge/zenoh/zenoh_session.py", "_words"): SHOWN,
     ("twind/front/flight_folder.py", "write"): "a name of the flight recorder's own, not a sentence",
-    ("calibration/twind_calibration/doctor/file_checks.py", "model"): SHOWN,
+    ("twind/doctor/robot_files.py", "check_model"): SHOWN,
     ("drivers/twind_drivers/can/can_bringup.py", "_warn"): SHOWN,
     ("drivers/twind_drivers/can/python_can_channel.py", "_warn"): SHOWN,
     ("drivers/twind_drivers/can/python_can_channel.py", "_is_queue_full"): FOREIGN,

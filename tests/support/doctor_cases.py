@@ -1,37 +1,35 @@
-"""What the doctor must find: every complaint about buses, servos and CAN actuators, and how it is planted."""
+"""Planted defects of buses, servos and CAN actuators, with the finding that each must cause."""
 
 from tests.support.doctor_robot import case, fault
 
 LIMP = (  # nobody has torque
     case("RETURN_DELAY", 1, (9, 250), told="500 us", mended=(9, 5)),
-    case("INDIRECT_LEFT", 1, (168, 126), told="indirect_address_1 is 126"),
     case("STATUS_LEVEL", 2, (68, 1), told="is 1", mended=(68, 2)),
-    case("PROFILE_LEFT", 2, (112, 50), told="profile_velocity is 50"),
     case("OPERATING_MODE", 3, (11, 4), told="is 4"),
     case("TORQUE_BY_GOAL", 4, (10, 8), told="is 8"),
     case("TORQUE_AT_BOOT", 5, (60, 1), told="is 1"),
-    case("RAM_RESTORE", 6, (60, 2), told="is 2"),
-    case("OFFSET_IGNORED", 7, (20, 2000), told="is 2000"),
-    case("LIMIT_ZERO", 7, (44, 0), told="velocity_limit is 0"),
+    case("TORQUE_AT_BOOT", 6, (60, 2), told="is 2"),
+    case("OPERATING_MODE", 7, (20, 2000), told="is 2000"),
+    case("FENCE_TIGHT", 7, (44, 0), told="velocity_limit is 0"),
     case("CALIBRATION_CHANGED", 8, (48, 4000), told="max_position_limit is 4000"),
-    case("PROFILE_IN_TIME", 9, (10, 4), told="is 4"),
+    case("REGISTER_DIFFERS", 9, (10, 4), told="is 4: profiles are times"),
     case("SHUTDOWN_MASK", 9, (63, 17), told="overheating and overload"),
     case("REGISTER_DIFFERS", 10, (44, 150), told="velocity_limit is 150"),
     case("FENCE_TIGHT", 11, (52, 2048), told="are 2048.."),
-    case("CURRENT_CAP", 12, (38, 500), told="is 500"),
+    case("FENCE_TIGHT", 12, (38, 500), told="is 500"),
     case("SECOND_ID", 12, (12, 77), told="is 77"),
     case("WATCHDOG_LEFT", 12, (98, 5), told="is 5, 100 ms", mended=(98, 0)),
-    fault("ERROR_OVERLOAD", 3, {"fault": "damage", "id": 3, "bits": 32}, told="overload"),
-    fault("ERROR_HEAT", 4, {"fault": "damage", "id": 4, "bits": 4}, told="overheating"),
-    fault("ERROR_ENCODER", 5, {"fault": "damage", "id": 5, "bits": 8}, told="encoder"),
-    fault("ERROR_SHOCK", 6, {"fault": "damage", "id": 6, "bits": 16}, told="electrical shock"),
-    fault("ERROR_VOLTAGE", 8, {"fault": "damage", "id": 8, "bits": 1}, told="input voltage"),
+    fault("SERVO_ERROR", 3, {"fault": "damage", "id": 3, "bits": 32}, told="overload"),
+    fault("SERVO_ERROR", 4, {"fault": "damage", "id": 4, "bits": 4}, told="overheating"),
+    fault("SERVO_ERROR", 5, {"fault": "damage", "id": 5, "bits": 8}, told="encoder"),
+    fault("SERVO_ERROR", 6, {"fault": "damage", "id": 6, "bits": 16}, told="electrical shock"),
+    fault("SERVO_ERROR", 8, {"fault": "damage", "id": 8, "bits": 1}, told="input voltage"),
     fault(
-        "SERVO_HOT",
+        "SERVO_ERROR",
         11,
         {"fault": "heat", "id": 11, "celsius": 65},
         {"fault": "heat", "id": 11, "celsius": 25},
-        "65",
+        "65 degC",
     ),
     fault(
         "VOLTAGE_DROP",
@@ -43,20 +41,19 @@ LIMP = (  # nobody has torque
     case("VOLTAGE_LOW", 10, told="11.0 V"),  # what the thin cable does to it
 )
 TIGHT = (  # torque is on
-    case("TORQUE_ON", 1, (64, 1), told="torque is on"),
-    case("WATCHDOG_OFF", 1, told="is 0"),
+    case("TORQUE_ON", 1, (64, 1), told="torque is on; bus watchdog (98) is 0"),
     case("WATCHDOG_TRIPPED", 2, (64, 1), (98, 5), told="is 255"),
 )
 MENDABLE = (case("RETURN_DELAY", 1, (9, 20), told="40 us"),)  # one that could be mended
 # Without a calibration, or with another one, of the same servos.
-UNCALIBRATED = (case("REVERSED", 3, (10, 1), told="is 1"),)
-OLDER = (case("FIRMWARE_CHANGED", 5, told="firmware 47"),)
+UNCALIBRATED = (case("OPERATING_MODE", 3, (10, 1), told="is 1: it is reversed"),)
+OLDER = (case("CALIBRATION_CHANGED", 5, told="firmware 47"),)
 
 
 LINE = (  # of one line at a time
     fault("SERVO_MISSING", 4, {"fault": "silence", "id": 4}, {"fault": "clear"}, "id 4 (l_shoulder_roll)"),
     fault("BUS_SILENT", 0, {"fault": "silence"}, {"fault": "clear"}, "no answer at any baud rate"),
-    fault("BUS_ECHO", 0, {"fault": "echo", "on": True}, {"fault": "clear"}),
+    fault("BUS_NOISE", 0, {"fault": "echo", "on": True}, {"fault": "clear"}, "comes back before its reply"),
     fault("BUS_TALK", 0, {"fault": "babble", "on": True}, {"fault": "clear"}),
     fault(
         "BUS_NOISE",
@@ -66,7 +63,7 @@ LINE = (  # of one line at a time
         "garbled",
     ),
     fault(
-        "SERVO_SLOW",
+        "BUS_NOISE",
         7,
         {"fault": "delay", "seconds": 0.003, "id": 7},
         {"fault": "clear"},
@@ -81,34 +78,34 @@ ODD = ("2:XM430-W350:36", "3:XL330-M288:52", "4:XM430-W350", "4:XM430-W350", "5:
 ODD += ("9:XM430-W350", "27:XM430-W350")
 STRANGE = (
     case("WATCHDOG_UNKNOWN", 2, told="firmware 36"),
-    case("FIRMWARE_SLOW", 2, told="firmware 36"),
     case("SERVO_MODEL", 3, told="a XL330-M288"),
     case("ID_TWICE", 4),
     case("SERVO_FOREIGN", 27, told="a XM430-W350 answers"),
-    case("SERVO_FRESH", 1, told="the factory's id and rate"),
-    case("BUS_BUDGET", 0, told="up to "),
+    case("BAUD_WRONG", 1, told="the factory's id and rate"),
+    case("BUS_BUDGET", 0, told="ids without fast read: 2 (firmware 36)"),
 )
 AWAY = (case("BAUD_WRONG", 0, told="ids 5 (of this robot) answer at 1000000 baud"),)
 LEGS = (  # of the nodes of a CAN bus, all at once: Damiao on l_leg, RobStride on r_leg
-    case("CAN_RANGE", 1, told="position_range is 25 rad"),
-    case("CAN_MODE", 2, told="mode is 3"),
-    case("CAN_FAULT", 3, told="electrical shock"),
-    case("CAN_TORQUE_ON", 4, told="torque is on"),
-    case("CAN_WATCHDOG_OFF", 4, told="timeout is 0"),
-    case("CAN_MISSING", 5, told="no answer"),
-    case("CAN_WATCHDOG_UNVERIFIED", 0, told="unverified", times=2),
-    case("CAN_VOLTAGE_LOW", 0, told="19.0 V", times=2),
+    case("REGISTER_DIFFERS", 1, told="position_range is 25 rad"),
+    case("REGISTER_DIFFERS", 2, told="mode is 3"),
+    case("SERVO_ERROR", 3, told="electrical shock"),
+    case("TORQUE_ON", 4, told="torque is on; timeout is 0, off"),
+    case("SERVO_MISSING", 5, told="no answer"),
+    case("WATCHDOG_UNKNOWN", 0, told="unverified", times=2),
+    case("VOLTAGE_LOW", 0, told="19.0 V", times=2),
 )
 WIRES = (  # of one CAN line at a time
-    fault("CAN_TWICE", 6, {"fault": "twin", "id": 6, "on": True}, {"fault": "clear"}),
-    fault("CAN_FOREIGN", 0, {"fault": "foreign", "count": 1000}, {"fault": "clear"}, "frames of unknown ids"),
+    fault("ID_TWICE", 6, {"fault": "twin", "id": 6, "on": True}, {"fault": "clear"}),
     fault(
-        "CAN_MASTER",
+        "SERVO_FOREIGN", 0, {"fault": "foreign", "count": 1000}, {"fault": "clear"}, "frames of unknown ids"
+    ),
+    fault(
+        "BUS_TALK",
         0,
         {"fault": "master", "id": 6, "on": True},
         {"fault": "clear"},
-        "commands of somebody else",
+        "commands of another master",
     ),
-    fault("CAN_CONTROLLER", 0, {"fault": "passive", "on": True}, {"fault": "clear"}, "error passive"),
-    fault("CAN_SILENT", 0, {"fault": "silence"}, {"fault": "clear"}, "none of 6 actuators answers"),
+    fault("BUS_NOISE", 0, {"fault": "passive", "on": True}, {"fault": "clear"}, "error passive"),
+    fault("BUS_SILENT", 0, {"fault": "silence"}, {"fault": "clear"}, "none of 6 actuators answers"),
 )

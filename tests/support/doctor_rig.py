@@ -1,24 +1,28 @@
-"""A machine with something wrong for the doctor to find: options, looks, other users, planted folders."""
+"""Machine with planted defects for the doctor: options, runs, other users, planted files and folders."""
 
 import argparse
 import os
+import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twind_calibration.doctor import add_arguments, check_table, runner
-from twind_calibration.doctor.check import DoctorFinding
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.runner import DoctorReport, FixResult
+import pytest
+
+from twind.doctor import add_arguments, runner
+from twind.doctor.check import DoctorFinding, severity_of
+from twind.doctor.check_context import CheckContext, examine
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.runner import DoctorReport, FixResult
 from twind_drivers.clock import MonotonicClock
 
+BUILT_IN = Path(__file__).parents[2] / "twind/robots"
 NOBODY = 65534
 ROOT = os.geteuid() == 0
+needs_root = pytest.mark.skipif(not ROOT, reason="changes users and device nodes: needs root")
 
 
 def options(*words: str, socket: object = "/nowhere/at/all") -> argparse.Namespace:
@@ -42,9 +46,7 @@ def look(
     """What the doctor finds here, of all codes or of some."""
     examined = examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
     try:
-        return runner.run(
-            examined, runner.select_checks(check_table.checks(), only), check_table.complaints()
-        )
+        return runner.run(examined, runner.select_checks(runner.all_checks(), only), runner.table())
     finally:
         examined.close()
 
@@ -58,6 +60,11 @@ def found(
     return [each for each in outcome.found if each.code == code]
 
 
+def codes(path: object, code: str, on: HostInspector | None = None) -> list[str]:
+    """Subjects of the findings of one code about a port."""
+    return [each.thing for each in found("--port", str(path), code=code, on=on)]
+
+
 def mended(
     *words: str, code: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None
 ) -> list[FixResult]:
@@ -68,13 +75,13 @@ def mended(
 
     outcome = look(*words, socket=socket, on=on, only=[code])
     outcome.found = [each for each in outcome.found if each.code == code]
-    return runner.mend(outcome, again, check_table.checks(), check_table.complaints())
+    return runner.mend(outcome, again, runner.all_checks(), runner.table())
 
 
 def wrong(outcome: DoctorReport) -> set[str]:
     """Codes that count, notes left out."""
-    rows = check_table.complaints()
-    return {each.code for each in outcome.found if rows[each.code].severity.value != "note"}
+    rows = runner.table()
+    return {each.code for each in outcome.found if severity_of(each, rows).value != "note"}
 
 
 @contextmanager
@@ -105,3 +112,28 @@ def plant(folder: Path, text: str) -> Path:
     folder.parent.mkdir(parents=True, exist_ok=True)
     folder.write_text(text)
     return folder
+
+
+def spoil(path: Path, change: Callable[[str], str]) -> Path:
+    """Change the text of a file, which must differ afterwards."""
+    before = path.read_text()
+    after = change(before)
+    assert after != before, "the change has no effect"
+    path.write_text(after)
+    return path
+
+
+def settings(tmp_path: Path, robot: Path, **more: object) -> Path:
+    """Write settings with state folder and sockets in `tmp_path`."""
+    lines = [f"robot: {robot}", f"state_dir: {tmp_path / 'state'}", f"sockets: {tmp_path / 'run'}"]
+    lines += [f"{key}: {value}" for key, value in more.items()]
+    return plant(tmp_path / "twind.yaml", "\n".join(lines) + "\n")
+
+
+def copy_h24(tmp_path: Path) -> Path:
+    """Copy robot file and model of h24 to a folder of their own, where a test may change them."""
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    for suffix in ("yaml", "xml"):
+        shutil.copy(BUILT_IN / f"h24.{suffix}", folder)
+    return folder / "h24.yaml"

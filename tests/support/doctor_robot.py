@@ -31,8 +31,6 @@ SIZES = {
     64: 1,
     68: 1,
     98: 1,
-    112: 4,
-    168: 2,
 }
 
 # Where a fault shows: address and size of what is measured (e-manual), and whether it does by now.

@@ -11,12 +11,12 @@ from typing import Any
 from twind.client import Client, ClientError, NoDaemon
 from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
+from twind.ctl.command_hint import command_hint
+from twind.ctl.instances import stop
 from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_configurator import WritableProber
 from twind_calibration.adoption.servo_locations import choose, joint_of, look, lookout, serial_buses
-from twind_calibration.command_hint import command_hint
-from twind_calibration.instances import stop
 from twind_calibration.robot_description import RobotDescription, read
 from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.clock import Clock, MonotonicClock

@@ -7,14 +7,14 @@ from typing import Any
 from twind.command_line.progress import ProgressLine
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, REFUSED, show
-from twind_calibration.command_hint import command_hint
-from twind_calibration.doctor import check_table, report, runner
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.context_builder import examine
-from twind_calibration.doctor.finding_commands import add_commands
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
-from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
+from twind.ctl.command_hint import command_hint
+from twind.doctor import report, runner
+from twind.doctor.can_bus import ACTUATORS, CanSurvey
+from twind.doctor.check_context import CheckContext, examine
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.serial_bus import BUSES
+from twind.doctor.serial_survey import SerialSurvey
+from twind.doctor.servo_settings import SERVOS
 from twind_drivers.clock import MonotonicClock
 
 LOOKS = (BUSES, SERVOS, ACTUATORS)
@@ -34,15 +34,15 @@ BESIDE = (
 
 def scan(options: argparse.Namespace) -> int:
     """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
-    known = check_table.complaints()
-    checks = [each for each in check_table.checks() if each.what in LOOKS]
+    known = runner.table()
+    checks = [each for each in runner.all_checks() if each.what in LOOKS]
     examined = examine(options, HostInspector(), MonotonicClock())
     try:
         with ProgressLine(options, "scan") as progress:
             outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
         beside = examined.daemon is not None
         here = command_hint(options, examined.sockets or None)
-        outcome.found, outcome.fix = add_commands(outcome.found, known, here, daemon=beside)
+        outcome.found, outcome.fix = report.add_commands(outcome.found, known, here, daemon=beside)
         devices = list(_devices(examined))
     finally:
         examined.close()

@@ -15,6 +15,7 @@ from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, ope
 from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
+from twind.ctl.command_hint import command_hint
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
@@ -22,7 +23,6 @@ from twind_calibration.calibrating.encoder_unwrap import on_turn
 from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody, write_entries
 from twind_calibration.calibrating.recorded_devices import differences, records
 from twind_calibration.calibrating.zero_placement import ZeroOffset, make_entry, misfits
-from twind_calibration.command_hint import command_hint
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,12 +15,12 @@ from twind.config.calibration_file import (
     read_calibration,
 )
 from twind.config.yaml_tree import ConfigError
+from twind.ctl.command_hint import command_hint
+from twind.ctl.instances import restart
 from twind.twin.binding import BindingError, bind
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import TOOL, CalibrationContext, now
-from twind_calibration.command_hint import command_hint
-from twind_calibration.instances import restart
 
 
 def require_somebody(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from twind.client import NoDaemon
 from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, Rejected, observer, show
 from twind.config.calibration_file import Calibration, JointCalibration
+from twind.ctl.command_hint import command_hint
 from twind.twin.binding import BindingError, bind
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
@@ -20,7 +21,6 @@ from twind_calibration.calibrating.calibration_diff import CalibrationChange, ch
 from twind_calibration.calibrating.entry_writer import agreed, next_steps, require_somebody
 from twind_calibration.calibrating.recorded_devices import FENCE
 from twind_calibration.calibrating.zero_placement import spread
-from twind_calibration.command_hint import command_hint
 from twind_calibration.robot_description import read
 
 HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")

@@ -12,6 +12,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operato
 from twind.config.calibration_file import Calibration
 from twind.config.device_record import DeviceRecord
 from twind.config.yaml_tree import ConfigError, read_text
+from twind.ctl.command_hint import command_hint
 from twind.protocol.plain_file import read_plain
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
@@ -28,7 +29,6 @@ from twind_calibration.calibrating.foreign_values import (
 )
 from twind_calibration.calibrating.motor_matching import matched, read_map
 from twind_calibration.calibrating.recorded_devices import differences, of_file, records
-from twind_calibration.command_hint import command_hint
 
 
 def take(options: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from twind.command_line.verb import DONE, Rejected, operator
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
+from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
@@ -29,7 +30,6 @@ from twind_calibration.calibrating.file_option import format_option
 from twind_calibration.calibrating.recorded_devices import FENCE, differences, of_file, records
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import expected_servo_limits, misfits
-from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import MonotonicClock
 
 LEAST = "min_position_limit"

@@ -14,6 +14,7 @@ from typing import Any
 from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.device_record import DeviceRecord
+from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
@@ -30,7 +31,6 @@ from twind_calibration.calibrating.sweep_tracker import (
 )
 from twind_calibration.calibrating.torque_free import limp, require_limp
 from twind_calibration.calibrating.zero_placement import travel_of
-from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s

@@ -13,6 +13,7 @@ from twind.config.calibration_file import Calibration, JointCalibration, turn_ba
 from twind.config.counts import slot_angles
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_spec import RobotFile
+from twind.ctl.command_hint import command_hint
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground
@@ -31,7 +32,6 @@ from twind_calibration.calibrating.zero_placement import (
     misfits,
     spread,
 )
-from twind_calibration.command_hint import command_hint
 from twind_drivers.clock import MonotonicClock
 
 SPARE = 5  # times as many readings as are asked for may pass until everybody was heard so often

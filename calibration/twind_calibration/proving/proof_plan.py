@@ -15,9 +15,9 @@ from twind.command_line.verb import DONE, Rejected, show
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
+from twind.ctl.command_hint import command_hint
 from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
-from twind_calibration.command_hint import command_hint
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.proof_sweep import sweeps
 from twind_calibration.proving.sign_proof import LoadPrediction

@@ -15,14 +15,14 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observe
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
+from twind.ctl.command_hint import command_hint
+from twind.ctl.instances import restart
 from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.entry_writer import agreed, require_somebody
 from twind_calibration.calibrating.file_ownership import lock_folder, save
 from twind_calibration.calibrating.prove import LEAST, MOST
-from twind_calibration.command_hint import command_hint
-from twind_calibration.instances import restart
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.load_comparison import weigh
 from twind_calibration.proving.observable_pose import posed, wanted_pose

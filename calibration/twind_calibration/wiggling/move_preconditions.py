@@ -8,8 +8,8 @@ import numpy as np
 
 from twind.client import Client
 from twind.command_line.verb import Rejected, UsageError, lease
+from twind.ctl.command_hint import command_hint
 from twind.robot.arrays import Floats
-from twind_calibration.command_hint import command_hint
 
 AROUND = 0.4  # s that are recorded before and after a move
 MOST_FRICTION = 100.0  # N·m

@@ -15,8 +15,8 @@ from twind.client import Client
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
+from twind.ctl.command_hint import command_hint
 from twind.twin.binding import BindingError
-from twind_calibration.command_hint import command_hint
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (

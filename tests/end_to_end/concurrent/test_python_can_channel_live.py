@@ -8,7 +8,7 @@ import pytest
 from can.interfaces.socketcan import socketcan
 
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
-from twind_calibration.doctor.host_inspector import HostInspector
+from twind.doctor.host_inspector import HostInspector
 from twind_drivers.bus import PortInUse
 from twind_drivers.can.can_interface_lock import owners
 

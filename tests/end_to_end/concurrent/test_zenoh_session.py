@@ -85,7 +85,7 @@ def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: Network
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
 
-def test_where_nobody_answers_it_is_told_once_and_tried_until_catch_stop_signals() -> None:
+def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> None:
     place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))
     stop = threading.Event()
     lines = list[str]()

@@ -21,8 +21,8 @@ import pytest
 from tests.support.adoption_rig import robot_of
 from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
+from twind.ctl.instances import sockets_of, stop
 from twind_calibration.adoption.adopt_command import status_at
-from twind_calibration.instances import sockets_of, stop
 from twind_calibration.robot_description import read
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel.prober import Prober

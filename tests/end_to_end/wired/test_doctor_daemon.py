@@ -16,22 +16,23 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.wired.test_adopt_command import answering
-from tests.support.doctor_rig import ROOT, found, look, mended, nobody, way_to, wrong
+from tests.support.daemon_stand_ins import answering
+from tests.support.doctor_rig import found, look, mended, needs_root, nobody, way_to, wrong
 from tests.support.processes import Daemon, Virtual, daemon, favour, robot, until
 from twind.client import Client
 from twind.ctl.ctl_main import main
+from twind.doctor import daemon as daemon_subject
+from twind.doctor import host
+from twind.doctor.check import DoctorFinding
+from twind.doctor.check_context import CheckContext
+from twind.doctor.daemon import ENOUGH, MISSED
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.inspectors import PATIENCE
+from twind.doctor.inspectors import DaemonInspector as Asked
 from twind.version import __version__
-from twind_calibration.doctor import machine_rows, service_checks
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.daemon_inspector import PATIENCE
-from twind_calibration.doctor.daemon_inspector import DaemonInspector as Asked
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.service_checks import ENOUGH, MISSED
 
-needs_root = pytest.mark.skipif(not ROOT, reason="looks as another user: needs root")
 # What a machine may really lack: no false alarm of these is claimed here, but in test_doctor_machine.py.
-OF_THE_MACHINE = {row.code for row in machine_rows.MACHINE}
+OF_THE_MACHINE = {row.code for row in host.ROWS}
 
 
 def port(virtual: Virtual) -> list[str]:
@@ -158,6 +159,7 @@ def troubled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 def test_a_daemon_of_another_version_is_found(troubled: Daemon) -> None:
     (finding,) = found(code="VERSION_DIFFERS", socket=troubled.sockets)
+    assert finding.command.endswith("sudo systemctl restart twind.service")
     assert (finding.measured, finding.expected) == ("version 0.0.1", f"{__version__}, as twindctl")
 
 
@@ -203,18 +205,24 @@ def test_a_folder_in_which_everybody_may_replace_the_socket_is_found_and_closed(
 
 
 def test_a_robot_file_that_was_edited_under_the_daemon_is_found(troubled: Daemon) -> None:
-    assert found(code="FILES_EDITED", socket=troubled.sockets) == []
+    assert edited(troubled) == []
     file = troubled.sockets.parent / "h24.yaml"
     file.write_text(file.read_text() + "# a thought\n")
-    (finding,) = found(code="FILES_EDITED", socket=troubled.sockets)
+    (finding,) = edited(troubled)
     assert finding.thing == str(file) and finding.command == "twindctl reload"
     assert main(["--socket", str(troubled.sockets), *finding.command.split()[1:]]) == 0
-    assert found(code="FILES_EDITED", socket=troubled.sockets) == []
+    assert edited(troubled) == []
+
+
+def edited(running: Daemon) -> list[DoctorFinding]:
+    """Findings about files of a daemon that has another version too."""
+    differing = found(code="VERSION_DIFFERS", socket=running.sockets)
+    return [each for each in differing if each.thing != "the daemon"]
 
 
 def test_missed_ticks_and_a_new_front_are_found(troubled: Daemon) -> None:
     until(lambda: troubled.status()["loop"]["ticks"] > 2 * ENOUGH, 30.0, "1000 ticks")
-    assert found(code="FRONT_RESTARTED", socket=troubled.sockets) == []
+    assert found(code="UNIT_RESTARTED", socket=troubled.sockets) == []
     before = troubled.status()["loop"]
     troubled.process.send_signal(signal.SIGSTOP)
     time.sleep(0.04 * (before["ticks"] + before["missed"]) / 250 + 0.1)  # a 25th of its life
@@ -225,8 +233,8 @@ def test_missed_ticks_and_a_new_front_are_found(troubled: Daemon) -> None:
     first = troubled.front()
     os.kill(first, signal.SIGKILL)
     until(lambda: fresh(troubled, first), 20.0, "a new front")
-    (finding,) = found(code="FRONT_RESTARTED", socket=troubled.sockets)
-    assert finding.thing == f"front, pid {troubled.front()}" and "started anew" in finding.measured
+    (finding,) = found(code="UNIT_RESTARTED", socket=troubled.sockets)
+    assert finding.thing == f"front, pid {troubled.front()}" and "it was restarted" in finding.measured
 
 
 def fresh(running: Daemon, first: int) -> bool:
@@ -257,7 +265,9 @@ def test_no_daemon_is_a_note_whether_its_socket_is_left_or_not(tmp_path: Path) -
     with listening(tmp_path):
         pass
     outcome = look(socket=tmp_path, only=["NO_DAEMON"])
-    assert [each.measured for each in outcome.found] == ["nobody listens on it"] and wrong(outcome) == set()
+    assert [each.measured for each in outcome.found] == ["no program listens on it"] and wrong(
+        outcome
+    ) == set()
 
 
 def test_a_daemon_that_says_nothing_is_found_and_waited_for_once(tmp_path: Path) -> None:
@@ -310,9 +320,10 @@ def test_the_daemons_own_faults_are_named_with_what_they_keep_from_arming(tmp_pa
 
     faults = [fault("DEVICE_MISSING", f"j{number}", "no answer") for number in range(24)]
     faults += [fault("FOREIGN_TRAFFIC", None, "packets on bus main in a second that were not requested")]
-    with answering(tmp_path / "control.sock", {"status": {"faults": faults}, "joints": []}):
+    with answering(tmp_path) as make:
+        make("control", lambda _: {"parameters": {"status": {"faults": faults}, "joints": []}})
         seen = CheckContext(HostInspector(), "twind.service", daemon=Asked(Client(tmp_path)))
-        missing, foreign = service_checks.faults(seen)
+        missing, foreign = daemon_subject.check_faults(seen)
         seen.close()
     assert missing.code == "DAEMON_FAULT" and missing.measured == "no answer"
     assert missing.thing.startswith("DEVICE_MISSING, 24 joints: j0, j1, ")

@@ -12,13 +12,12 @@ from tests.support.doctor_robot import BAUD, Ground, Vendor, upper_body
 from tests.support.processes import robot
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
-from twind_calibration.doctor import register_fix
-from twind_calibration.doctor.bus_surveys import servos
-from twind_calibration.doctor.check import CheckUnavailable
-from twind_calibration.doctor.check_context import CheckContext
-from twind_calibration.doctor.host_inspector import HostInspector
-from twind_calibration.doctor.serial_bus_inspector import SerialBusInspector
-from twind_calibration.doctor.serial_survey import survey_port
+from twind.doctor import register_fix
+from twind.doctor.check import CheckUnavailable
+from twind.doctor.check_context import CheckContext
+from twind.doctor.host_inspector import HostInspector
+from twind.doctor.inspectors import SerialBusInspector
+from twind.doctor.serial_survey import expected_servos, survey_port
 from twind_drivers.clock import MonotonicClock
 
 HOLD = "import os,sys; fd=os.open(sys.argv[1],os.O_RDWR|os.O_NOCTTY); print(flush=True); sys.stdin.read()"
@@ -42,10 +41,10 @@ def fix(ground: Ground) -> Iterator[Any]:
     seen = CheckContext(HostInspector(), "twind.service", robot=spec, lines={"main": line})
     seen.surveys["main"] = survey_port(line, spec.buses[0], spec, range(13))
     seen.close()
-    found = next(servo for _, servo in servos(seen) if servo.id == 1)
+    found = next(servo for _, servo in expected_servos(seen) if servo.id == 1)
 
     def write(**otherwise: int) -> None:
-        wanted = register_fix.register(seen, replace(found, **otherwise), "shutdown", 53)  # type: ignore[arg-type]
+        wanted = register_fix.offer_fix(seen, replace(found, **otherwise), "shutdown", 53)  # type: ignore[arg-type]
         assert wanted is not None
         wanted.do()
 

@@ -11,8 +11,8 @@ from tests.support.doctor_rig import look as see
 from tests.support.doctor_robot import Vendor, upper_body
 from tests.support.processes import Virtual, robot, until
 from twind.config.robot_file import load_robot
-from twind_calibration.doctor import check_table, report, runner
-from twind_calibration.doctor.check import DoctorFinding
+from twind.doctor import report, runner
+from twind.doctor.check import DoctorFinding
 
 CODES = ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP")
 SMALL = range(1, 6)  # ids of XL330 (5 V); the others are XM430 (12 V)
@@ -74,7 +74,7 @@ def look(virtual: Virtual, *words: str) -> list[DoctorFinding]:
 
 def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it."""
-    return report.text(runner.DoctorReport(found=[finding]), check_table.complaints(), None)
+    return report.text(runner.DoctorReport(found=[finding]), runner.table(), None)
 
 
 def test_servos_of_5_v_beside_servos_of_12_v_are_healthy(mixed: Virtual) -> None:

@@ -7,11 +7,11 @@ import pytest
 
 from tests.support.systemd.machine import Machine
 from tests.support.systemd.service import Json, Robot, Service, settings
-from twind_calibration.doctor import machine_rows
+from twind.doctor import host
 
 pytestmark = pytest.mark.slow
 
-OF_THE_MACHINE = {row.code for row in machine_rows.MACHINE}  # what this one may really lack
+OF_THE_MACHINE = {row.code for row in host.ROWS}  # what this one may really lack
 
 
 def ask(machine: Machine, *words: str, user: str | None = None) -> Json:

@@ -1,0 +1,61 @@
+"""Writer of the doctor's table: `python -m twind.doctor.table_page docs/troubleshooting.md`.
+
+Page and doctor use the same rows. A test compares them. Why a defect matters is printed by the doctor alone.
+"""
+
+import sys
+from pathlib import Path
+
+from twind.doctor import check, runner, serial_bus
+
+BEGIN = "<!-- from the doctor's table -->"
+END = "<!-- end of the doctor's table -->"
+
+# Cautions of several rows are in the page once, under these labels.
+SHARED = {
+    "support": check.SUPPORT,
+    "supply off": check.UNPLUGGED,
+    "other program": check.OTHER_MASTER,
+    "permanent": check.ALONE,
+    "zero changes": check.ZERO_MOVES,
+    "firmware": serial_bus.FIRMWARE,
+}
+
+
+def labelled(caution: str) -> str:
+    """Replace each shared part of a caution by its label."""
+    for label, text in SHARED.items():
+        caution = caution.replace(text, f"*{label}*")
+    return caution
+
+
+def table_lines() -> str:
+    """Return both tables in Markdown: shared cautions, and one row per code in the order of the checks."""
+    lines = ["|label|caution|", "|---|---|"]
+    lines += [f"|*{label}*|{text}|" for label, text in SHARED.items()]
+    lines += ["", "|code|defect|caution, remedy|", "|---|---|---|"]
+    for row in runner.table().values():
+        remedy = f"**{labelled(row.caution)}**; {row.remedy}" if row.caution else row.remedy
+        cells = (row.code, row.title, remedy)
+        lines.append("|" + "|".join(cell.replace("|", r"\|") for cell in cells) + "|")
+    return "\n".join(lines)
+
+
+def render_page(text: str) -> str:
+    """Return the page with the present tables. Raises ValueError: the page has no place for them."""
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"no {BEGIN} … {END} in the page")
+    return f"{before}{BEGIN}\n\n{table_lines()}\n\n{END}{after}"
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page named. Exit code 0."""
+    path = Path(arguments[0])
+    path.write_text(render_page(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
