@@ -20,7 +20,8 @@ import onnx
 import onnxruntime
 
 from tests.support.policy_files import TWO, network, plain, written
-from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
+from twind.exceptions import InvalidInput
+from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, differences, require_fit
 from twind.learn.policy.policy_file import KEY, NetworkLayer, load, save
 
 BODY = PolicyRobot("two", TWO.joints, TWO.layout, TWO.lower, TWO.upper, TWO.velocity, TWO.acceleration, 100.0)
@@ -157,7 +158,7 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
     path = written(tmp_path)
     before = path.read_bytes()
     wide = [NetworkLayer(np.full((2, TWO.observations), np.nan, np.float32), np.zeros(2, np.float32))]
-    with pytest.raises(PolicyError, match="not finite"):
+    with pytest.raises(InvalidInput, match="not finite"):
         save(path, wide, *plain(TWO), TWO)
     assert path.read_bytes() == before and os.listdir(tmp_path) == [path.name]
 
@@ -187,7 +188,7 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
 )
 def test_a_card_that_is_not_as_agreed_is_refused(tmp_path: Path, fields: dict[str, Any], said: str) -> None:
     path = of_card(written(tmp_path), **fields)
-    with pytest.raises(PolicyError, match=said) as caught:
+    with pytest.raises(InvalidInput, match=said) as caught:
         load(path)
     assert str(path) in str(caught.value)
 
@@ -332,7 +333,7 @@ GRAPH = onnx.helper.make_graph([], "g", [], [])
 def test_a_graph_that_could_do_more_than_a_policy_is_refused(
     tmp_path: Path, change: Callable[[Any], None], said: str
 ) -> None:
-    with pytest.raises(PolicyError, match=said):
+    with pytest.raises(InvalidInput, match=said):
         load(changed(written(tmp_path), change))
 
 
@@ -389,7 +390,7 @@ def test_no_file_takes_more_memory_than_it_weighs(
     done = subprocess.run(
         [sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=60.0
     )
-    assert re.search(f"PolicyError: .*({said})", done.stderr), done.stderr[-400:]
+    assert re.search(f"InvalidInput: .*({said})", done.stderr), done.stderr[-400:]
 
 
 def test_a_file_that_is_none_of_ours_is_refused(tmp_path: Path) -> None:
@@ -404,7 +405,7 @@ def test_a_file_that_is_none_of_ours_is_refused(tmp_path: Path) -> None:
         (fifo, "no file"),
         (tmp_path / "x", "No such"),
     ):
-        with pytest.raises(PolicyError, match=said):
+        with pytest.raises(InvalidInput, match=said):
             load(path)
 
 
@@ -420,7 +421,7 @@ def test_no_byte_of_a_file_can_be_lost_or_turned_so_that_loading_breaks_otherwis
         (tmp_path / "torn.onnx").write_bytes(data)
         try:
             action = load(tmp_path / "torn.onnx").act(np.zeros(TWO.observations, np.float32))
-        except PolicyError:
+        except InvalidInput:
             continue
         assert action.shape == (2,)
 
@@ -446,7 +447,7 @@ def test_a_policy_that_does_not_fit_says_all_that_differs(body: dict[str, Any], 
     other = replace(BODY, **body)
     text = "; ".join(differences(TWO, other))
     assert all(each in text for each in said), text
-    with pytest.raises(PolicyError, match="made for two, it does not fit two"):
+    with pytest.raises(InvalidInput, match="made for two, it does not fit two"):
         require_fit(TWO, other)
 
 
@@ -457,6 +458,6 @@ def test_a_policy_fits_what_it_was_made_for_and_what_may_more() -> None:
 
 def test_a_card_that_nobody_could_read_again_is_not_written() -> None:
     bad = replace(TWO, evaluation={"return": float("nan")})
-    with pytest.raises((PolicyError, ValueError)):
+    with pytest.raises((InvalidInput, ValueError)):
         bad.text()
     assert PolicyCard is type(bad)

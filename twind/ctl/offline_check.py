@@ -12,13 +12,13 @@ import numpy as np
 from twind.client.errors import CallError
 from twind.config.robot_file import RobotFile
 from twind.ctl.verb import UsageError
+from twind.exceptions import InvalidInput
 from twind.front import trajectory_submission
 from twind.front.joint_naming import JointNames
 from twind.front.state_cache import encode
 from twind.link import Submit
 from twind.loop.submission_tracker import of_the_path, plain, with_front
 from twind.protocol import CONTROL, SERVICE, load
-from twind.protocol.idl import WrongParameter
 from twind.robot.arrays import Floats
 from twind.robot.finding import Verdict
 from twind.robot.modes import Mode, Motion, RobotState
@@ -97,13 +97,11 @@ def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
     try:
         load(CONTROL).methods["Check"].parameters.check({"trajectory": trajectory}, "")
         return trajectory_submission.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
-    except WrongParameter as error:
-        field = error.where or "parameters"
-        reason = error.reason
-    except trajectory_submission.ToleranceTooLoose as error:
-        field = error.field
-        reason = error.reason
-    raise CallError(f"{SERVICE}.InvalidParameter", {"parameter": field, "message": reason})
+    except InvalidInput as error:
+        parameter = error.where or "parameters"
+        raise CallError(
+            f"{SERVICE}.InvalidParameter", {"parameter": parameter, "message": error.reason}
+        ) from None
 
 
 def _as_sent(found: dict[str, Any]) -> dict[str, Any]:

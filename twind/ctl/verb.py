@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from twind.client import CallError, Client, ClientError, first_open
+from twind.exceptions import TwindError
 
 REMOTES = "twind.remotes"  # entry points: of the value of --remote a Client
 # exit codes
@@ -40,11 +41,11 @@ class FunctionVerb:
     from_afar: bool = False
 
 
-class UsageError(Exception):
+class UsageError(TwindError):
     """Error for arguments that make no sense as written: exit code 2."""
 
 
-class Rejected(Exception):
+class Rejected(TwindError):
     """A file or a motion that was not accepted: exit code 1."""
 
 

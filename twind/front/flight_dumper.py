@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.briefing import fingerprint
-from twind.flight import FlightError, copy, held_span, signature
+from twind.exceptions import InvalidInput
+from twind.flight import copy, held_span, signature
 from twind.front.client_calls import ClientCall
 from twind.front.daemon_log import printable
 from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
@@ -119,7 +120,7 @@ class FlightDumper:
         if self._recorded.ring is not None:
             oldest = None
             size = 0
-            with contextlib.suppress(FlightError):
+            with contextlib.suppress(InvalidInput):
                 oldest, size = held_span(self._recorded.ring)
             span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}

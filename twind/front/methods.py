@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from twind import link
 from twind.config.file_changes import edited
+from twind.exceptions import InvalidInput
 from twind.front import annotations as marks
 from twind.front import trajectory_submission
 from twind.front.accepted_trajectories import AcceptedTrajectory, strip_points
 from twind.front.client_calls import STOPS, ClientCall
 from twind.front.daemon_log import printable
-from twind.front.loop_connection import CommandTooLarge
 from twind.front.monitor_subscribers import TOPICS
 from twind.front.reload_queue import PARAMETERS
 from twind.front.state_cache import encode
@@ -62,7 +62,7 @@ def forward(
             front.link.owe(command)
         else:
             sent = front.link.send(command, fd)
-    except CommandTooLarge as error:
+    except InvalidInput as error:
         front.tickets.close(ticket)
         front.refuse(call, [Finding(ReasonCode.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
         return False
@@ -187,8 +187,8 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
         return
     try:
         policy = trajectory_submission.policy(message, front.world.briefing.description)
-    except trajectory_submission.ToleranceTooLoose as error:
-        call.invalid(error.field, error.reason)
+    except InvalidInput as error:
+        call.invalid(error.where, error.reason)
         return
     path, wrong = trajectory_submission.judge(message, names)
     if path is None:

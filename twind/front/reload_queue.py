@@ -84,7 +84,7 @@ class ReloadQueue:
 
         try:
             made = with_settings(briefing, asked.changes)
-        except ValueError as error:  # NotHot
+        except ValueError as error:  # InvalidInput: a value that may not change
             self._read(asked, ReloadResult(error=str(error)))
         else:
             self._read(asked, ReloadResult(changes=asked.changes, briefing=made))

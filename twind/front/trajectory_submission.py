@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.front.joint_naming import JointNames
 from twind.link import pack_path
 from twind.memfd import seal
@@ -19,15 +20,6 @@ from twind.safety.trajectory_validation import PointRow, form
 
 POLICIES = ("reject", "retime")  # strict first
 LONGEST_WAIT = 60.0  # s: the largest start_in
-
-
-class ToleranceTooLoose(ValueError):
-    """A request that asks for less care than the robot file demands. `field` names it."""
-
-    def __init__(self, field: str, reason: str) -> None:
-        super().__init__(f"{field}: {reason}")
-        self.field = field
-        self.reason = reason
 
 
 def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
@@ -88,10 +80,10 @@ def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
     if asked is None:
         return theirs
     if asked not in POLICIES:
-        raise ToleranceTooLoose("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
+        raise InvalidInput(f"expected one of {', '.join(POLICIES)}, got {asked!r}", where="trajectory.policy")
     if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
         reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
-        raise ToleranceTooLoose("trajectory.policy", reason)
+        raise InvalidInput(reason, where="trajectory.policy")
     return str(asked)
 
 

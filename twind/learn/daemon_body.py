@@ -3,6 +3,7 @@
 import numpy as np
 
 from twind.client import Client, Refused
+from twind.exceptions import OperationFailed
 from twind.learn.action_shaping import ActionShaping
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.control_clock import SystemClock
@@ -16,15 +17,11 @@ from twind.learn.plant_model import Plant
 from twind.robot.arrays import Floats
 
 
-class StaleState(Exception):
-    """The robot is not heard as it must be. The gate holds it, as nothing is sent."""
-
-
 class DaemonBody:
     """Keeps the protocol `env.Body`: what it is told arrives at the robot if the gate lets it."""
 
     def __init__(self, plant: Plant, shaping: ActionShaping, socket: str | None) -> None:
-        """`socket`: the daemon's folder, None: the usual one. Raises WrongRobot, ClientError."""
+        """`socket`: the daemon's folder, None: the usual one. Raises InvalidInput, ClientError."""
         self.plant = plant
         self._period = shaping.period
         self._clock = SystemClock()
@@ -65,13 +62,13 @@ class DaemonBody:
     def reset(self, rng: np.random.Generator) -> BodyReading:
         """Go to the default pose, through the gate: nothing is drawn, and who has fallen stays where it lies.
 
-        Raises NotThere, Stale, ClientError.
+        Raises OperationFailed, ClientError.
         """
         self._reins.take()
         self._reins.go(self.plant.default)
         states = self._senses.next_states()
         if not states:
-            raise StaleState(self._senses.ended or "no states are heard")
+            raise OperationFailed(self._senses.ended or "no states are heard")
         self._beat = in_step(states, self._clock.now(), self._period, self._loop)
         self.refused = self.missed = self.held = 0
         return self._read(self._beat)
@@ -79,7 +76,7 @@ class DaemonBody:
     def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """Send, and wait for the end of the period. A refusal is counted in the next, and moves nothing.
 
-        Raises Stale, ClientError.
+        Raises OperationFailed, ClientError.
         """
         assert self._beat is not None, "reset first"
         try:
@@ -105,5 +102,5 @@ class DaemonBody:
             "no state has come" if heard is None else heard.stale(self._clock.now(), STALE, self._joints)
         )
         if heard is None or why:
-            raise StaleState(str(why))
+            raise OperationFailed(str(why))
         return self._estimate.reading(heard)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twind import link
-from twind.loop.procedures import Procedure, all_of, ticks
+from twind.loop.procedures import Procedure, ProcedureFailed, all_of, ticks
 from twind.loop.torque import error_text, say_unconfirmed, switch_torque_off, take
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -33,14 +33,6 @@ TRIES = 20  # goal := present, for a robot that still swings
 JUMP = 0.05  # rad a joint may move within the first ticks of torque
 
 
-class ArmingFailed(Exception):
-    """Arming stopped half-way; the finding says where."""
-
-    def __init__(self, code: ReasonCode, joint: int | None, value: float, bound: float, message: str) -> None:
-        super().__init__(message)
-        self.finding = Finding(code, joint, value=value, bound=bound, message=message)
-
-
 def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     """Goal := present, read back, then torque, read back, then hold. Answers when armed, or why not."""
     refusals = yield from _check_arming_request(loop, command, now)
@@ -53,10 +45,10 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     loop.change(RobotEvent.ARM, now)
     try:
         held = yield from _energise(loop, inherited)
-    except (BusError, ArmingFailed) as error:
+    except (BusError, ProcedureFailed) as error:
         yield from back_out(loop, inherited)
         failed = Finding(ReasonCode.ARM_FAILED, message=error_text(loop, error))
-        loop.say.refuse(command, (error.finding if isinstance(error, ArmingFailed) else failed,))
+        loop.say.refuse(command, (error.finding if isinstance(error, ProcedureFailed) else failed,))
         return
     except GeneratorExit:  # what took over finds `energising` set, and lets go
         loop.hardware.clear()
@@ -131,7 +123,9 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
-        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.ARM_FAILED, joint, value=float(jump[joint]), bound=JUMP, message=message)
+        )
     return held
 
 
@@ -151,7 +145,15 @@ def _require_one_turn(loop: Loop) -> None:
             f"would read {then[joint]} at torque-on, not {count[joint]}: position mode knows one turn, and "
             "it stands beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
         )
-        raise ArmingFailed(ReasonCode.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.CALIB_MISMATCH,
+                joint,
+                value=float(then[joint]),
+                bound=float(count[joint]),
+                message=message,
+            )
+        )
 
 
 def _aimed(loop: Loop) -> Generator[None, float, Floats]:
@@ -165,13 +167,20 @@ def _aimed(loop: Loop) -> Generator[None, float, Floats]:
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
     message = "still moving (ticks): let it hang quiet, then arm again"
-    raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(moved[joint]), STILL, message)
+    raise ProcedureFailed(
+        Finding(ReasonCode.ARM_FAILED, joint, value=float(moved[joint]), bound=STILL, message=message)
+    )
 
 
 def _require_undisturbed(loop: Loop) -> None:
     if loop.state is not RobotState.ARMING or loop.latches:
-        raise ArmingFailed(
-            ReasonCode.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile"
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.ARM_FAILED,
+                value=0.0,
+                bound=0.0,
+                message=f"the robot went to {loop.state.value} meanwhile",
+            )
         )
 
 
@@ -180,25 +189,37 @@ def _require_all_or_none(loop: Loop) -> None:
     if on.any() and not on.all():
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
-        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(on.sum()), 0.0, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.ARM_FAILED, joint, value=float(on.sum()), bound=0.0, message=message)
+        )
 
 
 def present(loop: Loop) -> Floats:
-    """The position (n,) to begin from: fresh, whole and inside the hard limits, or ArmFailed."""
+    """Position (n,) to begin from, fresh and inside the hard limits. Raises ProcedureFailed."""
     state = loop.measured
     limits = loop.limits
     age = loop.clock.now() - state.time + state.age
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
-        raise ArmingFailed(ReasonCode.HW_DISCONNECTED, joint, float(age[joint]), FRESH, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.HW_DISCONNECTED, joint, value=float(age[joint]), bound=FRESH, message=message)
+        )
     inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
     if not inside.all():
         joint = int(np.argmin(inside))
         value = float(state.position[joint])
         low = value < limits.hard_lower[joint]
         bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
-        raise ArmingFailed(ReasonCode.OUT_OF_LIMIT, joint, value, bound, "move it inside by hand, then arm")
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.OUT_OF_LIMIT,
+                joint,
+                value=value,
+                bound=bound,
+                message="move it inside by hand, then arm",
+            )
+        )
     return state.position
 
 

@@ -25,6 +25,6 @@ class BoundRobot:
         return compare(self.file, self.calibration, devices)
 
     def with_changes(self, changes: Changes) -> "BoundRobot":
-        """The same with these changes. Raises NotHot, BindingError."""
+        """The same with these changes. Raises InvalidInput."""
         file = applied(self.file, changes)
         return BoundRobot(file, self.calibration, rebound(self.binding, file, self.calibration))

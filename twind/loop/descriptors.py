@@ -2,6 +2,7 @@
 
 import resource
 
+from twind.exceptions import InvalidInput
 from twind.loop.front_process import ABOVE, HANDED
 
 _STANDING = (
@@ -11,16 +12,6 @@ _PASSING = 8  # open for a moment: a front that is started, files
 _OF_A_BUS = 2
 
 
-class TooFewDescriptors(Exception):
-    """The limit of open descriptors is below what the daemon needs, and may not be raised so far."""
-
-    def __init__(self, limit: int, needed: int) -> None:
-        remedy = f"`ulimit -n {needed}`, LimitNOFILE={needed} in the unit, or `nofile` in limits.conf(5)"
-        super().__init__(
-            f"open files: {needed} are needed, and the hard limit is {limit}; raise it as root: {remedy}"
-        )
-
-
 def needed(buses: int, front: int) -> int:
     """Descriptors that loop and front need each. `front`: of the front, which inherits the limit."""
     loop = max(ABOVE, _STANDING + _OF_A_BUS * buses + _PASSING) + HANDED
@@ -28,12 +19,14 @@ def needed(buses: int, front: int) -> int:
 
 
 def ensure(count: int) -> str:
-    """Allow `count` descriptors; what was changed, "" where nothing was. Raises TooFewDescriptors."""
+    """Allow `count` descriptors; what was changed, "" where nothing was. Raises InvalidInput."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if _enough(soft, count):
         return ""
     if not _enough(hard, count):
-        raise TooFewDescriptors(hard, count)
+        remedy = f"`ulimit -n {count}`, LimitNOFILE={count} in the unit, or `nofile` in limits.conf(5)"
+        reason = f"{count} are needed, and the hard limit is {hard}; raise it as root: {remedy}"
+        raise InvalidInput(reason, where="open files")
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     return f"open files: the soft limit was {soft}, below the {count} needed; raised to the hard limit {hard}"
 

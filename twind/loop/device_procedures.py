@@ -6,9 +6,10 @@ from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from twind import link
+from twind.exceptions import InvalidInput
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult, UnknownRegister
+from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult
 
 if TYPE_CHECKING:
     from twind.loop.bus_port import BusPort, ScriptRun
@@ -80,9 +81,9 @@ def _answer(
     """Wait for the task, then answer with what is `told` of its result, or with why there is none."""
     try:
         yield from all_of([task])
-    except KeyError as error:
-        known = list(error.near) if isinstance(error, UnknownRegister) else []
-        loop.say.error(command, "NotFound", what="register", name=name, known=known)
+    except (InvalidInput, KeyError) as error:
+        near = error.near if isinstance(error, InvalidInput) else ()
+        loop.say.error(command, "NotFound", what="register", name=name, known=list(near))
     except (BusError, ValueError) as error:
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
@@ -131,7 +132,7 @@ def _is_eeprom(port: BusPort, command: link.WriteRegister) -> bool:
     """
     try:
         return port.reader is not None and port.reader.keeps(command.id, command.name)
-    except KeyError:
+    except (InvalidInput, KeyError):
         return False
 
 

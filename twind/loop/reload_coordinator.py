@@ -23,7 +23,6 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion
 from twind.safety.gate import GateThresholds
-from twind.twin.binding import BindingError
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -91,14 +90,14 @@ class ReloadCoordinator:
         """Put changes in force, all or none. `briefing`: descriptor for the next front, which is ours now."""
         try:
             kept = self._adopt(command, briefing, now)
-        except (ValueError, BindingError) as error:  # NotHot, or a gain that a driver's field does not hold
+        except ValueError as error:  # InvalidInput, or a gain that a driver's field does not hold
             kept = False
             self._refuse(command, (Finding(ReasonCode.CONFIG_REFUSED, message=str(error)),))
         if briefing is not None and not kept:
             os.close(briefing)
 
     def _adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> bool:
-        """True: in force, and `briefing` is kept. Raises ValueError, BindingError: nothing has changed."""
+        """True: in force, and `briefing` is kept. Raises ValueError: nothing has changed."""
         loop = self._loop
         if command.reread and self._until == inf:  # it was told that nothing was changed: so it stays
             self._refuse(
@@ -257,7 +256,7 @@ def put_in_force(loop: Loop, one: BoundRobot) -> None:
 
 
 def thresholds_with(old: GateThresholds, changes: dict[str, Any]) -> GateThresholds:
-    """The thresholds in force once these changes are made. Raises NotHot."""
+    """The thresholds in force once these changes are made. Raises InvalidInput."""
     warn, block = hot_changes.thresholds(changes, old.latency_warn * 1e3, old.latency_block * 1e3)
     return replace(old, latency_warn=warn / 1e3, latency_block=block / 1e3)
 

@@ -29,7 +29,7 @@ def unpacked(data: bytes) -> Binding:
 
 
 def foresight(data: bytes, period: float) -> TrajectoryPrecheck:
-    """What judges the paths of the robot handed over; `period` in s. Raises ValueError, BindingError."""
+    """What judges the paths of the robot handed over; `period` in s. Raises ValueError, InvalidInput."""
     hush()
     binding = unpacked(data)
     return TrajectoryPrecheck(binding, period, Dynamics(binding))

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from twind.exceptions import OperationFailed, TwindError
+
 
 class Severity(Enum):
     """How bad it is. `FAULT`: it does not work, or it is dangerous. `WARNING`: it works badly, or will not
@@ -80,9 +82,9 @@ class DoctorFinding:
     advice: str = ""  # what to do where it is no command, or beside it; "" : the row's remedy says it
 
 
-class CheckUnavailable(Exception):
-    """This could not be looked at, and why (no right to, no such file here). No finding: said at the end."""
+# A check that cannot look at its subject (no right to, no such file here). No finding: the end reports it.
+CheckUnavailable = OperationFailed
 
 
-class CheckNotApplicable(Exception):
+class CheckNotApplicable(TwindError):
     """This machine or robot has no such thing (no CAN bus): not looked at, and not worth a word."""

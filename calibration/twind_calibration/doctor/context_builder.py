@@ -9,13 +9,13 @@ from pathlib import Path
 from twind.client import Client, NoDaemon
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
-from twind.config.config_files import CommandLineError as Unfit
 from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.config_section import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.verb import UsageError
+from twind.exceptions import InvalidInput
 from twind_calibration.doctor.can_bus_inspector import CanBusInspector
 from twind_calibration.doctor.check import CheckUnavailable
 from twind_calibration.doctor.check_context import CheckContext
@@ -212,7 +212,7 @@ def _ports(
     try:
         ports = bus_ports(settings, list(described), described)
         refuse_wrong(robot, ports)
-    except Unfit as error:
+    except InvalidInput as error:
         if options.port:
             raise UsageError(str(error)) from None
         wrong.append(file_error(settings.source, f"ports: {error}"))

@@ -8,7 +8,8 @@ from typing import Any
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.file_changes import fingerprint
 from twind.config.robot_file import RobotFile
-from twind.twin.binding import BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 from twind_calibration.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding
 from twind_calibration.doctor.check_context import CheckContext
 
@@ -29,7 +30,7 @@ def model(x: CheckContext) -> Iterator[DoctorFinding]:
     robot = x.need_robot()
     try:
         bound = bind(robot, x.calibration)
-    except BindingError as error:
+    except InvalidInput as error:
         yield DoctorFinding("MODEL_UNFIT", str(robot.path), str(error).removeprefix(f"{robot.path}: "))
         return
     free = _without_range(robot, bound.model)

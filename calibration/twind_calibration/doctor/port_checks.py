@@ -16,7 +16,7 @@ from twind_calibration.doctor.check_context import CheckContext
 from twind_calibration.doctor.host_inspector import HostInspector, PortHolder, is_daemon
 from twind_calibration.doctor.user_account import UserAccount
 from twind_calibration.instances import stop
-from twind_drivers.bus import BaudRefused
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.can import can_ports
 
 BY_ID = ("twind", "serial/by-id")  # below /dev: our udev rule's names, then the stock ones
@@ -205,8 +205,9 @@ def rates(x: CheckContext) -> Iterator[DoctorFinding]:
         try:
             line.transport  # noqa: B018  opening it sets the rate and reads back what the kernel made of it
         except CheckUnavailable as error:
-            if isinstance(error.__cause__, BaudRefused):
-                yield DoctorFinding("BAUD_UNSUPPORTED", node.path, error.__cause__.reason)
+            cause = error.__cause__
+            if isinstance(cause, PortError) and cause.kind is PortFault.BAUD_RATE:
+                yield DoctorFinding("BAUD_UNSUPPORTED", node.path, cause.reason)
 
 
 # ------------------------------------------------------------------------------------------- looking

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.client.errors import CallError, as_error
-from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
-from twind.protocol.strict_json import BadJson, loads
+from twind.exceptions import InvalidInput
+from twind.protocol import CONTROL, SERVICE, load, parse
+from twind.protocol.strict_json import loads
 
 UPLINK = "io.twind.Uplink"
 MOST = 4 << 20  # bytes of a trajectory's question, as the daemon's
@@ -60,9 +61,7 @@ def check_query(method: str, data: bytes) -> dict[str, Any]:
     try:
         asked: dict[str, Any] = loads(data) if data else {}
         _METHODS[method].parameters.check(asked, "")
-    except BadJson as error:
-        raise invalid("parameters", str(error)) from None
-    except WrongParameter as error:
+    except InvalidInput as error:
         raise invalid(error.where or "parameters", error.reason) from None
     asked = {key: value for key, value in asked.items() if value is not None}
     if "holder" in asked:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.policy.onnx_reader import SHOWN, OnnxModel, OnnxNode
 from twind.learn.policy.onnx_writer import INPUT, OUTPUT, Rows
-from twind.learn.policy.policy_card import PolicyError
 
 Step = Callable[[Rows], Rows]  # takes what the last one gave, may write over it
 Part = tuple[str, list[Any]]  # an operation and its constants
@@ -27,18 +27,18 @@ _ATTRIBUTES: dict[str, dict[str, tuple[float, ...]]] = {
 def chain(model: OnnxModel) -> list[Part]:
     """Return the operations from input to output, with their constants.
 
-    Raises PolicyError where the graph is no such chain.
+    Raises InvalidInput where the graph is no such chain.
     """
     parts = list[Part]()
     at = INPUT
     width = model.observations
     products = 0
     if width > MOST_WIDTH:
-        raise PolicyError(f"its {INPUT} has {width} entries, at most {MOST_WIDTH} are possible")
+        raise InvalidInput(f"its {INPUT} has {width} entries, at most {MOST_WIDTH} are possible")
     for node in model.nodes:
         name = f"its operation {node.type[:SHOWN]!r}"
         if node.type not in _STEPS:
-            raise PolicyError(f"{name} is not run; known: {', '.join(sorted(_STEPS))}")
+            raise InvalidInput(f"{name} is not run; known: {', '.join(sorted(_STEPS))}")
         held = _constants(model, node, at, name)
         if node.type in ("Gemm", "MatMul"):
             width = _next_width(width, held, name)
@@ -50,11 +50,11 @@ def chain(model: OnnxModel) -> list[Part]:
         parts.append((node.type, held))
         at = node.output
     if at != OUTPUT or width != model.actions:
-        raise PolicyError(
+        raise InvalidInput(
             f"its chain ends with {at[:SHOWN]!r} ({width}), not with {OUTPUT} ({model.actions})"
         )
     if products > MOST_PRODUCTS:
-        raise PolicyError(f"its graph has {products} multiplications, at most {MOST_PRODUCTS} are run")
+        raise InvalidInput(f"its graph has {products} multiplications, at most {MOST_PRODUCTS} are run")
     return parts
 
 
@@ -64,17 +64,17 @@ def _constants(model: OnnxModel, node: OnnxNode, at: str, name: str) -> list[Any
     if node.type in _EITHER and inputs[1:] == [at]:
         inputs.reverse()
     if inputs[:1] != [at] or not all(each in model.arrays for each in inputs[1:] if each):
-        raise PolicyError(
+        raise InvalidInput(
             f"{name} takes {', '.join(inputs)[:SHOWN]!r}: only one chain from {INPUT} on is run"
         )
     may = _ATTRIBUTES.get(node.type, {})
     for key, value in node.attributes.items():
         if value not in may.get(key, ()):
-            raise PolicyError(f"{name} has {key[:SHOWN]} {value:g}, which is not run")
+            raise InvalidInput(f"{name} has {key[:SHOWN]} {value:g}, which is not run")
     held: list[Any] = [model.arrays[each] if each else None for each in inputs[1:]]
     least, most, _ = _STEPS[node.type]
     if not least <= len(held) <= most or (least and any(each is None for each in held)):
-        raise PolicyError(f"{name} has {len(held)} constants, expected {least} to {most}")
+        raise InvalidInput(f"{name} has {len(held)} constants, expected {least} to {most}")
     if node.attributes.get("transB"):
         held[0] = np.ascontiguousarray(held[0].T)
     return held
@@ -83,26 +83,26 @@ def _constants(model: OnnxModel, node: OnnxNode, at: str, name: str) -> list[Any
 def _next_width(width: int, held: list[Any], name: str) -> int:
     """Return the output width of a product operation.
 
-    Raises PolicyError where its arrays do not fit `width` entries, or the output exceeds `MOST_WIDTH`.
+    Raises InvalidInput where its arrays do not fit `width` entries, or the output exceeds `MOST_WIDTH`.
     """
     shapes = [each.shape for each in held]
     columns = shapes[0][-1] if len(shapes[0]) == 2 else 0
     if shapes not in ([(width, columns)], [(width, columns), (columns,)]):
-        raise PolicyError(f"{name} has arrays {shapes} for {width} entries")
+        raise InvalidInput(f"{name} has arrays {shapes} for {width} entries")
     if columns > MOST_WIDTH:
-        raise PolicyError(f"{name} gives {columns} entries, at most {MOST_WIDTH} are possible")
+        raise InvalidInput(f"{name} gives {columns} entries, at most {MOST_WIDTH} are possible")
     return int(columns)
 
 
 def _require_scalars(held: list[Any], name: str) -> None:
     for each in held:
         if each is not None and each.shape != ():
-            raise PolicyError(f"{name} has a bound of the shape {each.shape}, one number is needed")
+            raise InvalidInput(f"{name} has a bound of the shape {each.shape}, one number is needed")
 
 
 def _row(array: Any, width: int, name: str) -> Any:
     if array.shape not in ((), (1,), (width,), (1, width)):
-        raise PolicyError(f"{name} has an array {array.shape}, expected () or ({width},)")
+        raise InvalidInput(f"{name} has an array {array.shape}, expected () or ({width},)")
     return array.reshape(-1)
 
 

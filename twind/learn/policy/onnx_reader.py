@@ -12,8 +12,8 @@ from math import prod
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.policy.onnx_writer import INPUT, OUTPUT, Rows
-from twind.learn.policy.policy_card import PolicyError
 from twind.learn.policy.protobuf_reader import (
     BYTES,
     FIXED32,
@@ -90,16 +90,16 @@ class OnnxModel:
 
 
 def parsed(data: bytes) -> OnnxModel:
-    """Parse the bytes of an ONNX file. Raises PolicyError that names the part that cannot be read."""
+    """Parse the bytes of an ONNX file. Raises InvalidInput that names the part that cannot be read."""
     budget = ProtobufFieldBudget()
     fields = message(memoryview(data), _MODEL, budget)
     if len(fields["graph"]) != 1:
-        raise PolicyError(f"is no ONNX file: it has {len(fields['graph'])} graphs, one is needed")
+        raise InvalidInput(f"is no ONNX file: it has {len(fields['graph'])} graphs, one is needed")
     _require_opset([_all(each, _OPSET, budget) for each in fields["opset"]])
     metadata = tuple(_entry(_all(each, _ENTRY, budget)) for each in fields["metadata"])
     graph = _all(fields["graph"][0], _GRAPH, budget)
     if len(graph["node"]) > MOST_NODES:
-        raise PolicyError(f"its graph has {len(graph['node'])} operations, at most {MOST_NODES} are run")
+        raise InvalidInput(f"its graph has {len(graph['node'])} operations, at most {MOST_NODES} are run")
     arrays = dict(_array(each, budget) for each in graph["initializer"])
     nodes = []
     for each in graph["node"]:
@@ -130,7 +130,7 @@ def _require_opset(sets: list[dict[str, list[Value]]]) -> None:
     plain = [each["version"] for each in sets if _last(each["domain"]) in ("", "ai.onnx")]
     version = signed(plain[0][-1]) if len(plain) == 1 and plain[0] else None
     if version is None or not oldest <= version <= newest:
-        raise PolicyError(f"its operator set is {version}, {oldest} to {newest} are run")
+        raise InvalidInput(f"its operator set is {version}, {oldest} to {newest} are run")
 
 
 def _entry(fields: dict[str, list[Value]]) -> tuple[str, str]:
@@ -144,17 +144,17 @@ def _array(value: Value, budget: ProtobufFieldBudget) -> tuple[str, Rows]:
     shape = tuple(signed(each) for each in fields["dims"])
     said = f"its array {name[:SHOWN]!r}"
     if kind != [FLOAT]:
-        raise PolicyError(f"{said} has the element type {kind[:4]}, float32 ([{FLOAT}]) is needed")
+        raise InvalidInput(f"{said} has the element type {kind[:4]}, float32 ([{FLOAT}]) is needed")
     if len(shape) > DIMENSIONS or any(each <= 0 for each in shape):
-        raise PolicyError(
+        raise InvalidInput(
             f"{said} has the shape {shape[:4]}, at most {DIMENSIONS} dimensions above 0 are read"
         )
     raw = b"".join(each for each in fields["raw"] if isinstance(each, memoryview))
     if len(raw) != 4 * prod(shape):
-        raise PolicyError(f"{said} of the shape {shape} has {len(raw)} bytes of raw data in the file")
+        raise InvalidInput(f"{said} of the shape {shape} has {len(raw)} bytes of raw data in the file")
     array = np.frombuffer(raw, "<f4").reshape(shape)
     if not np.isfinite(array).all():
-        raise PolicyError(f"{said} has numbers that are not finite")
+        raise InvalidInput(f"{said} has numbers that are not finite")
     return name, array
 
 
@@ -163,11 +163,11 @@ def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | N
     kind = _last(fields["type"])
     domain = _last(fields["domain"])
     if domain not in ("", "ai.onnx"):
-        raise PolicyError(
+        raise InvalidInput(
             f"its graph has the operation {domain[:SHOWN]!r} {kind[:SHOWN]!r}, which is not run"
         )
     if len(fields["output"]) != 1:
-        raise PolicyError(
+        raise InvalidInput(
             f"its operation {kind[:SHOWN]!r} has {len(fields['output'])} outputs, one is needed"
         )
     numbers = dict[str, float]()
@@ -177,7 +177,7 @@ def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | N
         name = _last(attribute["name"])
         given = [*attribute["float"], *attribute["int"], *attribute["tensor"]]
         if len(given) != 1 or name in numbers or name in tensors:
-            raise PolicyError(
+            raise InvalidInput(
                 f"its operation {kind[:SHOWN]!r}: {name[:SHOWN]!r} has {len(given)} values, not one"
             )
         if attribute["tensor"]:
@@ -189,7 +189,7 @@ def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | N
     if kind != "Constant" and not tensors:
         return node, None
     if kind != "Constant" or list(tensors) != [TENSOR_VALUE] or numbers or inputs:
-        raise PolicyError(f"its operation {kind[:SHOWN]!r} has arrays that are not read")
+        raise InvalidInput(f"its operation {kind[:SHOWN]!r} has arrays that are not read")
     return node, tensors[TENSOR_VALUE]
 
 
@@ -205,7 +205,7 @@ def _end(what: str, name: str, ends: list[Value], given: set[str], budget: Proto
     found = [each for each in found if each[0] not in given]
     if [each[0] for each in found] != [name]:
         said = ", ".join(each[0][:SHOWN] for each in found) or "none"
-        raise PolicyError(f"its {what} is {said}, expected {name} alone")
+        raise InvalidInput(f"its {what} is {said}, expected {name} alone")
     dims = list[int]()
     element = list[Value]()
     for kind in found[0][1]:
@@ -216,5 +216,5 @@ def _end(what: str, name: str, ends: list[Value], given: set[str], budget: Proto
                 each = (_all(dim, _DIM, budget)["value"] for dim in _all(shape, _SHAPE, budget)["dim"])
                 dims += [signed(values[-1]) if values else 0 for values in each]
     if element != [FLOAT] or len(dims) != 2 or not 0 <= dims[0] <= 1 or dims[1] <= 0:
-        raise PolicyError(f"its {what} {name} is not float32 of (batch, count)")
+        raise InvalidInput(f"its {what} {name} is not float32 of (batch, count)")
     return dims[1]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twind.ctl.ctl_main import common
 from twind.ctl.verb import DONE, Rejected, show
+from twind.exceptions import InvalidInput
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,11 +47,11 @@ def command(text: str) -> tuple[float, float, float]:
 
 def run(options: argparse.Namespace) -> int:
     """The exit code. Raises UsageError, Rejected, ClientError."""
-    from twind.learn.policy.policy_file import PolicyError, load
+    from twind.learn.policy.policy_file import load
 
     try:
         policy = load(options.file)
-    except PolicyError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     if options.kind == "run":
         from twind.learn.policy.policy_run_command import run_policy

@@ -12,17 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.policy import chain_inference, onnx_writer
 from twind.learn.policy import policy_card as cards
 from twind.learn.policy.onnx_reader import parsed
 from twind.learn.policy.onnx_writer import INPUT, OUTPUT, NetworkLayer, Rows
-from twind.learn.policy.policy_card import PolicyCard, PolicyError
+from twind.learn.policy.policy_card import PolicyCard
 
 LARGEST = 8 << 20  # bytes of a file; the network of 24 joints has half a megabyte
 KEY = "twind"  # of the card in `metadata_props`
 Step = Callable[[Rows], Rows]
 
-__all__ = ["NetworkLayer", "Policy", "PolicyCard", "PolicyError", "load", "save"]
+__all__ = ["InvalidInput", "NetworkLayer", "Policy", "PolicyCard", "load", "save"]
 
 
 class Policy:
@@ -60,7 +61,7 @@ def save(
     clip: float,
     card: PolicyCard,
 ) -> None:
-    """Write a network and what it was made for, whole or not at all. Raises PolicyError, OSError.
+    """Write a network and what it was made for, whole or not at all. Raises InvalidInput, OSError.
 
     The observation becomes clip((observation - mean) / std, -clip, clip) before the first layer; what the
     last one gives is clipped to -1..1.
@@ -70,7 +71,7 @@ def save(
     counts = len(mean), len(layers[-1].bias) if layers else 0
     if counts != (card.observations, len(card.joints)):
         expected = f"{card.observations} and {len(card.joints)}"
-        raise PolicyError(
+        raise InvalidInput(
             f"the network has {counts[0]} observations and {counts[1]} actions, its card {expected}"
         )
     made = onnx_writer.build_graph(layers, mean, std, clip)
@@ -91,11 +92,11 @@ def save(
 
 
 def load(path: str | os.PathLike[str]) -> Policy:
-    """The policy of a file, checked and tried once. Raises PolicyError naming the file."""
+    """The policy of a file, checked and tried once. Raises InvalidInput naming the file."""
     try:
         return _loaded(_bytes(Path(path)))
-    except PolicyError as error:
-        raise PolicyError(f"{path}: {error}") from None
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _bytes(path: Path) -> bytes:
@@ -103,12 +104,12 @@ def _bytes(path: Path) -> bytes:
         # Not blocking: a FIFO of that name would wait for ever.
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise PolicyError("is no file")
+                raise InvalidInput("is no file")
             data = file.read(LARGEST + 1)
     except OSError as error:
-        raise PolicyError(error.strerror or str(error)) from None
+        raise InvalidInput(error.strerror or str(error)) from None
     if len(data) > LARGEST:
-        raise PolicyError(f"has {os.path.getsize(path)} bytes, at most {LARGEST} are read")
+        raise InvalidInput(f"has {os.path.getsize(path)} bytes, at most {LARGEST} are read")
     return data
 
 
@@ -116,7 +117,9 @@ def _loaded(data: bytes) -> Policy:
     model = parsed(data)
     texts = [value for key, value in model.metadata if key == KEY]
     if len(texts) != 1:
-        raise PolicyError(f"has no card ({KEY!r} in its metadata): write it with `twindctl train`, or `save`")
+        raise InvalidInput(
+            f"has no card ({KEY!r} in its metadata): write it with `twindctl train`, or `save`"
+        )
     card = cards.read(texts[0])
     _require_same((model.observations, model.actions), card)
     steps = chain_inference.chain(model)
@@ -131,7 +134,7 @@ def _require_same(counts: tuple[int, int], card: PolicyCard) -> None:
         (OUTPUT, counts[1], len(card.joints)),
     ):
         if has != said:
-            raise PolicyError(f"its {what} has {has} entries, its card says {said}")
+            raise InvalidInput(f"its {what} has {has} entries, its card says {said}")
 
 
 def _try(policy: Policy) -> None:
@@ -139,6 +142,6 @@ def _try(policy: Policy) -> None:
     try:
         action = policy.act(np.zeros(policy.card.observations, np.float32))
     except Exception as error:  # noqa: BLE001  whatever an array of anybody's can raise
-        raise PolicyError(f"it cannot be run: {' '.join(str(error).split())[:200]}") from None
+        raise InvalidInput(f"it cannot be run: {' '.join(str(error).split())[:200]}") from None
     if action.shape != (len(policy.card.joints),) or action.dtype != np.float32:
-        raise PolicyError(f"its action is {action.dtype}{action.shape}, one float32 per joint is needed")
+        raise InvalidInput(f"its action is {action.dtype}{action.shape}, one float32 per joint is needed")

@@ -15,27 +15,20 @@ from threadpoolctl import threadpool_limits
 from twind.ctl.progress import ProgressLine
 from twind.ctl.stop_signals import told_to_stop
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, complain, harmless, observer, operator, show
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.learning_tasks import LearningTask, task_of
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.control_clock import SystemClock
-from twind.learn.live.daemon_robot import (
-    ANEW,
-    RobotMismatch,
-    latched,
-    plant_told,
-    require_armed,
-    require_mode,
-)
-from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
+from twind.learn.live.daemon_robot import ANEW, latched, plant_told, require_armed, require_mode
+from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.plant_model import Plant
-from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
+from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
 from twind.learn.policy.policy_run import RECENT, PolicyRun
 from twind.learn.reward import RewardFunction
 from twind.robot.arrays import Floats
-from twind.twin.binding import BindingError
 
 AXES = ("forward", "left", "turn")
 MANY = 0.02  # of the periods: so many missed ones are told with a remedy
@@ -43,10 +36,6 @@ BUSY = (
     "busy     this machine had no time for every period: in a missed one no setpoint is sent, and the robot "
     "goes on by the last one, or holds; run less beside it, or `nice -n -10 twindctl policy run FILE`"
 )
-
-
-class _RunInterrupted(Exception):
-    """Stop request during the motion to the default pose."""
 
 
 def run_policy(options: argparse.Namespace, policy: Policy) -> int:
@@ -82,7 +71,7 @@ def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any
         require_armed(status)
         require_fit(card, PolicyRobot.from_get_robot(told["robot"], rate_hz))
         plant = plant_told(told, card.shaping.period)
-    except (RobotMismatch, PolicyError, BindingError) as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     return plant
 
@@ -134,16 +123,10 @@ def _move_and_run(
 ) -> tuple[bool, str]:
     """Move to the default pose, then drive."""
     progress.update("to the default pose")
-
-    def check(_report: Mapping[str, Any]) -> None:
-        if stop.is_set():
-            raise _RunInterrupted
-
     try:
-        reins.go(pilot.shaper.default, check)
-    except _RunInterrupted:
-        return True, "stopped"
-    except PoseNotReached as error:
+        if not reins.go(pilot.shaper.default, stop.is_set):
+            return True, "stopped"
+    except OperationFailed as error:
         return False, str(error)
     gc.collect()
     gc.freeze()  # what is here stays: no collection looks at it while it drives

@@ -7,7 +7,7 @@ built but numbers and views of the bytes, so a file costs what it weighs. Source
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from twind.learn.policy.policy_card import PolicyError
+from twind.exceptions import InvalidInput
 
 # wire types
 VARINT = 0
@@ -38,14 +38,14 @@ class ProtobufFieldBudget:
     fields: int = field(default=MOST_FIELDS)
 
     def spend(self) -> None:
-        """Count one field. Raises PolicyError if there are too many."""
+        """Count one field. Raises InvalidInput if there are too many."""
         self.fields -= 1
         if self.fields < 0:
-            raise PolicyError(f"has more than {MOST_FIELDS} fields: no policy of ours")
+            raise InvalidInput(f"has more than {MOST_FIELDS} fields: no policy of ours")
 
 
 def message(data: memoryview, kind: ProtobufSchema, budget: ProtobufFieldBudget) -> dict[str, list[Value]]:
-    """Its fields by name, in their order; those that are not there are empty. Raises PolicyError."""
+    """Its fields by name, in their order; those that are not there are empty. Raises InvalidInput."""
     found: dict[str, list[Value]] = {name: [] for name, _ in kind.read.values()}
     at = 0
     while at < len(data):
@@ -58,24 +58,24 @@ def message(data: memoryview, kind: ProtobufSchema, budget: ProtobufFieldBudget)
             continue
         name, expected = kind.read.get(number, ("", -1))
         if not name:
-            raise PolicyError(f"its {kind.name} has the field {number}, which is not read")
+            raise InvalidInput(f"its {kind.name} has the field {number}, which is not read")
         if wire == BYTES and expected == VARINT:
             assert isinstance(value, memoryview)
             found[name] += _packed(value, budget)
         elif wire == expected:
             found[name].append(value)
         else:
-            raise PolicyError(f"its {kind.name}: {name} has the wire type {wire}, expected {expected}")
+            raise InvalidInput(f"its {kind.name}: {name} has the wire type {wire}, expected {expected}")
     return found
 
 
 def text(value: Value) -> str:
-    """Decode a field's bytes as UTF-8. Raises PolicyError if they are no UTF-8."""
+    """Decode a field's bytes as UTF-8. Raises InvalidInput if they are no UTF-8."""
     assert isinstance(value, memoryview)
     try:
         return str(value, "utf-8")
     except UnicodeDecodeError:
-        raise PolicyError("has a text that is no UTF-8") from None
+        raise InvalidInput("has a text that is no UTF-8") from None
 
 
 def signed(value: Value) -> int:
@@ -92,7 +92,7 @@ def _value(data: memoryview, at: int, wire: int) -> tuple[Value, int]:
     else:
         count = _WIDTHS.get(wire, _WHOLE)
     if count > len(data) - at:
-        raise PolicyError(f"is no ONNX file, or torn: {count} bytes of wire type {wire} are not there")
+        raise InvalidInput(f"is no ONNX file, or torn: {count} bytes of wire type {wire} are not there")
     return data[at : at + count], at + count
 
 
@@ -106,7 +106,7 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80 and value < _WHOLE:
             return value, at
-    raise PolicyError("is no ONNX file, or torn: a number in it has no end")
+    raise InvalidInput("is no ONNX file, or torn: a number in it has no end")
 
 
 def _packed(data: memoryview, budget: ProtobufFieldBudget) -> list[Value]:

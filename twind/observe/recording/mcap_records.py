@@ -12,6 +12,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from twind.exceptions import InvalidInput
+
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST = 64 << 20  # bytes of a record, and of what a chunk holds: whoever made the file wrote its sizes
 _HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
@@ -74,13 +76,6 @@ class McapMetadata:
     data: dict[str, str]
 
 
-class NotMcap(Exception):
-    """`path` is no MCAP file."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{path}: is no MCAP file: it does not begin with the bytes of one")
-
-
 class McapScanner:
     """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
 
@@ -99,10 +94,11 @@ class McapScanner:
         self.indexed = False
 
     def contents(self) -> Iterator[McapMessage | McapAttachment | McapMetadata]:
-        """All that is whole, in the order of the file. Raises NotMcap, OSError."""
+        """All that is whole, in the order of the file. Raises InvalidInput, OSError."""
         with open(self.path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise NotMcap(self.path)
+                reason = "is no MCAP file: it does not begin with the bytes of one"
+                raise InvalidInput(reason, where=str(self.path))
             self.kept = len(MAGIC)
             for code, data in self._records(file):
                 try:
