@@ -34,6 +34,7 @@ from twind.loop.inherited_descriptors import WRECK, InheritedDescriptors, handed
 from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop
 from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
 from twind.standard_streams import lines, stand_in_for_closed, write_line
@@ -203,7 +204,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    loop.say.event("info", "START", f"twind {__version__} --failsafe, {_what(loop)}")
+    loop.say.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
     failsafe.begin()
     try:
         _run_loop(loop)
@@ -308,13 +309,13 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     said = f"twind {__version__}, {_what(loop)}; "
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
-    loop.say.event("info", "START", said)
+    loop.say.event("info", EventCode.START, said)
     for what, got in loop.parts.realtime.items():
         if not got.granted:
-            loop.say.event("warning", "START", f"not as real time wants it: {what} {got.text}")
+            loop.say.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
     if os.geteuid() == 0:
         for warning in wrong_groups(groups):
-            loop.say.event("warning", "START", warning)
+            loop.say.event("warning", EventCode.START, warning)
     try:
         _run_loop(loop)
     finally:

@@ -441,7 +441,7 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
 ) -> None:
     def told(_fd: int) -> Any:
         if broken is None:
-            raise InvalidInput("ring", "is none", "")
+            raise InvalidInput("is none", where="ring")
         return broken
 
     async def story() -> None:

@@ -10,6 +10,7 @@ from twind.front.message_stream import MessageStream
 from twind.front.methods import METHODS, OBSERVER, service
 from twind.protocol import CONTROL, SERVICE
 from twind.protocol.strict_json import loads
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class ClientSession:
         """Close what hangs: a slow reader, a silent newcomer, a peer that went after its last word."""
         if self.stream.stuck(now):
             self.front.log.write(
-                "warning", "SLOW_READER", now, holder=self.caller.holder, role=self.caller.role
+                "warning", EventCode.SLOW_READER, now, holder=self.caller.holder, role=self.caller.role
             )
             self.stream.close()
             return

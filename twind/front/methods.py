@@ -21,6 +21,7 @@ from twind.front.streamer_reports import find_invalid_number
 from twind.front.ticket_table import ESTOPS
 from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def forward(
     caller = call.caller
     now = front.now()
     if call.oneway and front.tickets.flooded(call):
-        front.log.write("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
+        front.log.write("warning", EventCode.ONEWAY_FLOOD, now, holder=caller.holder, method=call.method)
         return False
     ticket = front.tickets.open(call, now)
     who = {"client": caller.number, "uid": caller.uid, "holder": caller.holder}

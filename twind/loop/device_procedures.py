@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from twind import link
 from twind.exceptions import InvalidInput
 from twind.loop.procedures import Procedure, all_of
+from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult
 
@@ -152,7 +153,7 @@ def _write_register(loop: Loop, command: link.WriteRegister, port: BusPort) -> P
     yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
     said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
-    loop.say.event("info", "REGISTER", said)
+    loop.say.event("info", EventCode.REGISTER, said)
     if task.result is not None and task.result.eeprom:
         port.identify()  # the description may fit no longer, and that is told at once
 
@@ -188,7 +189,7 @@ def _reboot(loop: Loop, command: link.Reboot, port: BusPort, task: ScriptRun[Res
     words = [f"{what} {', '.join(each)}" for what, each in told.items() if each]
     level = "warning" if task.result.differing else "info"
     said = f"{command.holder}: {port.name}/{command.id} restarted; {'; '.join(words) or 'nothing to restore'}"
-    loop.say.event(level, "REBOOT", said)
+    loop.say.event(level, EventCode.REBOOT, said)
     port.identify()
 
 

@@ -27,6 +27,7 @@ from twind.loop.procedures import Priority, Procedure, ProcedureFailed
 from twind.loop.torque import switch_torque_off
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
 from twind.robot.arrays import some
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.device_rules import TRIPPED
@@ -172,7 +173,7 @@ class HomingProcedure:
         command = debt.command
         assert writer is not None
         name = loop.joints.names[aim.joint]
-        loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
+        loop.say.event("info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop")
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
         loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque

@@ -19,6 +19,7 @@ from twind.config import hot_changes
 from twind.config.hot_keys import of_robot
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.arrays import Bools, Floats
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion
@@ -68,7 +69,7 @@ class ReloadCoordinator:
 
     def failed(self, why: str) -> None:
         """Keep the old values in force, and report the reason `why` to all clients."""
-        self._loop.say.event("error", "RELOAD_REFUSED", why)
+        self._loop.say.event("error", EventCode.RELOAD_REFUSED, why)
         self._end(f"the last reload was refused: {why}")
 
     def front_lost(self) -> None:
@@ -141,7 +142,7 @@ class ReloadCoordinator:
         loop.say.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"
         left = f"; for a restart: {listed(waiting)}" if waiting else ""
-        loop.say.event("warning" if waiting else "info", "RELOADED", made + left)
+        loop.say.event("warning" if waiting else "info", EventCode.RELOADED, made + left)
         if command.reread:
             self._end(f"restart for {listed(waiting)}" if waiting else "")
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from twind import link
 from twind.loop.front_link import ControlLink
+from twind.robot.event_codes import AnyEventCode, EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.latency_alarm import CALM, CALM_FOR, LatencyAlert
 from twind_drivers.clock import Clock
@@ -33,7 +34,7 @@ class Responder:
     def event(
         self,
         level: str,
-        code: str,
+        code: AnyEventCode,
         message: str,
         findings: Sequence[Finding] = (),
         *,
@@ -66,14 +67,14 @@ class Responder:
             said = f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
             if isnan(alert.value):
                 said = f"{alert.hop} is not measured any longer: no robot is read"
-            self.event("info", "LATENCY_CALM", said)
+            self.event("info", EventCode.LATENCY_CALM, said)
             return
         finding = Finding(
             ReasonCode.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}"
         )
         self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
-    def mark(self, command: link.Mark, code: str, message: str) -> None:
+    def mark(self, command: link.Mark, code: EventCode, message: str) -> None:
         """What a client says of what the robot is doing, as an event; the reply names it."""
         sequence = self._link.sequence()
         self._link.event(
@@ -81,7 +82,7 @@ class Responder:
                 time=self._clock.now(),
                 sequence=sequence,
                 level="info",
-                code=code,
+                code=str(code),
                 message=message,
                 annotation=command.annotation,
                 holder=command.holder,

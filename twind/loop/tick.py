@@ -27,6 +27,7 @@ from twind.loop.reload_coordinator import ReloadCoordinator
 from twind.loop.responder import Responder
 from twind.loop.state_publisher import StatePublisher
 from twind.robot.arrays import Floats
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
@@ -223,7 +224,7 @@ class Loop:
             self.publisher.urgent = True
             said = f"{before.value} → {self.state.value} ({event.value})"
             cause = event.name.lower()
-            self.say.event("info", self.state.value, said, before=before.value, cause=cause, stop=stop)
+            self.say.event("info", self.state, said, before=before.value, cause=cause, stop=stop)
 
     def change_if(self, event: RobotEvent, now: float) -> None:
         """The same where the state allows it; torque that goes off is never held up by a state."""
@@ -302,7 +303,7 @@ class Loop:
 
     def close(self) -> None:
         """Let go of the ports, and of the front."""
-        self.say.event("info", "END", f"torque {_torque_text(self.torque_off)}")
+        self.say.event("info", EventCode.END, f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
         self.hardware.close()
         self.link.close()

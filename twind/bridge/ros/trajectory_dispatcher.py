@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from twind.bridge.motion_session import LOST, MotionSession, reported_end
+from twind.bridge.motion_session import LEASE_LOST, LOST, MotionSession, reported_end
 from twind.bridge.ros.ros_command_queue import PACE, ROOM, RosCommand, RosCommandQueue, Told
 from twind.bridge.ros.ros_endpoints import TRAJECTORY
 from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, heading, invalid_command, trajectory
@@ -91,7 +91,7 @@ class TrajectoryDispatcher:
         if answer["topic"] == "events":
             ended = reported_end(answer)
             stopped = ended is not None and ended.stopped and ended.id not in self._let_go
-            if stopped or answer["event"]["code"] == "LEASE_LOST":
+            if stopped or answer["event"]["code"] == LEASE_LOST:
                 self._void(answer["time"])
         elif answer["topic"] == "status":
             mode = answer["status"]["mode"]

@@ -23,10 +23,11 @@ from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_tim
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.client import CallError, ClientError, Refused
 from twind.client.errors import as_error
+from twind.robot.finding import ReasonCode
 
 PERIOD = 0.2  # s between two looks: a renewal, news of goals
 
-BUSY = "BUSY"  # what the daemon's gate says of a path that it throws away, as at a stop
+BUSY = ReasonCode.BUSY  # what the daemon's gate says of a path that it throws away, as at a stop
 
 Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its name
 
@@ -159,7 +160,7 @@ class LeaseKeeper:
             return missing()
         if now > goal.deadline:
             return make_refusal(
-                "CMD_EXPIRED", "its deadline passed before it began", now - goal.deadline, 0.0
+                ReasonCode.CMD_EXPIRED, "its deadline passed before it began", now - goal.deadline, 0.0
             )
         with self._lock:
             stopped = came <= self._stopped
@@ -221,7 +222,9 @@ class LeaseKeeper:
             if ended.phase == "succeeded":
                 goal.answer["progress"] = 1.0
             elif ended.phase == LOST:
-                said = finding("LEASE_LOST", "how it ended was not heard; nothing moves under it any more")
+                said = finding(
+                    ReasonCode.LEASE_LOST, "how it ended was not heard; nothing moves under it any more"
+                )
                 goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [said]}
         self._publish(goal.name, goal.answer)
 
