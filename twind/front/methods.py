@@ -183,10 +183,11 @@ def _check(front: FrontServer, call: ClientCall) -> None:
 def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
     now = front.now()
     names = front.world.names
-    message = call.parameters["trajectory"]
+    given = call.parameters["trajectory"]
     if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
+        message = trajectory_submission.message_of(given)
         policy = trajectory_submission.policy(message, front.world.briefing.description)
     except InvalidInput as error:
         call.invalid(error.where, error.reason)
@@ -205,7 +206,7 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
             sent = forward(front, call, link.Submit, fd, **asked, **judged)
         if sent and not check_only:
             front.submitted.wait(
-                AcceptedTrajectory(fields["id"], call.caller.holder, path, strip_points(message))
+                AcceptedTrajectory(fields["id"], call.caller.holder, path, strip_points(given))
             )
 
     front.foreseen.judge(TrajectoryCheck(call, path, fields["append_stop"], not check_only, send, now))
