@@ -17,7 +17,14 @@ from typing import Any
 
 from twind.bridge.motion_session import LOST, MotionEnd, MotionSession, reported_end
 from twind.bridge.uplink.planned_durations import PlannedDurations
-from twind.bridge.uplink.remote_contract import finding, invalid, make_refusal, no_daemon
+from twind.bridge.uplink.remote_contract import (
+    GoalQuery,
+    LeaseQuery,
+    finding,
+    invalid,
+    make_refusal,
+    no_daemon,
+)
 from twind.bridge.uplink.remote_lease import RemoteLease, missing
 from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_time
 from twind.bridge.zenoh.zenoh_keys import chunk
@@ -71,31 +78,30 @@ class LeaseKeeper:
 
     # ------------------------------------------------------------------------------------------ questions
 
-    def renew(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def renew(self, query: LeaseQuery) -> dict[str, Any]:
         """Return the answer to `renew`. Raises CallError: refused."""
-        return self._tenancy.renew(asked.get("lease", ""), self._now())
+        return self._tenancy.renew(query.lease, self._now())
 
-    def lease(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def lease(self, query: LeaseQuery) -> dict[str, Any]:
         """Answer `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
-        if asked["op"] == "release":
-            return self._release(asked.get("lease", ""))
+        if query.op == "release":
+            return self._release(query.lease)
         try:
-            return self._acquire(asked)
+            return self._acquire(query)
         except CallError as error:
             if error.name != "LeaseHeld":
                 raise
             now = {"now": self._now()}  # by which a deadline can be given to a `take`
             raise as_error(error.error, {**error.parameters, **now}) from None
 
-    def _acquire(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """From afar it is wrested from others afar alone: who holds it beside the robot sees what moves."""
-        take = bool(asked.get("take"))
-        holder = str(asked.get("holder") or "somebody")
-        if take and "deadline" not in asked:
+    def _acquire(self, query: LeaseQuery) -> dict[str, Any]:
+        """Take the lease, from other remote holders only: a local holder sees what moves."""
+        holder = query.holder or "somebody"
+        if query.take and query.deadline is None:
             raise invalid("deadline", "take is only for what has one: acquire without take tells `now`")
-        if "deadline" in asked:
-            in_time(asked["deadline"], self._now())
-        self._tenancy.admits(self._now(), take=take)
+        if query.deadline is not None:
+            in_time(query.deadline, self._now())
+        self._tenancy.admits(self._now(), take=query.take)
         if self._holder:
             self._let_go(f"{holder} takes the lease that {self._holder} had")
         self._driving.hold()
@@ -110,17 +116,17 @@ class LeaseKeeper:
         self._let_go(f"{self._holder} gave the lease back")
         return granted
 
-    def goal(self, asked: Mapping[str, Any], came: float) -> dict[str, Any]:
+    def goal(self, query: GoalQuery, came: float) -> dict[str, Any]:
         """Return the answer to a goal: accepted, or its known state. Raises ClientError (CallError: refused).
 
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
         """
-        name = asked["goal"]
-        lease = asked["lease"]
+        name = query.goal
+        lease = query.lease
         known = self._goals.find_repeated(name, lease)
         if known is not None:
             return known.latest_reply()
-        if "trajectory" not in asked or "deadline" not in asked:
+        if query.trajectory is None or query.deadline is None:
             raise invalid("goal", f"{name[:64]!r} is not known; a new one needs a deadline and a trajectory")
         try:
             chunk("goal", name)
@@ -128,13 +134,13 @@ class LeaseKeeper:
             raise invalid("goal", str(error)) from None
         if not self._tenancy.holds(lease, self._now()):
             raise missing()
-        goal = self._goals.begin(name, lease, asked["deadline"], self._now())
+        goal = self._goals.begin(name, lease, query.deadline, self._now())
         goal.refusal = self._void(goal, came)
         if goal.refusal is None:
-            self._submit(goal, asked["trajectory"], came)
+            self._submit(goal, query.trajectory, came)
         return goal.latest_reply()
 
-    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
+    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, object], came: float) -> None:
         """Submit the goal to be judged and begun. Without an answer it is released: no state is left open."""
         self._judging = True
         try:

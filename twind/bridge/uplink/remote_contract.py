@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from twind.client.errors import CallError, as_error
 from twind.exceptions import InvalidInput
 from twind.protocol import CONTROL, SERVICE, load, parse
@@ -53,6 +55,25 @@ method EStop(level: ?(settle, cut), reason: ?string) -> (state: string, torque_o
 error NoDaemon (message: string)
 """)
 _METHODS = load(CONTROL).methods | INTERFACE.methods
+
+
+class LeaseQuery(msgspec.Struct, frozen=True):
+    """Parameters of `Lease`. `deadline`: s of the robot's clock."""
+
+    op: str
+    holder: str = ""
+    take: bool = False
+    deadline: float | None = None
+    lease: str = ""
+
+
+class GoalQuery(msgspec.Struct, frozen=True):
+    """Parameters of `Goal`. `deadline`: s of the robot's clock."""
+
+    goal: str
+    lease: str
+    deadline: float | None = None
+    trajectory: dict[str, object] | None = None
 
 
 def check_query(method: str, data: bytes) -> dict[str, Any]:
