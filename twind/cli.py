@@ -207,7 +207,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     loop.say.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
     failsafe.begin()
     try:
-        _run_loop(loop)
+        run_loop(loop)
     finally:
         loop.close()
     if failsafe.left:
@@ -280,7 +280,7 @@ def _loop(
     )
 
 
-def _run_loop(loop: Loop) -> None:
+def run_loop(loop: Loop) -> None:
     """Run the loop until it ends.
 
     An InvalidInput of a running loop is a defect and no wrong setting. It must not end the process with exit
@@ -317,7 +317,7 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
         for warning in wrong_groups(groups):
             loop.say.event("warning", EventCode.START, warning)
     try:
-        _run_loop(loop)
+        run_loop(loop)
     finally:
         # However it ends: the watchdog is fed no longer, and the front has some seconds for its last words.
         notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{ENDING * 1e6:.0f}")

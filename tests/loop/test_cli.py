@@ -15,7 +15,7 @@ from twind.cli import FAILED, USAGE, wrong_groups
 from twind.config.config_files import ConfigSources, bus_ports, describe, live_denied, refuse_wrong
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.exceptions import InvalidInput, OperationFailed
+from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.robot.finding import ReasonCode
 from twind.virtual.virtual_robot_spec import save, specimen
 
@@ -329,3 +329,13 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     assert found.calibration is not None
     assert found.settings.socket_dir == tmp_path / "run" / "twind" / "arm"
     assert ConfigSources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"
+
+
+def test_invalid_input_of_a_running_loop_is_a_defect_and_not_a_usage_error() -> None:
+    def run() -> None:
+        raise InvalidInput("no such register")
+
+    loop: Any = SimpleNamespace(run=run)
+    with pytest.raises(RuntimeError, match="no such register") as failed:
+        cli.run_loop(loop)
+    assert not isinstance(failed.value, TwindError)
