@@ -20,7 +20,7 @@ from bench.harness import (
     interleaved,
     spread,
 )
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 UPDATES = 3  # a round; each is a rollout of 8 environments and what is learnt of it
 HOUR = 3600e-6  # steps a second as millions an hour

@@ -18,7 +18,7 @@ from bench.harness import (
     interleaved,
     spread,
 )
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 ID = "twind.learn.envs:twind/Stand-v0"
 EIGHT = 8

@@ -24,7 +24,7 @@ from bench.harness import (
     interleaved,
     spread,
 )
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 from twind.robot.arrays import Floats
 
 STEPS = 2000  # of control a round: some forty episodes of random actions

@@ -20,7 +20,7 @@ from bench.harness import (
     interleaved,
     quantile,
 )
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 WIDTHS = (128, 256, 256, 24)  # h24's observation, two layers, its joints
 CALLS = 2000  # a round

@@ -24,7 +24,7 @@ from bench.harness import (
     spread,
 )
 from twind.client import ClientError
-from twind.ctl.trajectory_files import load_motion
+from twind.command_line.trajectory_files import load_motion
 
 # windows, s of each, s until a page shows what it will go on showing
 ROUNDS = 5

@@ -8,7 +8,7 @@
 #
 # DESTDIR  a tree to install into instead of this machine: no users are made, nothing is started or reloaded
 # LIB      where units, rules, users and folders are described (/usr/local/lib)
-# SHARE    where the pages and examples go (/usr/local/share)
+# SHARE    where pages, examples, manuals and completions go (/usr/local/share)
 # BIN      where the commands are found (/usr/local/bin)
 # PYTHON   the interpreter (the first of /usr/bin/python3, /usr/local/bin/python3, python3 that will do)
 # WHEELS   a folder with wheels of twind and of what it needs; without it they are fetched
@@ -111,7 +111,7 @@ foreign() {
 # Which Python this is, as 3.11.
 version() { "$(python)" -c 'import sys; print("%d.%d" % sys.version_info[:2])'; }
 
-# Each file that does not change: from, a tab, to. Commands are links, and come apart.
+# Each file that does not change: from, a tab, to.
 listed() {
     for each in "$SOURCE"/systemd/*.service "$SOURCE"/systemd/*.socket; do
         pair "$each" "$LIB/systemd/system/${each##*/}"
@@ -130,25 +130,36 @@ listed() {
     done
 }
 
+# Each link: its target, a tab, its place. The environment in force holds commands, manual pages and completions.
+linked() {
+    case $SHARE in /usr/share) zsh=$SHARE/zsh/vendor-completions ;; *) zsh=$SHARE/zsh/site-functions ;; esac
+    for each in $COMMANDS; do
+        case $each in twind) section=8 ;; *) section=1 ;; esac
+        pair "$HOME_OF_TWIND/bin/$each" "$BIN/$each"
+        pair "$HOME_OF_TWIND/bin/../manuals/$each.$section" "$SHARE/man/man$section/$each.$section"
+        pair "$HOME_OF_TWIND/bin/../manuals/bash/$each" "$SHARE/bash-completion/completions/$each"
+        pair "$HOME_OF_TWIND/bin/../manuals/zsh/_$each" "$zsh/_$each"
+    done
+    for each in $REFUSED; do
+        pair /dev/null "$LIB/systemd/system/$each"
+    done
+}
+
 pair() { printf '%s\t%s\n' "$1" "$2"; }
 
-# Units, rules, users, folders, examples and the commands on PATH; what an older version had more of goes.
+# Units, rules, users, folders, examples, commands on PATH, manuals and completions; what an older version had more of goes.
 files() {
     kept=$DESTDIR$HOME_OF_TWIND/files
     before=$(cat "$kept" 2>/dev/null || :)
     listed | while IFS=$TAB read -r from to; do
         install -D -m 0644 "$from" "$DESTDIR$to"
     done
-    for each in $COMMANDS; do
-        link "$HOME_OF_TWIND/bin/$each" "$DESTDIR$BIN/$each"
-    done
-    for each in $REFUSED; do
-        link /dev/null "$DESTDIR$LIB/systemd/system/$each"
+    linked | while IFS=$TAB read -r to from; do
+        link "$to" "$DESTDIR$from"
     done
     now=$(
         listed | cut -f2
-        for each in $COMMANDS; do say "$BIN/$each"; done
-        for each in $REFUSED; do say "$LIB/systemd/system/$each"; done
+        linked | cut -f2
     )
     say "$before" | while read -r each; do
         [ -z "$each" ] || say "$now" | grep -qxF "$each" || rm -f "$DESTDIR$each"
@@ -203,6 +214,9 @@ environment() {
         # Nobody runs the tests of others there, nor pip; templates of others do not compile.
         "$new/bin/python" -m compileall -q -s "$DESTDIR" -x '/(pip|setuptools|pkg_resources|tests?)/' "$new/lib" \
             >/dev/null || :
+        # -I: never the sources of the folder that this is started in. A daemon without manual pages is whole too.
+        "$new/bin/python" -IB -m twind.manual.write_manuals "$new/manuals" ||
+            say "manual pages and completion scripts were not written: the reason is above"
         : >"$new/whole"
     fi
     ln -sfn "versions/$id/bin" "$top/bin.new"
@@ -313,6 +327,9 @@ remove() {
             /docs/examples/nine/motions /docs/examples/nine /docs/examples /docs /calibration /packaging/metrics /packaging /systemd \
             /twind/robots /twind/protocol /twind ""; do
             rmdir "$DESTDIR$SHARE/doc/twind$each" 2>/dev/null || :
+        done
+        for each in man/man1 man/man8 bash-completion/completions bash-completion zsh/site-functions zsh; do
+            rmdir "$DESTDIR$SHARE/$each" 2>/dev/null || :
         done
     fi
     if [ -e "$top/pyvenv.cfg" ]; then

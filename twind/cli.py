@@ -60,7 +60,7 @@ LEFT = (
 def parser() -> argparse.ArgumentParser:
     """The options of design 6.2."""
     result = argparse.ArgumentParser(
-        prog="twind", description="Owns a robot's buses and lets nothing unchecked reach a servo."
+        prog="twind", description="Own a robot's buses and check every command to its actuators."
     )
     result.add_argument("--version", action="version", version=f"twind {__version__}")
     result.add_argument(

@@ -22,8 +22,8 @@ Programming errors are built-in exceptions.
     │   ├── NotCarried        the connection to this daemon does not carry such a call
     │   └── CallError         the daemon answered with an error
     │       └── Refused       the gate or the daemon refused; `findings` gives the reasons
-    ├── UsageError            twind.ctl.verb: a command line that cannot be understood; exit code 2
-    ├── Rejected              twind.ctl.verb: a command that was not carried out; exit code 1
+    ├── UsageError            twind.command_line.verb: a command line that cannot be understood; exit code 2
+    ├── Rejected              twind.command_line.verb: a command that was not carried out; exit code 1
     └── CheckNotApplicable    twind_calibration.doctor.check: the machine lacks what a check is about
 """
 

@@ -1,20 +1,23 @@
-"""make a new serial servo the missing one of the robot file
+"""Configure a new serial servo as the missing one of the robot file.
 
-For servos as delivered (id 1 at 57,600 baud, most of them), connected to the robot's bus. The port is
-opened here, alone: the daemon must be stopped. The servo gets its id, the bus's rate and the registers that
-the robot file and the daemon ask for, each read back; torque stays off. Cut short, the same command ends it.
+For servos with factory settings (usually id 1 at 57,600 baud) on the robot's bus. This process opens the
+port, so the daemon must be stopped. The servo gets its id, the bus's rate and the registers that robot file
+and daemon require, each read back; torque stays off. After an interruption the same command completes the
+work.
 """
 
 import argparse
 
 from twind_calibration.robot_description import add_arguments as add_files
 
+group = "set up"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("joint", nargs="?", metavar="JOINT", help="default: the only one without a servo")
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
-    parser.add_argument("--dry-run", action="store_true", help="say what would be written, write nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print what would be written, write nothing")
     add_files(parser)
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, REFUSED, Rejected
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, BaudRateScan, ScannedDevice, estimate, scan

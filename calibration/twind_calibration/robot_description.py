@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind_calibration.instances import settings_of, sockets_of
 

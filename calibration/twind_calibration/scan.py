@@ -1,26 +1,31 @@
-"""who answers on a bus, or on a port that no daemon holds
+"""Scan a bus for devices, through the daemon or on a free port.
 
-Without `--port` the running daemon is asked, of the ids that its robot file names. With `--port` the port is
-opened here, alone, and every id is looked for at every baud rate. Nothing is written to any servo.
+Without `--port` the daemon queries the ids of its robot file. With `--port` this process opens the port and
+queries every id at every baud rate. Nothing is written to any servo.
 """
 
 import argparse
+import json
 import re
 
-from twind.ctl import device_commands
-from twind.ctl.verb import UsageError
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, UsageError, operator
+
+group = "set up"
 
 LAST_ID = 252  # of protocol 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
-    device_commands.SCAN.add_arguments(parser)
+    parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
     alone = parser.add_argument_group("on a port that no daemon holds")
-    alone.add_argument("--port", help="serial port to look at, instead of asking the daemon")
+    alone.add_argument("--port", help="serial port to scan, instead of the daemon's buses")
     alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
     alone.add_argument("--ids", type=ids_of, metavar="A-B", help=f"only these ids (default 0-{LAST_ID})")
-    alone.add_argument("--thorough", action="store_true", help="ask each id alone too: lost packets, slowly")
+    alone.add_argument(
+        "--thorough", action="store_true", help="query each id separately too: finds lost packets, slow"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -28,12 +33,31 @@ def run(options: argparse.Namespace) -> int:
     if options.port is None:
         if options.baud or options.ids or options.thorough:
             raise UsageError("--baud, --ids and --thorough need --port PORT: the daemon knows its own buses")
-        return device_commands.SCAN.run(options)
+        return _scan(options)
     if options.bus is not None:
         raise UsageError(f"either the bus {options.bus!r} of the daemon or --port {options.port}, not both")
     from twind_calibration.port_scan import look  # 0.2 s of imports that asking the daemon need not pay
 
     return look(options)
+
+
+def _scan(options: argparse.Namespace) -> int:
+    """Print the devices that the daemon finds on its buses."""
+    with operator(options) as client, ProgressLine(options, "scan") as progress:
+        client.timeout = 65.0
+        progress.update("asking who answers")
+        for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
+            if options.json:
+                print(json.dumps(found), flush=True)
+                continue
+            model = found.get("model_name") or f"model {found['model']}"
+            progress.clear()
+            print(
+                f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
+                flush=True,
+            )
+            progress.update(f"{count} answered")
+    return DONE
 
 
 def ids_of(text: str) -> range:

@@ -21,7 +21,7 @@ from twind.bridge.ros.dds.dds_names import GRAPH, dds_name, user_data
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.bridge.ros.ros_endpoints import SERVICES, RosTopic
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING
 

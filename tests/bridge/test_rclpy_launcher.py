@@ -11,7 +11,7 @@ import pytest
 from tests.support import interpreters
 from twind.bridge.ros import rclpy_launcher
 from twind.bridge.ros.rclpy_launcher import command, distribution, graph
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
 PATH = {"PATH": "/usr/bin:/bin"}

@@ -5,7 +5,7 @@ import pytest
 from twind.bridge.ros import choice
 from twind.bridge.ros.choice import usual, without_ros
 from twind.bridge.ros.rclpy_launcher import RosDistribution
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 ZENOH = {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}
 FOUND = RosDistribution("/opt/ros/jazzy/bin/python3", {})

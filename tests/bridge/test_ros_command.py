@@ -13,9 +13,9 @@ import pytest
 
 from twind.bridge.ros import choice, ros_command
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 from twind.ctl.ctl_main import main
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
 
 
 @pytest.fixture(autouse=True)

@@ -7,14 +7,14 @@ import pytest
 
 from twind.bridge.uplink import uplink_command
 from twind.bridge.zenoh import zenoh_session
-from twind.ctl.ctl_main import common
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
+from twind.command_line.common_options import add_common_options
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 
 
 def run(*words: str) -> int:
     parser = argparse.ArgumentParser()
-    common(parser, None)
+    add_common_options(parser, None)
     uplink_command.add_arguments(parser)
     return uplink_command.run(parser.parse_args(words))
 

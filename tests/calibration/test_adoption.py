@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.support.adoption_rig import BAUD, Bench, fresh, is_home, robot_of, settled, there
+from twind.command_line.verb import Rejected
 from twind.config.device_check import check_devices
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.ctl.verb import Rejected
 from twind.robot.finding import Verdict
 from twind_calibration.adoption.servo_locations import RATES, ServoLocation, delivered, joint_of, ways
 from twind_drivers.dynamixel.dynamixel_reader import DynamixelReader

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.support.adoption_rig import Bench, Killed, fresh, is_home, robot_of, settled, there
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import fitting, load_calibration, save_calibration
 from twind.config.device_check import compare
 from twind.config.robot_spec import RobotFile
-from twind.ctl.verb import Rejected
 from twind.robot.finding import ReasonCode
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_locations import RATES, ServoLocation, joint_of, ways

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from tests.config.test_calibration_file import ROBOT, made
+from twind.command_line.verb import Rejected
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.device_record import DeviceRecord
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (
     file_ownership,

@@ -11,10 +11,10 @@ import pytest
 from tests.support import transmission_robot_file as linked
 from tests.support.fake_calibration_daemon import FakeDaemon, held, options_of, recorded, stand_in
 from twind.client import CallError, Disconnected
+from twind.command_line.verb import DONE, REFUSED, Rejected
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_file import load_robot
-from twind.ctl.verb import DONE, REFUSED, Rejected
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import (

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.config.calibration_file import load_calibration, save_calibration
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot, read_robot
-from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating import endstop
 from twind_calibration.calibrating.calibration_actuators import slots

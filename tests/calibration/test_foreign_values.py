@@ -10,13 +10,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.foreign_values import (
     DYNAMIXEL,

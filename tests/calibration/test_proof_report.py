@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.support.transmission_robot_file import linked
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import Rejected, UsageError
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating.file_ownership import save
 from twind_calibration.proving.load_comparison import LoadComparison

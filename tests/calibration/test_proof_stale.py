@@ -10,9 +10,9 @@ import msgspec
 import pytest
 
 from tests.calibration.test_proof_report import CONTRADICTED, verdict
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_file import load_robot
-from twind.ctl.verb import Rejected
 from twind.virtual.virtual_robot_spec import calibration, specimen
 from twind_calibration.calibrating.file_ownership import save
 from twind_calibration.proving.proof_records import in_force, measurement_records, unlike

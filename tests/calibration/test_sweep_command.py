@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.command_line.verb import Rejected
 from twind.config.atomic_save import draft_of
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
@@ -14,7 +15,6 @@ from twind.config.device_record import DeviceRecord
 from twind.config.homing_config import JointEndstops
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext

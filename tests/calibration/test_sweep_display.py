@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.make_calibration_cast import CAST, PAGE, WHOLE, transcript, within
+from tests.support.make_calibration_cast import CAST, PAGE, WHOLE, excerpt, transcript, within
 from tests.support.terminal_cast import PROMPT, load, rendered, save, shortened
 from twind_calibration.calibrating.sweep_display import SweepDisplay
 
@@ -15,7 +15,7 @@ words = st.text(st.sampled_from("ab █"), max_size=8).map(str.rstrip)
 
 
 def test_the_page_shows_what_was_recorded() -> None:
-    assert within(PAGE.read_text()) == transcript()
+    assert within(PAGE.read_text()) == excerpt()
 
 
 def test_the_recording_goes_the_whole_way() -> None:

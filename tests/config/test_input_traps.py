@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from twind.command_line.trajectory_files import LARGEST, read_trajectory
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.calibration_file import dump_calibration, load_calibration, text_hash
 from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import RobotFile, load_robot, read_robot
 from twind.config.yaml_tree import MAX_BYTES, ConfigError
-from twind.ctl.trajectory_files import LARGEST, read_trajectory
-from twind.ctl.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind.protocol.interfaces import CONTROL, load
 from twind.protocol.plain_file import read_plain

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from twind.client import NoDaemon
+from twind.command_line.verb import Rejected
 from twind.ctl import estop, serving
 from twind.ctl.serving import Serving
-from twind.ctl.verb import Rejected
 
 FRONT = """
 import os, sys

@@ -68,13 +68,7 @@ def parses(words: list[str]) -> bool:
         elif program == "twind-virtual":
             virtual.parser().parse_args(given)
         else:
-            verb_name = ctl._verb_name(given)
-            parser = ctl._parser(verb_name)
-            if verb_name is not None:
-                verb = ctl._find(verb_name, parser)
-                assert verb is not None
-                ctl._add_verb(parser, verb_name, verb)
-            parser.parse_args(given)
+            ctl.command_parser(given).parse_args(given)
     except SystemExit as end:
         return end.code == 0  # --help
     return True

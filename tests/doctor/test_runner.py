@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.doctor_rig import look, options
+from twind.command_line.verb import UsageError
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import UsageError
 from twind_calibration import doctor
 from twind_calibration.doctor import check_table, host_rows, report, robot_rows, runner, table_page
 from twind_calibration.doctor.check import (

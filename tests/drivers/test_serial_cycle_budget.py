@@ -83,11 +83,11 @@ def test_the_upkeep_plan_reaches_its_refresh_rates(fast: bool, groups: list[int]
     assert slices(plan.health) <= max(4, len(groups))
 
 
-# baud -> ms of a 10 ms tick that a map of indirect addresses would save: fast, plain (docs/code.md)
+# baud -> ms of a 10 ms tick that a map of indirect addresses would save: fast, plain
 SAVED = {1_000_000: (1.27, 1.82), 2_000_000: (0.64, 0.91), 3_000_000: (0.42, 0.61)}
 
 
-def test_what_a_map_of_indirect_addresses_would_save_is_the_table_in_the_docs() -> None:
+def test_indirect_addresses_would_save_the_stated_time() -> None:
     for place, fast, blocks, mapped in ((0, True, 214, 87), (1, False, 296, 114)):
         assert upkeep((24,), 100.0, fast=fast).most == blocks
         assert indirect_bytes(24, 100.0, fast=fast) == mapped

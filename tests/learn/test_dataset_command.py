@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from tests.support.sample_recordings import JOINTS, Told, mark, state, status
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import Rejected
 from twind.observe.recording import open_recording
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_writer import RecordWriter

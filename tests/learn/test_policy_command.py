@@ -8,13 +8,14 @@ from typing import Any
 
 import pytest
 
+from twind.exceptions import InvalidInput
+
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from tests.support.policy_files import TWO, written
+from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import UsageError
-from twind.exceptions import InvalidInput
 from twind.learn.learning_tasks import task_of
 from twind.learn.live.daemon_robot import plant_told, require_armed, require_mode, require_same
 from twind.learn.policy import policy_command

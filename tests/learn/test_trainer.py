@@ -17,10 +17,10 @@ from tests.support.trainer_rig import TINY, course
 pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 
 from tests.support import trained_policy as trained
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import Rejected
 from twind.learn.policy.policy_file import load
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
 from twind.learn.training.learning_curve import figure

@@ -21,7 +21,7 @@ from prometheus_client.openmetrics.exposition import generate_latest as openmetr
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from tests.support.metrics_messages import bucket, event, joint, latency, state, status, verdict
-from twind.ctl.verb import Rejected, UsageError
+from twind.command_line.verb import Rejected, UsageError
 from twind.observe import metrics
 from twind.observe.measuring import metrics_server as metrics_serve
 from twind.observe.measuring.metric_families import families

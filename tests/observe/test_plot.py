@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from tests.support import sample_recordings as recorded
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import Rejected, UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import Rejected, UsageError
 from twind.observe import plot
 from twind.observe.plotting.plot_lines import MOST, line, marks, worst
 from twind.observe.plotting.plot_page import DOTS, PAGE, figure, save

@@ -11,8 +11,8 @@ import pytest
 
 from tests.support.sample_recordings import CLOCKS, SESSION, Told
 from twind.client.clock_pair import ClockPair
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import UsageError
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import UsageError
 from twind.observe import record
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recording.recording_topics import NOTES

@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from tests.support.sample_recordings import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 from twind.client.clock_pair import ClockPair
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing import record_writer

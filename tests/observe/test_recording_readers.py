@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from tests.support.replay_rig import flight, recording
 from tests.support.sample_recordings import CLOCKS, JOINTS, Told, event, mark, state, status
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
 from twind.observe.recording.mcap_records import McapMessage, McapScanner

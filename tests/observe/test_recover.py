@@ -11,7 +11,7 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from tests.support.sample_recordings import FullDisk, Told, write
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.observe import recover as verb
 from twind.observe.recording.mcap_records import McapMessage, McapScanner
 from twind.observe.recording.recording_columns import open_recording

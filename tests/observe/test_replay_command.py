@@ -12,8 +12,8 @@ import pytest
 from tests.support.golden_captures import HERE, cut, expected
 from twind import link
 from twind.briefing import Briefing
+from twind.command_line.verb import DONE, REFUSED, USAGE
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import DONE, REFUSED, USAGE
 from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing

@@ -10,9 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.viewer_messages import h24, state, status
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 from twind.ctl import demo_viewer
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
 from twind.observe import view
 from twind.observe.viewing import live_plots, status_html
 from twind.observe.viewing.viewer_state import DaemonLost, ViewerState

@@ -21,13 +21,18 @@ from twind.version import __version__
 ROOT = SYSTEMD.parent
 # Whose files a user or a package changes by being there at all.
 DATABASES = re.compile(
-    r"/(etc/(passwd|group|shadow|gshadow)-?|var/lib/dpkg/.*|var/log/dpkg.log|etc/\.pwd\.lock)"
+    r"/(etc/(passwd|group|shadow|gshadow)-?|var/lib/dpkg/.*|var/cache/man(/.*)?|var/log/dpkg.log|etc/\.pwd\.lock)"
 )
 # The daemon as its unit starts it, without a service manager.
 AS_SERVICE = (
     "setpriv --reuid twind --regid twind --init-groups env -i PATH=/usr/bin HOME=/var/lib/twind "
     "XDG_CONFIG_HOME=/etc XDG_RUNTIME_DIR=/run STATE_DIRECTORY=/tmp/state "
 )
+MANUALS = """
+for each in man/man1/twindctl.1 man/man8/twind.8 bash-completion/completions/twindctl zsh/{zsh}/_twindctl; do
+    test -s {share}/$each
+done
+"""
 TALK = f"""
 mkdir /tmp/state
 {AS_SERVICE} /opt/twind/bin/twind --mode sim > /tmp/log 2>&1 &
@@ -122,6 +127,7 @@ def test_the_package_installs_without_a_network_runs_and_goes_without_a_trace(
         twind --version
         id -nG twind
         {TALK}
+        {MANUALS.format(share="/usr/share", zsh="vendor-completions")}
         echo '# mine' >> /etc/twind/twind.yaml
         mkdir -p /var/lib/twind/calibration
         dpkg -i {package}
@@ -178,6 +184,7 @@ def test_make_install_does_the_same(wheels: Path, tmp_path: Path) -> None:
         f"""
         {make} install
         {TALK}
+        {MANUALS.format(share="/usr/local/share", zsh="site-functions")}
         echo '# mine' >> /etc/twind/twind.yaml
         {make} install
         echo "again: $(tail -n 1 /etc/twind/twind.yaml)"

@@ -68,6 +68,11 @@ def test_everything_has_its_place(tree: Path) -> None:
         assert f"usr/local/lib/{name}" in found
     for name in COMMANDS:
         assert found[f"usr/local/bin/{name}"][1] == f"-> /opt/twind/bin/{name}"
+    manuals = "-> /opt/twind/bin/../manuals"
+    for name, section in (("twind", 8), ("twindctl", 1), ("twind-virtual", 1)):
+        assert found[f"usr/local/share/man/man{section}/{name}.{section}"][1] == f"{manuals}/{name}.{section}"
+        assert found[f"usr/local/share/bash-completion/completions/{name}"][1] == f"{manuals}/bash/{name}"
+        assert found[f"usr/local/share/zsh/site-functions/_{name}"][1] == f"{manuals}/zsh/_{name}"
     for name in ("sim", "twind"):  # masked: sockets, or settings, would be those of another unit
         assert found[f"usr/local/lib/systemd/system/twind@{name}.service"][1] == "-> /dev/null"
     examples = {path.name for path in (SYSTEMD / "examples").iterdir()}

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tests.support.terminal_cast import Terminal, load, rendered, save, shortened
+from tests.support.terminal_cast import PROMPT, Terminal, load, rendered, save, shortened
 from twind.config.robot_file import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ BEGIN = "<!-- shown by make cast -->\n```text\n"
 END = "\n```\n"
 WHOLE = ("24 of 24 swept", "24 of 24 joints", "armed: 24 joints", "succeeded at 100%", "disarmed")
 JOB = re.compile(r"\[1\]")  # what the shell says of a program in the background: its number, its end
-MOST = 6  # lines that one command may say in the transcript
+MOST = 4  # lines that one command may say in the transcript
 FOLDER = Path("/tmp/h24")
 QUICK = 3.0  # rad/s
 LIMBS = ("head", "l_shoulder l_elbow", "r_shoulder r_elbow", "waist", "l_hip l_knee l_ankle", "r_")
@@ -35,6 +35,12 @@ def transcript() -> str:
     """What the recording leaves on the screen, shortened and without the shell's own lines, for the page."""
     lines = [line for line in rendered(load(CAST)) if not JOB.match(line)]
     return "\n".join(shortened(lines, MOST)).strip()
+
+
+def excerpt() -> str:
+    """The part of the transcript that the page shows: sweep and zero."""
+    shown = transcript().partition(f"\n{PROMPT}kill")[0]
+    return shown[shown.index(f"{PROMPT}twindctl calibrate sweep") :]
 
 
 def within(text: str) -> str:
@@ -142,7 +148,7 @@ def main() -> int:
     save(CAST, terminal.events, "twind: the calibration of a robot")
     page = PAGE.read_text()
     begin = page.index(BEGIN) + len(BEGIN)
-    PAGE.write_text(page[:begin] + transcript() + page[page.index(END, begin) :])
+    PAGE.write_text(page[:begin] + excerpt() + page[page.index(END, begin) :])
     return 0
 
 

@@ -13,7 +13,7 @@ from tests.support.browser import SIZE, browser, missing, opened
 from tests.support.make_pictures import FOLDER, MOST, smaller
 from tests.support.processes import Daemon, Moving, simulated, twindctl, until
 from tests.support.zenoh_router import Router
-from twind.ctl.trajectory_files import load_motion
+from twind.command_line.trajectory_files import load_motion
 
 WAVES, STOPPED, HOLDS, LOST = ROBOTS = ("anna", "bruno", "clara", "dora")
 PATIENCE = 60_000  # ms that a busy machine may take until the page says what is so

@@ -21,9 +21,9 @@ from PIL import Image
 from tests.support.browser import SIZE, browser, missing, opened
 from tests.support.processes import Daemon, arm, daemon, go, robot, until
 from twind.client import Client, ClientError, Refused
+from twind.command_line.trajectory_files import load_motion
 from twind.ctl.picture.live_picture import MonitorFeed
 from twind.ctl.picture.picture_renderer import svg
-from twind.ctl.trajectory_files import load_motion
 
 FOLDER = Path(__file__).parents[2] / "docs" / "pictures"
 MOST = 300_000  # bytes of one picture

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import twind.learn
-from twind.ctl.progress import ProgressLine
+from twind.command_line.progress import ProgressLine
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import BEST, RUN, lock_folder, read_run
 from twind.learn.training.training_reporter import TrainingReporter

@@ -4,7 +4,7 @@ import threading
 from argparse import Namespace
 from typing import Any
 
-from twind.ctl.progress import ProgressLine
+from twind.command_line.progress import ProgressLine
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import (
     TrainingFolder,

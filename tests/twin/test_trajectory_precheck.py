@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.support.clearance_rig import arm, arm_file, finished, h24, still
-from twind.ctl.trajectory_files import load_motion
+from twind.command_line.trajectory_files import load_motion
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict

@@ -1,1 +1,1 @@
-"""`twindctl`: everything a person or a script asks of the daemon."""
+"""`twindctl`: its entry point and the verbs of the control socket."""

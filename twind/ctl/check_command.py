@@ -1,23 +1,27 @@
-"""`twindctl check robot FILE` and `check trajectory FILE`: what would be refused, and why."""
+"""Check a robot file, or a trajectory against the gate.
+
+Reports what would be refused, and why. A trajectory is checked by the daemon, or with --robot without one.
+"""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
 from twind.client.errors import finding_lines
+from twind.command_line.progress import ProgressLine
+from twind.command_line.trajectory_files import load_motion
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator, remote_robot, show
 from twind.ctl.motion_commands import asked_motion
-from twind.ctl.progress import ProgressLine
-from twind.ctl.trajectory_files import load_motion
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
 from twind.exceptions import InvalidInput
 
-from_afar = True
+group = "set up"
+supports_remote = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments: the kind of check, the file, and their options."""
-    parser.add_argument("what", choices=["robot", "trajectory"])
-    parser.add_argument("file", metavar="FILE|NAME")
+    parser.add_argument("what", choices=["robot", "trajectory"], help="kind of file")
+    parser.add_argument("file", metavar="FILE|NAME", help="a file, a built-in robot or a motion")
     parser.add_argument("--rate", type=float, metavar="HZ", help="robot: at this rate instead of its own")
     parser.add_argument("--robot", metavar="NAME|FILE", help="trajectory: for this robot, without a daemon")
     parser.add_argument("--pose", metavar="NAME", help="with --robot: the pose it stands in (default: rest)")
@@ -30,12 +34,12 @@ def run(options: argparse.Namespace) -> int:
     if alone and options.robot is None:
         raise UsageError(f"--{alone[0]} goes with --robot: a daemon knows its robot itself")
     if options.what == "robot":
-        if elsewhere(options) is not None:
+        if remote_robot(options) is not None:
             raise UsageError("check robot reads a file and asks no robot: leave out --remote")
         if options.robot is not None:
             raise UsageError("check robot takes the robot's name or file itself: leave out --robot")
         return _robot(options)
-    if options.robot is not None and elsewhere(options) is not None:
+    if options.robot is not None and remote_robot(options) is not None:
         raise UsageError("--robot and --remote: one robot at a time")
     return _trajectory(options)
 

@@ -1,6 +1,6 @@
-"""`twindctl demo`: a virtual humanoid on real pseudo-terminals, the daemon in live mode, motions, a refusal.
+"""Run a virtual robot: the daemon, a motion and a refusal.
 
-Starts a daemon of its own on sockets of its own and ends it, so it can never touch a real robot.
+Starts its own daemon on its own sockets and ends it, so it can never reach a real robot.
 """
 
 import argparse
@@ -21,10 +21,12 @@ from typing import Any
 
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.ctl.demo_viewer import viewer
 from twind.ctl.status_table import latency_text, loop_text
-from twind.ctl.trajectory_files import load_motion, motion_names
-from twind.ctl.verb import DONE, Rejected, UsageError
+
+group = "see"
 
 START = 30.0  # s the daemon may take until its robot is connected
 TRIES = 3  # of one motion

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import IO
 
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 ADDRESS = 15.0  # s that it may take until it says where it is
 ENDING = 5.0  # s, after SIGTERM

@@ -1,32 +1,8 @@
-"""Verbs on single devices: scan, register, reboot. Standard library only."""
+"""Verbs on single devices: register, reboot. Standard library only."""
 
 import argparse
-import json
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
-
-
-def _scan_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
-
-
-def _scan(options: argparse.Namespace) -> int:
-    with operator(options) as client, ProgressLine(options, "scan") as progress:
-        client.timeout = 65.0
-        progress.update("asking who answers")
-        for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
-            if options.json:
-                print(json.dumps(found), flush=True)
-                continue
-            model = found.get("model_name") or f"model {found['model']}"
-            progress.clear()
-            print(
-                f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
-                flush=True,
-            )
-            progress.update(f"{count} answered")
-    return DONE
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
 
 
 def _parse_integer(text: str) -> int:
@@ -38,12 +14,12 @@ def _parse_integer(text: str) -> int:
 
 
 def _register_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("action", choices=["read", "write"])
-    parser.add_argument("bus")
-    parser.add_argument("id", type=int)
+    parser.add_argument("action", choices=["read", "write"], help="what to do")
+    parser.add_argument("bus", help="bus of the device, as the robot file names it")
+    parser.add_argument("id", type=int, help="id of the device")
     parser.add_argument("name", help="as the vendor's control table spells it, or its address")
     parser.add_argument("value", nargs="?", type=_parse_integer, help="to write")
-    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from its present holder")
 
 
 def _register(options: argparse.Namespace) -> int:
@@ -62,8 +38,8 @@ def _register(options: argparse.Namespace) -> int:
 
 
 def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bus")
-    parser.add_argument("id", type=int)
+    parser.add_argument("bus", help="bus of the device, as the robot file names it")
+    parser.add_argument("id", type=int, help="id of the device")
 
 
 def _reboot(options: argparse.Namespace) -> int:
@@ -76,6 +52,5 @@ def _reboot(options: argparse.Namespace) -> int:
     return DONE
 
 
-SCAN = FunctionVerb(_scan_arguments, _scan)
-REGISTER = FunctionVerb(_register_arguments, _register)
-REBOOT = FunctionVerb(_reboot_arguments, _reboot)
+REGISTER = FunctionVerb("set up", "Read or write a register of one device.", _register_arguments, _register)
+REBOOT = FunctionVerb("set up", "Restart one device.", _reboot_arguments, _reboot)

@@ -4,7 +4,7 @@ import argparse
 import os
 
 from twind.client import NoDaemon
-from twind.ctl.verb import DONE, FunctionVerb, Rejected, connected, elsewhere, show
+from twind.command_line.verb import DONE, FunctionVerb, Rejected, connected, remote_robot, show
 from twind.protocol.socket_paths import SYSTEM
 
 LOWERING = 30.0  # s that a daemon may take to lower its robot and end
@@ -20,7 +20,7 @@ def _run(options: argparse.Namespace) -> int:
     try:
         client = connected(options, "control", "observe")
     except NoDaemon as error:
-        if not error.absent or elsewhere(options) is not None:
+        if not error.absent or remote_robot(options) is not None:
             raise
         return _terminate(options, error)
     with client:
@@ -87,4 +87,6 @@ def _unit(folder: str) -> str:
     return f"twind@{name}" if above == SYSTEM else ""
 
 
-ESTOP = FunctionVerb(_arguments, _run, from_afar=True)
+ESTOP = FunctionVerb(
+    "drive", "Stop now; with --cut, switch torque off at once.", _arguments, _run, supports_remote=True
+)

@@ -12,18 +12,19 @@ from types import FrameType
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, harmless, observer
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, harmless, observer
 
 TOPICS = ("status", "state", "latency", "events", "verdicts")  # of a picture
+TEXT = """\
+Show live data of the whole robot; with --json, stream them.
+
+Joints, buses, loop, latency of each hop, lease, faults with their remedies, refusals. On a terminal q ends,
+space freezes, Tab turns pages, up and down move the joints. In a pipe, pictures are printed one after the
+other. If the daemon restarts, the verb waits for it."""
 AGAIN = 0.3  # s between two tries to reach a daemon that went away
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
-        "A live picture: joints, buses, loop, latency of each hop, lease, faults and what to do about them, "
-        "refusals. On a terminal q ends, space freezes, Tab turns pages, up and down move the joints. "
-        "In a pipe pictures are printed one after the other. A daemon that restarts is waited for."
-    )
     parser.add_argument(
         "--rate",
         type=float,
@@ -112,4 +113,4 @@ def is_live() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
 
 
-MONITOR = FunctionVerb(_arguments, _run, from_afar=True)
+MONITOR = FunctionVerb("see", TEXT, _arguments, _run, supports_remote=True)

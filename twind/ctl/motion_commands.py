@@ -14,23 +14,32 @@ from typing import Any
 
 from twind.client import Client
 from twind.client.errors import finding_lines
-from twind.ctl.progress import ProgressLine
-from twind.ctl.trajectory_files import load_motion, read_trajectory
-from twind.ctl.verb import DONE, REFUSED, FunctionVerb, UsageError, elsewhere, lease, operator, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.trajectory_files import load_motion, read_trajectory
+from twind.command_line.verb import (
+    DONE,
+    REFUSED,
+    FunctionVerb,
+    UsageError,
+    lease,
+    operator,
+    remote_robot,
+    show,
+)
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     parser.add_argument(
         "--retime", action="store_true", help="let the daemon slow it down to what joints can do"
     )
 
 
 def _move_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("goals", nargs="+", metavar="JOINT=RAD")
+    parser.add_argument("goals", nargs="+", metavar="JOINT=RAD", help="goal of a joint")
     parser.add_argument("--time", type=float, metavar="S", help="duration (default: by the longest way)")
     _common(parser)
 
@@ -69,7 +78,7 @@ def _duration(client: Client, goals: dict[str, float]) -> float:
 
 
 def _play_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("motion", metavar="FILE|NAME")
+    parser.add_argument("motion", metavar="FILE|NAME", help="a trajectory file, or a motion of the robot")
     _common(parser)
 
 
@@ -84,7 +93,7 @@ def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict
     A name refers to the folder of the daemon's robot. With --remote that folder is on another disk, where the
     same name may be another motion than here; so a name is refused.
     """
-    if elsewhere(options) is not None:
+    if remote_robot(options) is not None:
         if not (os.sep in name or name.endswith(".json")):
             raise UsageError(f"{name}: with --remote a file, as ./{name}.json; names are of the robot's disk")
         return read_trajectory(Path(name))
@@ -147,5 +156,11 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
     progress.update(report["phase"], report["progress"])
 
 
-MOVE = FunctionVerb(_move_arguments, _move, from_afar=True)
-PLAY = FunctionVerb(_play_arguments, _play, from_afar=True)
+MOVE = FunctionVerb("drive", "Move joints: JOINT=RAD ...", _move_arguments, _move, supports_remote=True)
+PLAY = FunctionVerb(
+    "drive",
+    "Play a trajectory file, or a motion of the robot by name.",
+    _play_arguments,
+    _play,
+    supports_remote=True,
+)

@@ -1,8 +1,8 @@
 """The motions of a robot file as paths in joint order, for whoever judges them without a daemon."""
 
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import Rejected
 from twind.config.robot_file import RobotFile
-from twind.ctl.trajectory_files import load_motion, motion_names
-from twind.ctl.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.front import trajectory_submission
 from twind.front.joint_naming import JointNames

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from twind.ctl.verb import DONE, FunctionVerb, UsageError, observer, operator, show
+from twind.command_line.verb import DONE, FunctionVerb, UsageError, observer, operator, show
 
 NONE = "nothing has changed"
 
@@ -60,5 +60,13 @@ def _setting(word: str) -> tuple[str, Any]:
         return key, text
 
 
-RELOAD = FunctionVerb(_arguments, _reload)
-PARAMETERS = FunctionVerb(_parameters_arguments, _parameters, from_afar=True)
+RELOAD = FunctionVerb(
+    "set up", "Reload the files of the daemon and apply the permitted changes.", _arguments, _reload
+)
+PARAMETERS = FunctionVerb(
+    "set up",
+    "Show the parameters in force; KEY=VALUE sets one until the daemon ends.",
+    _parameters_arguments,
+    _parameters,
+    supports_remote=True,
+)

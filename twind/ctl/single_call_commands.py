@@ -3,7 +3,7 @@
 import argparse
 
 from twind.client.errors import finding_lines
-from twind.ctl.verb import DONE, FunctionVerb, lease, observer, operator, show
+from twind.command_line.verb import DONE, FunctionVerb, lease, observer, operator, show
 
 
 def _none(_parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def _mode(options: argparse.Namespace) -> int:
 
 
 def _arm_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
 
 
 def _arm(options: argparse.Namespace) -> int:
@@ -65,14 +65,14 @@ def _stop(options: argparse.Namespace) -> int:
 
 def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
-    begin = kinds.add_parser("begin", help="an episode begins")
+    begin = kinds.add_parser("begin", help="begin an episode")
     begin.add_argument("task", metavar="TASK", help="what the robot is to do")
-    end = kinds.add_parser("end", help="the episode is over")
+    end = kinds.add_parser("end", help="end the episode")
     outcome = end.add_mutually_exclusive_group()
     outcome.add_argument("--success", dest="success", action="store_true", default=None, help="as wanted")
     outcome.add_argument("--failure", dest="success", action="store_false", help="not as wanted")
-    note = kinds.add_parser("note", help="a remark, for whoever reads the recording")
-    note.add_argument("text", metavar="TEXT", nargs="+")
+    note = kinds.add_parser("note", help="add a note to the recording")
+    note.add_argument("text", metavar="TEXT", nargs="+", help="the note")
 
 
 def _mark(options: argparse.Namespace) -> int:
@@ -95,10 +95,16 @@ def _dump(options: argparse.Namespace) -> int:
     return DONE
 
 
-MODE = FunctionVerb(_mode_arguments, _mode, from_afar=True)
-ARM = FunctionVerb(_arm_arguments, _arm)
-DISARM = FunctionVerb(_none, _disarm)
-RESET = FunctionVerb(_reset_arguments, _reset)
-STOP = FunctionVerb(_none, _stop, from_afar=True)
-MARK = FunctionVerb(_mark_arguments, _mark)
-DUMP = FunctionVerb(_dump_arguments, _dump)
+MODE = FunctionVerb(
+    "drive", "Show or change the mode: sim, mirror or live.", _mode_arguments, _mode, supports_remote=True
+)
+ARM = FunctionVerb("drive", "Switch torque on and hold the present pose.", _arm_arguments, _arm)
+DISARM = FunctionVerb("drive", "Settle to the rest pose, then switch torque off.", _none, _disarm)
+RESET = FunctionVerb("drive", "Acknowledge latched faults.", _reset_arguments, _reset)
+STOP = FunctionVerb("drive", "Decelerate and hold.", _none, _stop, supports_remote=True)
+MARK = FunctionVerb(
+    "record", "Mark an episode in recordings: begin TASK, end, note TEXT.", _mark_arguments, _mark
+)
+DUMP = FunctionVerb(
+    "record", "Write the last half minute to a flight file and print its path.", _dump_arguments, _dump
+)

@@ -2,8 +2,8 @@
 
 import argparse
 
+from twind.command_line.verb import DONE, FunctionVerb, observer, show
 from twind.ctl.status_table import render
-from twind.ctl.verb import DONE, FunctionVerb, observer, show
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,4 +17,6 @@ def _run(options: argparse.Namespace) -> int:
     return DONE
 
 
-STATUS = FunctionVerb(_arguments, _run, from_afar=True)
+STATUS = FunctionVerb(
+    "see", "Show the state of the daemon and the robot.", _arguments, _run, supports_remote=True
+)

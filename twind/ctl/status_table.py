@@ -1,9 +1,10 @@
 """Status and joints as text for people. Standard library only."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twind.client.errors import finding_lines
+from twind.command_line.text_table import align_columns
 
 Answer = Mapping[str, Any]
 LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
@@ -68,19 +69,7 @@ def stream_text(told: Answer) -> str:
 
 def joint_lines(joints: Sequence[Answer]) -> list[str]:
     """A table of joints; what is not known is a dash."""
-    return lined_up([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
-
-
-def lined_up(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
-    """Cells below each other; the columns `left` begin, the others end there."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if place in left else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    return align_columns([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
 
 
 def _row(joint: Answer) -> tuple[str, ...]:

@@ -5,11 +5,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from twind.ctl.verb import DONE, FunctionVerb, harmless, observer
+from twind.command_line.verb import DONE, FunctionVerb, harmless, observer
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("topic", nargs="?", default="events", choices=["events", "verdicts"])
+    parser.add_argument(
+        "topic", nargs="?", default="events", choices=["events", "verdicts"], help="default: events"
+    )
     parser.add_argument("--count", type=int, metavar="N", help="end after N")
 
 
@@ -35,4 +37,4 @@ def _line(news: Mapping[str, Any]) -> str:
     return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
 
 
-WATCH = FunctionVerb(_arguments, _run, from_afar=True)
+WATCH = FunctionVerb("see", "Print events as they happen.", _arguments, _run, supports_remote=True)

@@ -1,4 +1,4 @@
-"""A trajectory on its way to the loop: the front's share of the gate, S12-S16. Front process.
+"""The front's share of the gate for a trajectory: CMD_EXPIRED to TIME_ORDER. Front process.
 
 What is wrong is said all at once; what passes travels as arrays in a sealed memfd.
 """
@@ -72,7 +72,7 @@ def judge(message: TrajectoryMessage, names: JointNames) -> tuple[Trajectory | N
 
 
 def _start(start_in: float | None) -> list[Finding]:
-    """S12."""
+    """Check CMD_EXPIRED."""
     if start_in is None or 0.0 <= start_in <= LONGEST_WAIT:
         return []
     if start_in > LONGEST_WAIT:

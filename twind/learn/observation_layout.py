@@ -32,12 +32,12 @@ def _base() -> tuple[ObservationPart, ...]:
     feet = tuple(f"{side}.{axis}" for side in ("left", "right") for axis in xyz)
     return (
         ObservationPart("gyro", 3, "rad/s", 35.0, "angular velocity of the base, base frame", xyz),
-        ObservationPart("acceleration", 3, "m/s²", 160.0, "what the accelerometer feels, base frame", xyz),
-        ObservationPart("gravity", 3, "", 1.0, "which way is down, base frame; upright: 0 0 -1", xyz),
+        ObservationPart("acceleration", 3, "m/s²", 160.0, "accelerometer reading, base frame", xyz),
+        ObservationPart("gravity", 3, "", 1.0, "direction of gravity, base frame; upright: 0 0 -1", xyz),
         ObservationPart("height", 1, "m", 5.0, "of the base above the lower sole", ("z",)),
         ObservationPart("base_velocity", 3, "m/s", 20.0, "of the base, base frame", xyz),
-        ObservationPart("soles", 6, "m", 5.0, "the soles as seen from the base, base frame", feet),
-        ObservationPart("sole_velocities", 6, "m/s", 50.0, "their velocities as seen from the base", feet),
+        ObservationPart("soles", 6, "m", 5.0, "sole positions relative to the base, base frame", feet),
+        ObservationPart("sole_velocities", 6, "m/s", 50.0, "their velocities relative to the base", feet),
     )
 
 
@@ -57,7 +57,9 @@ class ObservationLayout:
             ObservationPart("action", n, "", 1.0, "the last action", ()),
             ObservationPart("lag", n, "rad", 7.0, "the target sent last less the position", ()),
             *_base(),
-            ObservationPart("command", COMMAND, "m/s, rad/s", 5.0, "asked for", ("forward", "left", "turn")),
+            ObservationPart(
+                "command", COMMAND, "m/s, rad/s", 5.0, "commanded velocity", ("forward", "left", "turn")
+            ),
             ObservationPart(
                 "phase",
                 PHASE,

@@ -1,7 +1,7 @@
-"""an .mcap file, for Foxglove and ROS 2 tools, of a flight file or of another recording
+"""Export a flight file or a recording as .mcap, for Foxglove and ROS 2 tools.
 
-Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. No file is written over.
-`ros2 bag` reads no file in which some messages are JSON: for it, --ros puts them into std_msgs/String.
+The raw bus bytes of a flight file become the topic /twind/wire. No file is overwritten. `ros2 bag` cannot
+read files with JSON messages: for it, --ros puts them into std_msgs/String.
 """
 
 import argparse
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from twind.client.clock_pair import ClockPair
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
 from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightFile, load
 from twind.link import Tick
@@ -24,13 +24,13 @@ from twind.observe.writing.record_encoder import RecordEncoder, RecordLine
 from twind.observe.writing.record_file import RecordFile
 from twind.observe.writing.record_header import attachments, clock_words
 
+group = "record"
+
 _NAMES = {EntryKind.OUT: "out", EntryKind.IN: "in", EntryKind.PORT: "port"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl export`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("file", metavar="FILE", type=Path, help="a .flight or an .mcap file")
     parser.add_argument("out", metavar="OUT.mcap", type=Path, help="the file to write")
     parser.add_argument("--ros", action="store_true", help="for `ros2 bag`: JSON as std_msgs/String")

@@ -1,9 +1,9 @@
-"""the daemon's figures for Prometheus: OpenMetrics text on 127.0.0.1 or a Unix socket
+"""Serve the daemon's figures to Prometheus as OpenMetrics text.
 
-A client of observe.sock. A scrape is answered from what the daemon said last, so it waits for nobody; once
-the daemon is silent for 3 s, `twind_up` is 0 and nothing else is told. An address that others can reach is
-refused: here is no password and no encryption, while the daemon's sockets have groups for who may look.
-Whoever is to scrape from afar puts a proxy that has both before it.
+A client of observe.sock, on 127.0.0.1 or a Unix socket. A scrape is answered from the last message of the
+daemon, so it never waits. After 3 s without a message, `twind_up` is 0 and no other figure is served. An
+address that other machines can reach is refused, since there is no password and no encryption. For remote
+scrapes, use a proxy that has both.
 """
 
 import argparse
@@ -13,7 +13,9 @@ import socket
 import stat
 from typing import Any
 
-from twind.ctl.verb import DONE, Rejected, UsageError
+from twind.command_line.verb import DONE, Rejected, UsageError
+
+group = "connect"
 
 LISTEN = "127.0.0.1:9797"
 

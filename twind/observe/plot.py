@@ -1,7 +1,7 @@
-"""a recording as one picture for reports: tracking, effort, latency, temperature, supply, what happened
+"""Plot a recording: tracking, effort, latency, temperature, supply, events.
 
-Of an .mcap or a .flight file, a page of A4 as PNG. Of many joints the worst followed are drawn in colour, the
-others thin and grey. What is not known is a gap.
+Reads an .mcap or .flight file and writes a page of A4 as PNG. If there are many joints, those with the
+largest errors are coloured, the others thin and grey. Unknown values are gaps.
 """
 
 import argparse
@@ -10,8 +10,10 @@ from importlib.util import find_spec
 from math import inf, isfinite
 from pathlib import Path
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import DONE, Rejected, UsageError, show
+
+group = "record"
 
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 

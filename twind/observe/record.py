@@ -1,7 +1,7 @@
-"""what the robot does, into .mcap files for Foxglove and ROS 2 tools
+"""Record the robot to .mcap files for Foxglove and ROS 2 tools.
 
-Begins at once and goes on until Ctrl-C, SIGTERM or --seconds. Only looks on: it needs no lease, and the
-daemon never waits for it. Where the daemon restarts, it waits and goes on in a new file.
+Starts at once and runs until Ctrl-C, SIGTERM or --seconds. It only reads: it needs no lease, and the daemon
+never waits for it. If the daemon restarts, it waits and continues in a new file.
 """
 
 import argparse
@@ -10,11 +10,13 @@ import time
 from pathlib import Path
 
 from twind.client.clock_pair import clocks
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import UsageError, observer
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import UsageError, observer
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_writer import RecordWriter
 from twind.observe.writing.recorder import Recorder
+
+group = "record"
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -34,8 +36,6 @@ def size(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl record`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("--out", metavar="DIR|FILE", type=Path, help="folder, or an .mcap file")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     parser.add_argument("--task", metavar="T", help="mark all of it as an episode of this task")
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
     bounds = DiskQuota(options.keep, options.free, options.max_size)
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:

@@ -1,6 +1,6 @@
-"""a whole recording of one that was cut: by a power cut, a kill, a full disk
+"""Recover a recording that was cut off by a power cut, a kill or a full disk.
 
-Writes what is whole into a new file, with an index. The old one stays as it is; nothing is ever written over.
+Writes all complete data to a new file, with an index. The old file stays unchanged; no file is overwritten.
 """
 
 import argparse
@@ -13,8 +13,8 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
 from twind.observe.recording.mcap_records import (
     McapAttachment,
@@ -27,6 +27,8 @@ from twind.observe.recording.recording_topics import RECOVERED
 from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
 from twind.version import __version__
+
+group = "record"
 
 TEXT = -1  # no schema of a file has this number
 TOLD = 1000  # messages between two words of how far it is
@@ -56,8 +58,6 @@ class RecoveryResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl recover`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("file", metavar="FILE", type=Path, help="the .mcap file that was cut")
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="default: FILE with `-recovered` in its name"

@@ -1,4 +1,16 @@
-"""a fault's file played into a daemon again, and whether the same comes out"""
+"""Replay a flight file into a daemon and compare the results.
+
+The daemon writes a flight file at a fault, and `twindctl dump` writes one. Its servos answer on
+pseudo-terminals with the recorded bytes, noise, cuts and silence included. A separate daemon with the
+recorded robot, calibration and settings gets the recorded commands at the same times. Verdicts, lasting
+faults and the final state are compared. Exit code 0: the same; 1: different, too incomplete to decide, or
+not playable.
+
+No port of this machine is opened, no daemon of it is contacted, and nothing in the file is executed. The
+replay begins at the first moment at which the robot is at rest without a fault. Only serial buses
+(Dynamixel) are played. A file with CAN buses, and a recording as .mcap (it has states, no bytes), can be
+shown with --view.
+"""
 
 import argparse
 import contextlib
@@ -8,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
@@ -18,20 +30,11 @@ if TYPE_CHECKING:
     from twind.observe.replaying.replay_script import ReplayScript
     from twind.observe.replaying.replay_servos import ReplayPosition
 
+group = "record"
+
 TOLERANCE = 0.25  # s that a fault may come earlier or later than it was recorded
 LONGEST = 60  # characters of a folder in which sockets can lie in folders
 ON_ITS_WAY = 0.001  # s that an answer takes from our thread through a pseudo-terminal to a daemon, with luck
-ABOUT = """\
-FILE is a flight file, as a daemon leaves it behind at a fault and `twindctl dump` writes one. Its servos come
-to life on pseudo-terminals and answer as they did then, with the recorded bytes, noise, cuts and silence
-included. A daemon of its own, with the recorded robot, calibration and settings, is asked what was asked
-then, at the same times. What comes out is compared: verdicts, faults that stayed, the state at the end. Exit
-code 0: the same; 1: different, or so much is left out that nobody can say, or it cannot be played.
-
-No port of this machine is opened, no daemon of it is spoken to, and nothing that is in the file is run. The
-replay begins at the first moment at which the robot is at rest without a fault. Only serial buses (Dynamixel)
-are played; a file with CAN buses, and a recording as .mcap (it has states, and no bytes), can be looked at
-with --view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +49,9 @@ class ReplayResult:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = ABOUT
     parser.add_argument("file", metavar="FILE", help="a flight file; with --view a recording (.mcap) too")
     parser.add_argument(
-        "--last", type=float, default=float("inf"), metavar="S", help="play the last S seconds alone"
+        "--last", type=float, default=float("inf"), metavar="S", help="play only the last S seconds"
     )
     parser.add_argument(
         "--view", action="store_true", help="show its states in a browser; no daemon is started"

@@ -1,15 +1,16 @@
-"""the twin in a browser on this machine, with a stop and an e-stop button
+"""View the twin in a browser, with a stop and an e-stop button.
 
-The robot as measured, what it is told as a translucent figure, contacts and distances, plots and words. The
-viewer is a client like any other: ending or killing it changes nothing. It prints its address, which has a
-secret in it.
+Shows the robot as measured, its goals as a translucent figure, contacts and distances, plots and text. The
+viewer is a client: ending or killing it changes nothing. It prints its address, which contains a secret.
 """
 
 import argparse
 from importlib.util import find_spec
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
+
+group = "see"
 
 NEEDED = ("viser", "mjviser")
 

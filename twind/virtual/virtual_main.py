@@ -39,31 +39,44 @@ PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="twind-virtual", description="A virtual robot on pseudo-terminals.")
+    parser = argparse.ArgumentParser(
+        prog="twind-virtual", description="Serve a virtual robot on pseudo-terminals."
+    )
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default h24, without --servo)")
     parser.add_argument(
         "--servo",
         action="append",
         default=[],
         metavar="BUS:ID:MODEL[:FIRMWARE]",
-        help="a servo beside the robot's, or without --robot one (or a CAN actuator) alone; may be repeated",
+        help="add a servo or CAN actuator to the robot, or without --robot serve it alone; may be repeated",
     )
     parser.add_argument(
         "--bus",
         action="append",
         default=[],
         metavar="NAME",
-        help="serve this bus of the robot alone, the others are another process's; may be repeated",
+        help="serve only this bus of the robot; may be repeated",
     )
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep symbolic links DIR/BUS to the ports")
-    parser.add_argument("--baud", type=int, metavar="N", help="of every servo, instead of the robot file's")
-    parser.add_argument("--return-delay", type=int, metavar="US", help="of every servo, us")
-    parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="of every servo")
-    parser.add_argument("--latency-timer", type=float, default=0.0, metavar="MS", help="of the adapter")
-    parser.add_argument("--echo", action="store_true", help="the adapter gives back what the host sends")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random")
-    parser.add_argument("--no-wire-timing", action="store_true", help="answer at once")
-    parser.add_argument("--muscles", choices=("mujoco", "first-order"), default="mujoco")
+    parser.add_argument(
+        "--baud", type=int, metavar="N", help="baud rate of every servo, instead of the robot file's"
+    )
+    parser.add_argument("--return-delay", type=int, metavar="US", help="return delay of every servo, µs")
+    parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="firmware of every servo")
+    parser.add_argument(
+        "--latency-timer", type=float, default=0.0, metavar="MS", help="latency timer of the adapter"
+    )
+    parser.add_argument("--echo", action="store_true", help="the adapter echoes what the host sends")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
+    parser.add_argument(
+        "--no-wire-timing", action="store_true", help="answer at once, without the delay of the wire"
+    )
+    parser.add_argument(
+        "--muscles",
+        choices=("mujoco", "first-order"),
+        default="mujoco",
+        help="model of the motion (default mujoco)",
+    )
     parser.add_argument(
         "--base-pose", choices=tuple(BASES), default=UPRIGHT, help="how the body's base is held"
     )
@@ -71,14 +84,14 @@ def parser() -> argparse.ArgumentParser:
         "--hold",
         choices=HOLDS,
         default=BY_TORQUE,
-        help="what holds a base that is free: hands until the legs have had torque, an order, nobody",
+        help="support of a free base: until the legs have torque, until a command releases it, or never",
     )
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="true values of this robot: YAML or JSON")
     parser.add_argument(
-        "--truth", type=Path, metavar="FILE", help="what is true of this specimen: YAML or JSON"
+        "--truth-seed", type=int, metavar="N", help="draw the true values of this robot at random"
     )
-    parser.add_argument("--truth-seed", type=int, metavar="N", help="draw what is true of this specimen")
-    parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")
-    parser.add_argument("--faults", type=Path, metavar="SOCKET", help="take orders for faults here")
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the matching calibration")
+    parser.add_argument("--faults", type=Path, metavar="SOCKET", help="accept fault commands on this socket")
     return parser
 
 

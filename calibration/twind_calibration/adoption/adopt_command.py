@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 from twind.client import Client, ClientError, NoDaemon
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 from twind.config.doc_pages import CALIBRATION, page
-from twind.ctl.verb import DONE, Rejected, UsageError, show
 from twind_calibration.adoption.adoption_steps import AdoptionPlan, prepare
 from twind_calibration.adoption.calibration_entry_status import entry_of
 from twind_calibration.adoption.servo_configurator import WritableProber

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind_calibration.adoption.calibration_entry_status import CalibrationEntryStatus
 from twind_calibration.adoption.register_plan import RegisterStep, different, looked_at, plan
 from twind_calibration.adoption.servo_configurator import ServoConfigurator, WritableProber

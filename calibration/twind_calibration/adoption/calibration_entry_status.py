@@ -8,10 +8,10 @@ file is struck as well, or the next `zero` would take the old servo's travel for
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import file_ownership
 

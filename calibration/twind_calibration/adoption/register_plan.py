@@ -6,10 +6,10 @@ The daemon compares registers and never writes them (`config.servo_check`): here
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from twind.command_line.verb import Rejected
 from twind.config.actuator_types import ServoType
 from twind.config.robot_spec import JointSpec
 from twind.config.servo_check import SECONDARY, unfit
-from twind.ctl.verb import Rejected
 from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.control_tables import ControlTable
 from twind_drivers.dynamixel.dynamixel_identification import SETTINGS

@@ -6,7 +6,7 @@ every write is judged by what is read afterwards, where the servo then stands.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind_calibration.adoption.servo_locations import RATES, ServoLocation
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.bus_scan import PROBES, REMEDY

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+from twind.command_line.verb import Rejected
 from twind.config.actuator_types import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
-from twind.ctl.verb import Rejected
 from twind_drivers.dynamixel.bus_scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.prober import Prober

@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.status_table import lined_up
-from twind.ctl.verb import DONE, REFUSED, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.text_table import align_columns
+from twind.command_line.verb import DONE, REFUSED, show
 from twind_calibration.command_hint import command_hint
 from twind_calibration.doctor import check_table, report, runner
 from twind_calibration.doctor.check_context import CheckContext
@@ -84,4 +84,4 @@ def _table(devices: list[dict[str, Any]]) -> list[str]:
     heads = ("bus", "id", "joint", "model", "firmware", *SNAPSHOT)
     rows = [tuple(SNAPSHOT.get(head, head) for head in heads)]
     rows += [tuple("-" if each[head] is None else str(each[head]) for head in heads) for each in devices]
-    return lined_up(rows, left=(0, 2, 3))
+    return align_columns(rows, left=(0, 2, 3))

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected
 
 CURRENT = "current"
 

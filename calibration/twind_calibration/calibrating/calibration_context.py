@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import CallError, Client
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.daemon_settings import usual_calibration
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected, UsageError
 from twind.version import __version__
 
 TOOL = f"twind {__version__}"

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from twind.command_line.verb import Rejected
 from twind.config.atomic_save import draft_of
 from twind.config.calibration_file import render
 from twind.config.config_section import ConfigSection, Plain
 from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_context import TOOL, now
 

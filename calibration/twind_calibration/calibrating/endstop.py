@@ -13,7 +13,7 @@ from twind_calibration.calibrating.file_option import add_arguments as add_commo
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the step."""
-    parser.add_argument("joint", metavar="JOINT")
+    parser.add_argument("joint", metavar="JOINT", help="the joint to drive")
     parser.add_argument(
         "--side",
         choices=("lower", "upper"),
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--yes", action="store_true", help="it may move now: do not ask, and write what was found"
     )
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     add_common(parser)
 
 

@@ -10,11 +10,11 @@ from statistics import fmean, pstdev
 from typing import Any
 
 from twind.client import Client
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, UsageError, calibrating, operator
 from twind.config.actuator_types import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, UsageError, calibrating, operator
 from twind.motion.endstop_search import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground

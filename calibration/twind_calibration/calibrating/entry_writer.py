@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 
+from twind.command_line.verb import Rejected, UsageError
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import (
     Calibration,
@@ -14,7 +15,6 @@ from twind.config.calibration_file import (
     read_calibration,
 )
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership

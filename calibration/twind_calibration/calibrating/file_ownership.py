@@ -9,11 +9,11 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from twind.command_line.verb import Rejected
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, LockedFolder
 from twind.config.calibration_file import HISTORY, Calibration, dump_calibration
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import Rejected
 
 
 @contextlib.contextmanager

@@ -8,9 +8,9 @@ from math import degrees
 from typing import Any
 
 from twind.client import NoDaemon
+from twind.command_line.text_table import align_columns
+from twind.command_line.verb import DONE, Rejected, observer, show
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.ctl.status_table import lined_up
-from twind.ctl.verb import DONE, Rejected, observer, show
 from twind.exceptions import InvalidInput
 from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership
@@ -66,7 +66,7 @@ def _page(
     rows: list[Sequence[str]] = [HEADS]
     rows += [_row(slot, one.by_name[slot.name]) for slot in every if slot.name in one.by_name]
     left = [slot.name for slot in every if slot.name not in one.by_name]
-    lines = [f"{file}: {one.robot}, {one.created}, by {one.tool}", *lined_up(rows, left=(0, 1, 10, 11))]
+    lines = [f"{file}: {one.robot}, {one.created}, by {one.tool}", *align_columns(rows, left=(0, 1, 10, 11))]
     lines += [f"not calibrated: {', '.join(left)}"] if left else []
     numbers = ", ".join(f"{number:04d}" for number in earlier) or "none"
     return [*lines, f"earlier files: {numbers}"]

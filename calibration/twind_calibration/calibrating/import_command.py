@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import Client
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator
 from twind.config.calibration_file import Calibration
 from twind.config.device_record import DeviceRecord
 from twind.config.yaml_tree import ConfigError, read_text
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind_calibration.calibrating import calibration_draft as drafts

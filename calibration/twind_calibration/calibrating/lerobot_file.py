@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from twind.command_line.verb import Rejected
 from twind.config.device_record import MAX_TICKS
-from twind.ctl.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.protocol.strict_json import loads
 

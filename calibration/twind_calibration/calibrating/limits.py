@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the step."""
     parser.add_argument("joints", nargs="*", metavar="JOINT", help="default: all that are calibrated")
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     add_common(parser)
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
+from twind.command_line.verb import Rejected
 from twind.config.config_section import ConfigSection
 from twind.config.yaml_tree import parse
-from twind.ctl.verb import Rejected
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator
 from twind_calibration.calibrating.lerobot_file import LeRobotMotor
 

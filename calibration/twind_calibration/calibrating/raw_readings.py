@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.client import Client
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind_calibration.calibrating.encoder_unwrap import EncoderSample
 
 LEAST_HZ = 50.0  # readings a second: fewer, and a quick movement goes over the half-turn unseen

@@ -14,10 +14,10 @@ from twind_calibration.calibrating.file_option import add_arguments as add_commo
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the step."""
     parser.add_argument("joints", nargs="*", metavar="JOINT", help="default: all that have no travel yet")
-    parser.add_argument("--again", action="store_true", help="also those that were swept already")
+    parser.add_argument("--again", action="store_true", help="include joints that are already swept")
     parser.add_argument("--wide", action="store_true", help="take travels over 130 %% of the described range")
     parser.add_argument("--timeout", type=float, metavar="S", help="end after so long with what is done")
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     add_common(parser)
 
 

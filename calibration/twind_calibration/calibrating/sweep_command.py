@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from twind.client import Client
+from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.device_record import DeviceRecord
-from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now

@@ -8,7 +8,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 
 from twind.client import Client
-from twind.ctl.verb import Rejected, calibrating
+from twind.command_line.verb import Rejected, calibrating
 from twind_drivers.clock import Clock
 
 RENEW = 0.3  # s; a lease lasts one

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "joints", nargs="*", metavar="JOINT", help="default: all that were swept and have no zero since"
     )
     parser.add_argument(
-        "--all", action="store_true", help="also those that have one, however it was found; their proofs go"
+        "--all", action="store_true", help="include joints that have a zero; their proofs are deleted"
     )
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--pose", metavar="NAME", help="pose of the robot file (default: every angle 0)")
@@ -32,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_angle,
         metavar="JOINT=RAD",
-        help="this joint stands at another angle than the pose says; may be repeated",
+        help="angle of a joint that differs from the pose; may be repeated",
     )
     parser.add_argument("--samples", type=_samples, default=50, metavar="N", help="readings (default 50)")
     parser.add_argument("--yes", action="store_true", help="it stands in the pose: do not ask, and write")
-    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from its present holder")
     add_common(parser)
 
 

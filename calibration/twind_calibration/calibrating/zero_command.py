@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.client import Client
+from twind.command_line.verb import DONE, REFUSED, Rejected, observer, operator
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import slot_angles
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_spec import RobotFile
-from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground

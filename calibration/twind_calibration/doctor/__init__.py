@@ -1,8 +1,8 @@
-"""what is wrong with this machine, its files, the daemon, the buses and the servos, and what mends it
+"""Find faults of machine, files, daemon, buses and servos, with remedies.
 
-With a running daemon it is asked; without one the free ports are opened, asked and read. Nothing moves, no
-torque changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine; but
-a serial port that is opened is asked for low latency, which stays with the adapter until it is unplugged.
+A running daemon is queried; without one the free ports are opened and read. Nothing moves, no torque
+changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine. One
+exception: a serial port that is opened is set to low latency until its adapter is unplugged.
 """
 
 import argparse
@@ -12,23 +12,23 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from twind.ctl.verb import DONE, REFUSED, UsageError, show
+from twind.command_line.verb import DONE, REFUSED, UsageError, show
 
 if TYPE_CHECKING:
     from twind_calibration.doctor.check import Check
     from twind_calibration.doctor.runner import DoctorReport
+
+group = "set up"
 
 NICE = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb; those that `twind` has too mean the same."""
-    parser.add_argument("--fix", action="store_true", help="mend what can be mended safely, and look again")
+    parser.add_argument("--fix", action="store_true", help="fix what can be fixed safely, then check again")
     parser.add_argument("--yes", action="store_true", help="with --fix: without asking first")
-    parser.add_argument(
-        "--only", metavar="CODE", nargs="+", default=[], help="look for these complaints alone"
-    )
-    parser.add_argument("--verbose", action="store_true", help="say all that was looked at")
+    parser.add_argument("--only", metavar="CODE", nargs="+", default=[], help="check for these codes only")
+    parser.add_argument("--verbose", action="store_true", help="print every check")
     parser.add_argument("--config", metavar="FILE", help="settings, as for `twind`")
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot, as for `twind`")
     parser.add_argument("--calibration", metavar="FILE", help="calibration, as for `twind`")
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     Raises UsageError.
     """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
-    from twind.ctl.progress import ProgressLine
+    from twind.command_line.progress import ProgressLine
     from twind_calibration.command_hint import command_hint
     from twind_calibration.doctor import check_table, report, runner
     from twind_calibration.doctor.check_context import CheckContext

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from twind.client import Client, NoDaemon
+from twind.command_line.verb import UsageError
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.config_files import bus_ports, refuse_wrong
@@ -14,7 +15,6 @@ from twind.config.config_section import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import UsageError
 from twind.exceptions import InvalidInput
 from twind_calibration.doctor.can_bus_inspector import CanBusInspector
 from twind_calibration.doctor.check import CheckUnavailable

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twind.client import Client
-from twind.ctl.verb import Rejected, write_register
+from twind.command_line.verb import Rejected, write_register
 from twind_calibration.doctor.bus_probe import PATIENCE, BusProbe
 from twind_calibration.doctor.check import Fix
 from twind_calibration.doctor.check_context import CheckContext

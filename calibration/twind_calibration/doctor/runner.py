@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twind.client import ClientError
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind_calibration.doctor.check import (
     Check,
     CheckNotApplicable,

@@ -6,8 +6,8 @@ from math import isfinite
 
 from twind.client import Client, Refused
 from twind.client.errors import finding_text
+from twind.command_line.verb import Rejected, UsageError, lease
 from twind.config.robot_spec import RobotFile
-from twind.ctl.verb import Rejected, UsageError, lease
 from twind_calibration.wiggling.joint_move import goal_of
 
 # rad/s, and s at least on the way

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from twind.command_line.verb import DONE, Rejected, show
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind_calibration.command_hint import command_hint
@@ -118,7 +118,7 @@ def told_plan(options: argparse.Namespace) -> int:
 
 def _robot(options: argparse.Namespace) -> RobotFile:
     if options.robot is None:
-        from twind.ctl.verb import observer
+        from twind.command_line.verb import observer
         from twind_calibration.calibrating.calibration_context import ground
 
         with observer(options) as client:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.config.atomic_save import LockedFolder
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now

@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
-from twind.ctl.verb import lease
+from twind.command_line.verb import lease
 from twind.robot.finding import ReasonCode
 from twind_drivers.clock import Clock
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind.client import Client
-from twind.ctl.verb import Rejected, UsageError, lease
+from twind.command_line.verb import Rejected, UsageError, lease
 from twind.robot.arrays import Floats
 from twind_calibration.command_hint import command_hint
 

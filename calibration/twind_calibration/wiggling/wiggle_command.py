@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
+from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.exceptions import InvalidInput
 from twind_calibration.command_hint import command_hint
 from twind_calibration.wiggle import LEAST, MOST

@@ -207,7 +207,7 @@ def test_the_verb_prints_and_ends_alike(
 
 
 def test_a_motion_of_the_robot_is_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    from twind.ctl.trajectory_files import motion_names
+    from twind.command_line.trajectory_files import motion_names
 
     code, said = run(capsys, motion_names()[0], "--robot", "h24")
     assert (code, said.splitlines()[-1]) == (0, "accepted")

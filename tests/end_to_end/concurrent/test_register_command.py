@@ -10,8 +10,8 @@ import pytest
 from tests.support.loop_stand_in import StandIn
 from twind import link
 from twind.client import CallError
+from twind.command_line.verb import DONE
 from twind.ctl.device_commands import REGISTER
-from twind.ctl.verb import DONE
 
 WRITTEN = {"name": "Homing Offset", "address": 20, "size": 4, "value": 0}
 LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}

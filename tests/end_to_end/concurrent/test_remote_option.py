@@ -19,7 +19,7 @@ from tests.support.processes import Daemon, until
 from tests.support.zenoh_router import Router
 from twind.bridge.fleet.remote import remote
 from twind.client import Client, ClientError
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 
 PATIENCE = 30.0  # s that a busy machine may take
 NAME = "afar"

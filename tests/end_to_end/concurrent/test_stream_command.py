@@ -20,7 +20,7 @@ import pytest
 from tests.end_to_end.concurrent.test_spool_sender import Odd
 from tests.support.processes import Daemon, until
 from twind.client import Client, ClientError
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 from twind.learn.streaming import stream_command as verb
 from twind.learn.streaming.spool import dead_letters
 

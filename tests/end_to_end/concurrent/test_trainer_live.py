@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.support.trainer_rig import TINY
-from twind.ctl.progress import ProgressLine
+from twind.command_line.progress import ProgressLine
 from twind.learn.training.trainer import Trainer
 from twind.learn.training.training_folder import (
     CHECKPOINT,

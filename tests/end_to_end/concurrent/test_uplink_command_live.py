@@ -37,9 +37,9 @@ Brief = Callable[[Uplink], Uplink]
 AS_NOBODY = """
 import argparse, os, sys
 from twind.bridge.uplink import robot_uplink, uplink_command
-from twind.ctl.ctl_main import common
+from twind.command_line.common_options import add_common_options
 parser = argparse.ArgumentParser()
-common(parser, None)
+add_common_options(parser, None)
 uplink_command.add_arguments(parser)
 options = parser.parse_args([word for word in sys.argv[1:] if word != "uplink"])
 os.setgroups([]), os.setegid(65534), os.seteuid(65534)

@@ -40,15 +40,15 @@ def test_messages_go_on_after_one_that_is_none(daemons: Daemons, tmp_path: Path)
 
 
 class Canvas:
-    """A server that somebody looks at, and a page; `say` keeps the words."""
+    """A server that somebody looks at, and a page; `set_html` keeps the texts."""
 
     def __init__(self) -> None:
         self.words: list[str] = []
         self.scene = None
         self.initial_camera = SimpleNamespace()
-        self.plots = SimpleNamespace(draw=self._plot, of=id)
+        self.plots = SimpleNamespace(draw=self._plot, set_joints=id)
         self.ghost = AUTO
-        self.say = self.words.append
+        self.set_html = self.words.append
         self.plotted = 0
         self.flush = self.atomic = contextlib.nullcontext
 

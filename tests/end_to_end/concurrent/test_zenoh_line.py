@@ -21,7 +21,7 @@ from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.errors import as_error
-from twind.ctl.verb import UsageError, lease
+from twind.command_line.verb import UsageError, lease
 
 PATH = {"joint_names": ["knee"], "points": [{"positions": [0.5], "time_from_start": 1.0}]}
 CONTROL = "io.twind.Control"

@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 
 from tests.support.adoption_rig import robot_of
+from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import Rejected
 from twind_calibration.adoption.adopt_command import status_at
 from twind_calibration.instances import sockets_of, stop
 from twind_calibration.robot_description import read
@@ -262,7 +262,7 @@ def test_what_makes_no_sense_is_said_before_a_port_is_opened(
 def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["adopt", "--help"])
-    assert "make a new serial servo the missing one" in capsys.readouterr().out
+    assert "Configure a new serial servo as the missing one" in capsys.readouterr().out
 
 
 @pytest.mark.slow

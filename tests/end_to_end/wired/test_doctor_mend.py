@@ -10,8 +10,8 @@ import pytest
 
 from tests.support.doctor_robot import BAUD, Ground, Vendor, upper_body
 from tests.support.processes import robot
+from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
-from twind.ctl.verb import Rejected
 from twind_calibration.doctor import register_fix
 from twind_calibration.doctor.bus_surveys import servos
 from twind_calibration.doctor.check import CheckUnavailable

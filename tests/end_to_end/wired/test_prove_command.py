@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from tests.support.processes import PATIENCE, Daemon, Virtual, arm, daemon, robot
+from twind.command_line.verb import Rejected
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.ctl.verb import Rejected
 from twind_calibration.proving.observable_pose import posed
 from twind_calibration.wiggling.joint_move import goal_of
 

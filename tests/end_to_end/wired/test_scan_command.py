@@ -127,7 +127,7 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
 def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    assert re.search(r"^  scan +who answers on a bus", capsys.readouterr().out, re.MULTILINE)
+    assert re.search(r"^  scan +Scan a bus for devices", capsys.readouterr().out, re.MULTILINE)
 
 
 @given(st.integers(-5, 300), st.integers(-5, 300))

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.support.processes import Daemon, daemon, robot, until
-from twind.ctl.verb import write_register
+from twind.command_line.verb import write_register
 
 
 def printed(running: Daemon) -> list[str]:

@@ -348,7 +348,7 @@ AS_ANOTHER = """
 import argparse, os, sys
 import twind.ctl.serving
 from twind.ctl import estop
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 os.setgroups([])
 os.setgid(65534)
 os.setuid(65534)

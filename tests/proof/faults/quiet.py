@@ -11,7 +11,7 @@ import numpy as np
 from tests.proof.faults.tap import Tap
 from tests.support.daemon_rig import Rig
 from twind import link
-from twind.ctl.trajectory_files import read_trajectory
+from twind.command_line.trajectory_files import read_trajectory
 from twind.robot.modes import RobotState
 from twind.robot.trajectory import Trajectory
 

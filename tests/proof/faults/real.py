@@ -11,7 +11,7 @@ import numpy as np
 from tests.proof.faults.can_real import on_can
 from tests.proof.faults.real_processes import PROCESSES
 from twind.client import CallError
-from twind.ctl.verb import write_register
+from twind.command_line.verb import write_register
 
 if TYPE_CHECKING:
     from tests.proof.faults.ground import Ground

@@ -1,4 +1,9 @@
-"""Robots here and elsewhere: who they are, what they do, how they are, and who is lost."""
+"""List local and remote robots with their state.
+
+Local robots are found by their sockets (all instances, or the one of --socket), remote robots by their
+uplinks. A robot that disappears stays in the list as lost. Exit code 3: there is no robot, a named ROBOT is
+lost or does not answer, or the named network cannot be joined.
+"""
 
 import argparse
 import json
@@ -12,9 +17,11 @@ from twind.bridge.fleet.fleet_monitor import PERIOD, FleetMonitor
 from twind.bridge.fleet.fleet_roster import FleetRoster, RobotRecord
 from twind.bridge.fleet.fleet_table import rows, to_json
 from twind.bridge.zenoh.zenoh_session import VARIABLE, add_options, place
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, NO_DAEMON, UsageError, harmless
 from twind.ctl.monitor_command import is_live
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, NO_DAEMON, UsageError, harmless
+
+group = "connect"
 
 PATIENCE = 3.0  # s for the answers to a list that is wanted now
 WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
@@ -22,14 +29,9 @@ WIDTH = 160  # columns where there is no terminal; COLUMNS says otherwise
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which robots, by which network; once, again and again, or on a page."""
-    parser.epilog = (
-        "Robots here are found by their sockets (all instances, or the one of --socket), robots elsewhere by "
-        "their uplinks. A robot that goes away stays in the list as lost. Exit code 3: there is nobody, a "
-        "ROBOT that was named is lost or does not answer, or the network that was named cannot be joined."
-    )
-    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="these alone; who is not there is lost")
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="only these robots; an absent one is lost")
     way = parser.add_mutually_exclusive_group()
-    way.add_argument("--watch", action="store_true", help="again and again, until Ctrl-C or q")
+    way.add_argument("--watch", action="store_true", help="update the list until Ctrl-C or q")
     way.add_argument("--view", action="store_true", help="side by side in a browser, with stop and e-stop")
     parser.add_argument("--count", type=int, metavar="N", help="with --watch: end after N lists")
     parser.add_argument("--port", type=int, metavar="N", help="with --view: of its page")
@@ -65,7 +67,7 @@ def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
 
 
 def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         if is_live() and not options.json:
             lookout.begin(lambda _why: None)
             _draw(lookout, options.count, stop)

@@ -13,7 +13,7 @@ from twind.bridge.fleet.local_daemons import LocalDaemonPoller
 from twind.bridge.fleet.remote import SharedSession, joining
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, close_session, open_now, open_session
 from twind.client.errors import ClientError
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh

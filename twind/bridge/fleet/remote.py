@@ -17,7 +17,7 @@ from twind.bridge.zenoh.zenoh_session import (
 )
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from twind.bridge.ros.rclpy_launcher import fault, installed
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 DDS = "dds"
 RCLPY = "rclpy"

@@ -31,7 +31,7 @@ from twind.bridge.ros.action_goal import (
 )
 from twind.client import ClientError
 from twind.client.clock_pair import SECOND, clocks
-from twind.ctl.verb import observer
+from twind.command_line.verb import observer
 
 ACTION = "/cmd/follow_joint_trajectory"
 KIND = "control_msgs/action/FollowJointTrajectory"

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.bridge.ros.discovery import DiscoveryRange, discovery
-from twind.ctl.verb import UsageError
+from twind.command_line.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
 BUILT = "kilted"  # the distribution of the wheels that `make ros` installs, as in constraints-ros.txt

@@ -10,7 +10,7 @@ from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import RclpyTransport, check
 from twind.bridge.ros.ros_bridge import RosBridge
 from twind.bridge.ros.ros_command import print_line
-from twind.ctl.stop_signals import told_to_stop
+from twind.command_line.stop_signals import catch_stop_signals
 from twind.exceptions import OperationFailed
 
 
@@ -26,7 +26,7 @@ def main(words: Sequence[str]) -> int:
     if options.check:
         return _checked()
     node = RclpyTransport(discovery(os.environ, domain=options.domain), print_line, sockets=options.socket)
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         course = RosBridge(
             node,
             sockets=options.socket,

@@ -1,8 +1,8 @@
-"""the robot in a ROS 2 graph, with or without ROS on this machine: joint states out, trajectories in
+"""Connect the robot to a ROS 2 graph: joint states out, trajectories in.
 
-A client of observe.sock, and of control.sock for commands, which meet the gate as any other. With ROS it is
-a node of the distribution's own rclpy. Without ROS it speaks Zenoh, or DDS, which only publishes. It stays on
-this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
+A client of observe.sock, and of control.sock for commands, which pass the gate as any other. With ROS it is
+a node of the distribution's rclpy. Without ROS it uses Zenoh, or DDS, which only publishes. It stays on
+this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID applies.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
-from twind.ctl.extras import how_to_add
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import Rejected, UsageError, harmless
+from twind.command_line.extras import how_to_add
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import Rejected, UsageError, harmless
 from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
     from twind.bridge.ros.discovery import DiscoverySettings
     from twind.bridge.ros.ros_transport import RosTransport
+
+group = "connect"
 
 # name -> (what joins the graph, the modules that it needs)
 BACK_ENDS = {
@@ -41,8 +43,6 @@ _ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unix
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl ros`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument(
         "--backend",
         choices=[RCLPY, *BACK_ENDS],
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-commands",
         dest="commands",
         action="store_false",
-        help="look only: of what comes from ROS the e-stop alone is done; with dds nothing is",
+        help="only publish; of the commands from ROS only the e-stop is accepted, with dds none",
     )
     parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(str(error)) from None
     options.backend = options.backend or usual(os.environ, options.distro, print_line)
     _sensible(options, graph)
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         try:
             return _bridge(options, graph, stop)
         except OperationFailed as error:

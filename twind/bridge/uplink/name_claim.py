@@ -7,7 +7,7 @@ import threading
 import zenoh
 
 from twind.bridge.zenoh.zenoh_keys import robot_key
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 
 ASK = 1.0  # s that the network has to say who is there
 LOOK = 2.0  # s between two looks who else has the name

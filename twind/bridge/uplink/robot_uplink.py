@@ -32,7 +32,7 @@ from twind.bridge.uplink.worker_queue import WorkerQueue
 from twind.bridge.zenoh.zenoh_keys import ASKED, RATES, TOPICS, robot_key
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.transition_reporter import TransitionReporter
-from twind.ctl.verb import connected, observer, operator
+from twind.command_line.verb import connected, observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
 ON_DEMAND = "latency"  # told where somebody listens; all other topics are followed all the time

@@ -133,5 +133,5 @@ class MonitorRelay:
         topic = "" if found is None else found[1].decode()
         self._hear(topic, data)
         outlet: Any = self.outlets.get(topic)
-        if outlet is not None and outlet.wanted:
+        if outlet is not None and outlet.has_subscribers:
             outlet.put(data)

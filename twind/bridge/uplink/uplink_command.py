@@ -1,9 +1,10 @@
-"""this robot for machines elsewhere, over Zenoh: its state, questions, stops, goals under a lease
+"""Connect the robot to remote machines over Zenoh.
 
-A client of observe.sock, and of control.sock where it may open it; else the robot is only looked at. Whoever
-has its key space (`twind/ROBOT/...`) sees it and stops it. A goal is a trajectory with a name, a deadline and
-a lease that lapses within a second, and passes the gate as any other. Arming, modes and registers are not
-offered: who arms a robot stands beside it. `twindctl --remote ROBOT` and `twindctl fleet` are the other end.
+A client of observe.sock, and of control.sock where it may open it; otherwise it only reads. Every client
+with its key space (`twind/ROBOT/...`) receives the state and may stop the robot. A goal is a trajectory
+with a name, a deadline and a lease that lapses within a second, and passes the gate as any other. Arming,
+modes and registers are not offered remotely. `twindctl --remote ROBOT` and `twindctl fleet` are the other
+end.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ from twind.bridge.uplink.rate_limited_log import RateLimitedLog
 from twind.bridge.zenoh import zenoh_session
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.bridge.zenoh.zenoh_session import NetworkConfig
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, harmless, show
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, harmless, show
+
+group = "connect"
 
 LOOK = 0.2  # s between two looks whether it can go on
 AGAIN = 1.0  # s until it goes on by another name
@@ -31,8 +34,6 @@ AGAIN = 1.0  # s until it goes on by another name
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl uplink`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument(
         "--name",
         metavar="NAME",
@@ -54,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     place = zenoh_session.place(options, os.environ)
     for each in zenoh_session.readable(place):
         _tell(f"{each}: whoever is on the way can read and command; tls/ with certificates keeps them out")
-    with told_to_stop() as stop, _for(options.seconds, stop):
+    with catch_stop_signals() as stop, _for(options.seconds, stop):
         tally: dict[str, Any] = {}
         while not stop.is_set():
             tally = _joined(options, place, stop) or tally

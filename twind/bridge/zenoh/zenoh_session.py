@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.client import ClientError
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh
@@ -59,10 +59,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="ENDPOINT",
-        help=f"a router, tcp/HOST:PORT or tls/HOST:PORT; again for more (default: {VARIABLE}, else {LOCAL})",
+        help=f"a router, tcp/HOST:PORT or tls/HOST:PORT; may be repeated (default: {VARIABLE}, else {LOCAL})",
     )
     parser.add_argument(
-        "--listen", action="append", default=[], metavar="ENDPOINT", help="be connected to; again for more"
+        "--listen",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="accept connections here; may be repeated",
     )
     parser.add_argument(
         "--zenoh-config",

@@ -10,12 +10,12 @@ from dataclasses import replace
 from rich.console import Console
 
 from twind.client import Client, ClientError
+from twind.command_line.verb import DONE
 from twind.ctl.monitor_command import AGAIN, TOPICS, is_live, steady
 from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
 from twind.ctl.picture.picture_renderer import Palette, plain
 from twind.ctl.picture.picture_state import MonitorCollector, PictureState
 from twind.ctl.picture.terminal_screen import TerminalScreen
-from twind.ctl.verb import DONE
 from twind.robot.event_codes import EventCode
 
 FASTEST = 15.0  # pictures a second

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 from rich.cells import cell_len, set_cell_size
 
-from twind.ctl.verb import harmless
+from twind.command_line.verb import harmless
 
 Span = tuple[str, str]  # text, style
 Line = tuple[Span, ...]

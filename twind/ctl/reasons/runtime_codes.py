@@ -5,23 +5,23 @@ from collections.abc import Mapping
 from twind.ctl.reasons.reason_text import ReasonText
 from twind.robot.finding import ReasonCode
 
-AGAIN = "`twindctl disarm`, `twindctl reset`, `twindctl arm`"
-BUG = "report this defect with the file of `twindctl dump` and the log"
+AGAIN = "`twindctl disarm`, `reset`, `arm`"
+BUG = "report it with the file of `twindctl dump`"
 
 RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ReasonCode.ESTOP: ReasonText(
         "latch",
         "A client requested an e-stop. The message is its reason.",
-        "find out why the robot was stopped, then `twindctl reset`",
+        "find the cause, then `twindctl reset`",
     ),
     ReasonCode.LOOP_LATE: ReasonText(
         "warning; HOLD",
-        "A tick began late or ticks were missed; several in a row cause HOLD.",
+        "A tick began late or was missed; several in a row: HOLD.",
         "`twindctl doctor`; reduce the load of this machine",
     ),
     ReasonCode.LEASE_LOST: ReasonText(
         "HOLD",
-        "The lease expired during a motion, another client took it, or the front process ended.",
+        "The lease expired or was taken during a motion, or the front process ended.",
         "renew the lease, or follow the motion with `more`",
     ),
     ReasonCode.STREAM_STALE: ReasonText(
@@ -34,8 +34,7 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.BUS_ERRORS: ReasonText(
         "warning; HOLD; fault",
-        "In exchanges of one bus a device did not answer or bytes were dropped. From HOLD on, arming is "
-        "refused. A parked device does not count.",
+        "Devices did not answer, or bytes were dropped. From HOLD on, arming is refused.",
         "wiring, termination, power, baud rate of the bus; if virtual: load of this machine",
     ),
     ReasonCode.RX_SHAPE: ReasonText(
@@ -45,87 +44,77 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.FOREIGN_TRAFFIC: ReasonText(
         "armed, arming: fault, INHIBIT; else warning, arming refused",
-        "The bus carries valid packets that the daemon did not request. `twindctl scan --port PORT` finds "
-        "two servos with one id.",
+        "The bus carries unrequested packets: a second master, or two servos with one id (`twindctl "
+        "scan --port PORT`).",
         "disconnect the other master; then `twindctl disarm`, `twindctl reset`",
     ),
     ReasonCode.SERVO_ALERT: ReasonText(
         "armed, arming: fault, HOLD; else warning, arming refused",
-        "A servo reports a hardware error; one that shut down has no torque. A free-standing robot "
-        "settles, and is damped once a leg reads back without torque.",
+        "A servo reports a hardware error and may have no torque. A free-standing robot settles or is "
+        "damped.",
         "find the cause (`twindctl status --joints`), `twindctl disarm`, `twindctl reboot BUS ID`",
     ),
     ReasonCode.TORQUE_MISMATCH: ReasonText(
         "fault, HOLD",
-        "Torque reads back off or unknown while armed; a free-standing robot settles, and is damped where "
-        "a leg has no torque. Also: torque off was not confirmed. `twindctl status --joints` shows errors.",
-        f"look up its hardware error; {AGAIN}",
+        "Torque reads back off or unknown while armed (two readings), or torque off was not confirmed.",
+        f"look up its hardware error (`twindctl status --joints`); {AGAIN}",
     ),
     ReasonCode.SERVO_REBOOTED: ReasonText(
         "fault, as TORQUE_MISMATCH",
-        "A servo restarted by itself: its clock jumped, or its armed watchdog reads 0. It has no torque "
-        "and may have lost settings and turn. Its bus is identified again before arming.",
+        "A servo restarted: it has no torque and may have lost settings and turn.",
         f"check its power and cable; {AGAIN}",
     ),
     ReasonCode.WATCHDOG_TRIPPED: ReasonText(
         "fault, HOLD", "A servo's watchdog tripped.", f"find out what stopped the loop; {AGAIN}"
     ),
     ReasonCode.SENSE_JUMP: ReasonText(
-        "reading dropped; HOLD",
-        "A position is farther from the last one than the motor can turn. Several in a row, armed: HOLD. "
-        "A new position is used when readings agree again. With torque off: warning only.",
+        "reading dropped; armed, several: HOLD",
+        "A position is farther from the last one than the motor can turn.",
         "check horn, gear and cable; calibrate again",
     ),
     ReasonCode.OUT_OF_LIMIT: ReasonText(
         "fault, HOLD; arming refused",
-        "A measured position is beyond the hard limit. From there a motion may only lead inwards.",
+        "A measured position is beyond the hard limit. Only motions inwards are permitted.",
         "`twindctl disarm`, move the joint inside by hand, check its calibration",
     ),
     ReasonCode.FOLLOW_ERR: ReasonText(
         "fault, HOLD at the measured position; farther: DAMP",
-        "A joint lags its goal by more than the bound, for longer than permitted. Not judged: silent "
-        "joints, joints without torque or with a tripped watchdog.",
+        "A joint lags its goal too far for too long.",
         f"check what blocks it, load and gains; {AGAIN}",
     ),
     ReasonCode.SENSE_FROZEN: ReasonText(
         "fault, HOLD",
-        "A position does not change although its goal moves and the motor runs. A motor that pushes "
-        "against an obstacle reports FOLLOW_ERR. So does a stuck encoder under high load.",
+        "A position does not change although its goal moves and the motor runs. (At an obstacle: "
+        "FOLLOW_ERR.)",
         f"check its encoder and cable; {AGAIN}",
     ),
     ReasonCode.OVERSPEED: ReasonText(
-        "HOLD", "A joint turns faster than permitted while the daemon holds torque.", "check load and gains"
+        "HOLD", "A joint turns faster than permitted under torque.", "check load and gains"
     ),
     ReasonCode.OVERCURRENT: ReasonText(
         "warning; fault, HOLD at the measured position; DAMP",
-        "The load is near the current limit (`current_limit_a`, else the servo's own) for too long. Or I²t: "
-        "load above `heat.continuous`, squared and summed: warning, HOLD, SETTLE; arming waits until it "
-        "has recovered. Unknown load and silent joints are not judged.",
+        "The load is near the current limit for too long. Or I²t above `heat.continuous` is too high: "
+        "warning, HOLD, SETTLE.",
         f"remove the obstacle or load; let it rest; {AGAIN}",
     ),
     ReasonCode.OVERTEMP: ReasonText(
         "warning; half speed; fault, SETTLE",
-        "Three of five readings reach a bound of `types.TYPE.heat`; arming is refused until it cools. A "
-        "fast rise, or one reading that the others do not confirm, only warns.",
+        "Three of five readings reach a bound of `types.TYPE.heat`. Arming is refused until it cools.",
         "let it cool; reduce the load; then `twindctl reset`",
     ),
     ReasonCode.VOLTAGE: ReasonText(
         "warning; fault, SETTLE; DAMP",
-        "The lowest supply, confirmed by two readings, passes a bound of `types.TYPE.supply`. Too high, or "
-        "not read: warning.",
+        "The lowest supply passes a bound of `types.TYPE.supply`. Too high, or not read: warning.",
         "check battery, supply and cables; then `twindctl reset`",
     ),
     ReasonCode.LOOKAHEAD_COLLISION: ReasonText(
         "slower; HOLD",
-        "The next part of the motion comes closer than `warn_m` to the robot or the world: slower, down to "
-        "a tenth; closer than `block_m`: HOLD. Holds, stops, the way to the rest pose and ways out of a "
-        "bad pose are not judged.",
+        "The motion comes closer than `warn_m` (slower) or `block_m` (HOLD) to robot or world.",
         "choose another path: the message names the pair",
     ),
     ReasonCode.STEP_LIMIT: ReasonText(
         "goal withheld, HOLD",
-        "A goal is farther from the last than the velocity limit allows in one tick. After TX_BACKLOG: the "
-        "previous goal was not sent.",
+        "A goal is farther from the last one sent than the velocity limit allows in one tick.",
         "after TX_BACKLOG: its remedy; else a defect of twind: report it",
     ),
     ReasonCode.WIRE_CLAMP: ReasonText(
@@ -133,20 +122,19 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.TX_BACKLOG: ReasonText(
         "warning; armed, several: fault, HOLD",
-        "The port still held more than the last packet. It was emptied and the next packet not sent.",
+        "The port still held old bytes. It was emptied and the next packet not sent.",
         f"replug or replace the adapter; {AGAIN}",
     ),
     ReasonCode.CAN_BUS_STATE: ReasonText(
         "warning; armed, arming: fault; arming refused",
-        "The CAN controller is error passive (warning), off the bus or without acknowledgement; or all "
-        "actuators are silent. The bus is closed and counts as lost (PORT_LOST); it opens and "
-        "identifies again, and nothing moves by itself. Termination: 60 Ω between the wires.",
-        f"power, termination, bit rate, wiring; {AGAIN}",
+        "The CAN controller is error passive (warning), off the bus or not acknowledged, or all "
+        "actuators are silent. The bus counts as lost.",
+        f"power, termination (60 Ω), bit rate, wiring; {AGAIN}",
     ),
     ReasonCode.MIRROR_DRIFT: ReasonText(
         "warning",
-        "Robot and simulation of the same goals differ for too long. The message names two bodies whose "
-        "simulated contact blocks the joint.",
+        "Robot and simulation differ for too long. The message names bodies whose simulated contact "
+        "blocks the joint.",
         "correct these shapes or exclude the pair; else calibration, load, gains",
     ),
     ReasonCode.INTERNAL: ReasonText(
@@ -156,14 +144,13 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.TIME_GAP: ReasonText(
         "fault, HOLD",
-        "Armed or arming, a tick began later than the servo watchdogs wait, or the machine slept. No old "
-        "goal is sent. Torque stays on; servos may have stopped by themselves.",
+        "Armed or arming, a tick began later than the servo watchdogs wait, or the machine slept. "
+        "Torque stays on.",
         f"find out what stopped the machine; {AGAIN}",
     ),
     ReasonCode.SOCKETS_GONE: ReasonText(
         "warning; HOLD, motion and arming refused; `Check` warns",
-        "The file of a socket was removed or replaced. The daemon binds it again and motion goes on. Where "
-        "that fails, motion and arming stay refused in every mode until clients can connect.",
+        "A socket's file was removed or replaced and the daemon cannot bind it again.",
         "as the message says; `twindctl estop` still lowers the robot",
     ),
     ReasonCode.PORT_LOST: ReasonText(
@@ -179,22 +166,20 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.DEVICE_MISMATCH: ReasonText(
         "arming refused; some: warning",
-        "Another model, or an unusable register: operating mode, torque at boot, torque by goal, profile in "
-        "time, homing offset beyond ±1024 in position mode. Warning only: RAM restored at boot, a long "
-        "return delay (unless one reading exceeds a tick; then the bus is not read), a mode without "
-        "position limits.",
+        "Another model, or an unusable register, such as operating mode, torque at boot, or homing "
+        "offset. RAM restored at boot, long return delay: warning.",
         "`twindctl doctor --fix`, or `twindctl adopt JOINT`; else correct the robot file",
     ),
     ReasonCode.ARM_FAILED: ReasonText(
         "torque off again",
-        "Arming in another state than `connected`; torque found on in some joints only; a joint that moves "
-        "or jumps; a servo that does not obey.",
+        "A state other than `connected`, torque on in some joints only, a joint that moves or jumps, "
+        "or a servo that does not obey.",
         "as the message says, then `twindctl arm`",
     ),
     ReasonCode.STOP_NOT_FOUND: ReasonText(
         "torque off, settings restored",
-        "Homing failed: no stop where described, an obstacle, captures that differ, a wrong "
-        "direction; or it was not permitted to begin.",
+        "Homing failed or was not permitted: no stop where described, an obstacle, captures that "
+        "differ, a wrong direction.",
         "as the message says; calibration/README.md",
     ),
     ReasonCode.TORQUE_INHERITED: ReasonText(
@@ -210,7 +195,7 @@ RUNTIME_CODES: Mapping[ReasonCode, ReasonText] = {
     ),
     ReasonCode.GOAL_TOLERANCE: ReasonText(
         "motion fails",
-        "A joint did not reach its goal tolerance in time. In `sim` and `mirror` the default is 0.2 rad.",
-        "slower motion, wider tolerance, or remove the obstacle or contact",
+        "A joint did not reach its goal tolerance in time.",
+        "slower motion, wider tolerance, or remove the obstacle",
     ),
 }

@@ -1,9 +1,9 @@
-"""a data set for imitation learning (LeRobotDataset v3.0) out of recordings, off the robot
+"""Convert recordings to a data set for imitation learning (LeRobotDataset v3.0).
 
-Of .mcap and .flight files. Episodes are what was marked (`twindctl mark begin TASK`, `mark end --success`);
-a recording without marks is one episode for each stretch without a hole. What cannot be learnt from is left
-out, and said: readings that are missing, joints that are unknown or silent, times without goals. Nothing is
-filled in. Nothing is written over.
+Reads .mcap and .flight files. Episodes are those marked (`twindctl mark begin TASK`, `mark end --success`);
+a recording without marks gives one episode for each stretch without a hole. Unusable parts are left out and
+reported: missing readings, unknown or silent joints, times without goals. Nothing is interpolated. No file
+is overwritten.
 """
 
 import argparse
@@ -12,18 +12,18 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.extras import how_to_add
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, Rejected, UsageError, show
 
 if TYPE_CHECKING:
     from twind.learn.dataset.episode_collection import DatasetContents
 
+group = "learn"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl dataset`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("files", metavar="RECORDING", type=Path, nargs="+", help="an .mcap or .flight file")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the folder to make")
     parser.add_argument("--fps", type=int, default=50, metavar="N", help="frames a second (default: 50)")

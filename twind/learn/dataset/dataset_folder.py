@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.learn.dataset.dataset_card import card
 from twind.learn.dataset.dataset_features import Column, columns, features, schema, table
 from twind.learn.dataset.episode_collection import DatasetContents

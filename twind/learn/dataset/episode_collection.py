@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.learn.dataset.episode_frames import (
     ACTION,
     EFFORT,

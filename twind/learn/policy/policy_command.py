@@ -1,7 +1,7 @@
-"""a trained policy: what its file says, or let it drive the robot or the simulation
+"""Show a policy file, or run it on the robot or the simulation.
 
-It drives as any client does: with the lease, through the gate, at the rate it was trained with. What is
-stale, late or not finite makes it hold; where that lasts, it ends. However it ends, the robot holds.
+A policy drives as any client does: with the lease, through the gate, at the rate of its training. Stale,
+late or non-finite values make it hold; if they last, it ends. However it ends, the robot holds.
 """
 
 import argparse
@@ -9,20 +9,20 @@ import json
 from math import isfinite
 from pathlib import Path
 
-from twind.ctl.ctl_main import common
-from twind.ctl.verb import DONE, Rejected, show
+from twind.command_line.common_options import add_common_options
+from twind.command_line.verb import DONE, Rejected, show
 from twind.exceptions import InvalidInput
+
+group = "learn"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl policy`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    shown = kinds.add_parser("show", help="what it was made for")
-    drives = kinds.add_parser("run", help="drive, until Ctrl-C or --seconds")
+    shown = kinds.add_parser("show", help="show what the policy was made for")
+    drives = kinds.add_parser("run", help="drive the robot, until Ctrl-C or --seconds")
     for each in (shown, drives):
-        common(each, argparse.SUPPRESS)  # also behind what is to be done
+        add_common_options(each, argparse.SUPPRESS)  # also behind what is to be done
         each.add_argument("file", metavar="FILE", type=Path, help="a policy file (.onnx)")
     drives.add_argument(
         "--command",
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="m/s forward, m/s to the left, rad/s; default: the middle of what it was trained for",
     )
     drives.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
-    drives.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    drives.add_argument("--take", action="store_true", help="take the lease from its present holder")
 
 
 def command(text: str) -> tuple[float, float, float]:

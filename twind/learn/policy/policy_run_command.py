@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, complain, harmless, observer, operator, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import (
+    DONE,
+    REFUSED,
+    Rejected,
+    UsageError,
+    complain,
+    harmless,
+    observer,
+    operator,
+    show,
+)
 from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.learning_tasks import LearningTask, task_of
 from twind.learn.live.base_estimator import BaseEstimator
@@ -96,7 +106,7 @@ def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCar
     try:
         reins = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
         try:
-            with told_to_stop() as stop, ProgressLine(options, "policy") as progress:
+            with catch_stop_signals() as stop, ProgressLine(options, "policy") as progress:
 
                 def print_reason(reason: str) -> None:
                     progress.clear()

@@ -1,7 +1,8 @@
-"""an HTTP endpoint to try `twindctl stream` with: keeps each message once, as lines of JSON and images
+"""Receive the messages of `twindctl stream`: an endpoint for tests.
 
-No password, no encryption: it listens to this machine alone unless --listen names another address, and is no
-store for years. --fail has it misbehave at random, for whoever wants to see that nothing is lost.
+Keeps each message once, as lines of JSON and images. It has no password and no encryption, and listens to
+this machine alone unless --listen names another address. --fail makes it misbehave at random, to show that
+nothing is lost.
 """
 
 import argparse
@@ -9,9 +10,11 @@ import json
 import sys
 from pathlib import Path
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, show
+
+group = "connect"
 
 LISTEN = "127.0.0.1:8000"
 LOOK = 0.5  # s between two pictures of the counts
@@ -19,8 +22,6 @@ LOOK = 0.5  # s between two pictures of the counts
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl ingest`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument(
         "--listen", default=LISTEN, metavar="ADDRESS:PORT", help=f"default {LISTEN}; port 0: any free"
     )
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         )
     except OSError as error:
         raise Rejected(f"{options.listen}, {options.out}: {error.strerror or error}") from None
-    with told_to_stop() as stop, store, ProgressLine(options, "ingest") as progress:
+    with catch_stop_signals() as stop, store, ProgressLine(options, "ingest") as progress:
         server.start()
         if not options.json:
             print(f"ingest    {server.url} into {options.out}", flush=True)

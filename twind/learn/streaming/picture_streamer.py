@@ -15,7 +15,7 @@ import numpy as np
 
 from twind.client import ClientError
 from twind.client.clock_pair import ClockPair, clocks
-from twind.ctl.verb import observer
+from twind.command_line.verb import observer
 from twind.exceptions import OperationFailed
 from twind.learn.camera_renderer import CameraRenderer
 from twind.learn.streaming.sample_batcher import SampleBatcher

@@ -1,9 +1,9 @@
-"""what the robot does, to an HTTP endpoint while it happens; nothing is lost while that is away
+"""Stream the robot's state to an HTTP endpoint without loss.
 
-A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and stays
-there until the endpoint has taken it: whoever keeps one message of each key has every sample once. What is
-too much or too old is dropped, the oldest first, and counted: its number is missing. `twindctl ingest` is an
-endpoint to try it with.
+A client of observe.sock. Each message is on disk before it is sent (POST, header Idempotency-Key), and
+stays there until the endpoint has accepted it. An endpoint that keeps one message of each key has every
+sample once. If messages are too many or too old, the oldest are dropped and counted: their numbers are
+missing. `twindctl ingest` is a test endpoint.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected, UsageError, harmless
+from twind.command_line.extras import how_to_add
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected, UsageError, harmless
 from twind.exceptions import OperationFailed
 
 if TYPE_CHECKING:
     from twind.learn.streaming.http_endpoint import HttpEndpoint
     from twind.learn.streaming.spool import Spool
     from twind.learn.streaming.stream_runner import MessageSource, StreamRunner
+
+group = "connect"
 
 URL = "http://localhost:8000/ingest"
 MB = 1 << 20
@@ -41,11 +43,13 @@ OURS = frozenset(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl stream`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("--url", default=URL, help=f"where to POST (default {URL})")
     parser.add_argument(
-        "--header", action="append", default=[], metavar="'NAME: VALUE'", help="sent along; again for more"
+        "--header",
+        action="append",
+        default=[],
+        metavar="'NAME: VALUE'",
+        help="header to send; may be repeated",
     )
     parser.add_argument(
         "--token-file",
@@ -89,9 +93,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself")
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
-        "--dead", action="store_true", help="list the messages that the endpoint will not have, and end"
+        "--dead", action="store_true", help="list the messages that the endpoint refuses, and end"
     )
-    what.add_argument("--dead-again", action="store_true", help="have them sent again, then stream")
+    what.add_argument("--dead-again", action="store_true", help="send these messages again, then stream")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -117,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
 def _stream(options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint) -> int:
     from twind.learn.streaming.stream_runner import StreamRunner
 
-    with told_to_stop() as stop:
+    with catch_stop_signals() as stop:
         course = StreamRunner(options, spool, endpoint, stop)
         if spool.set_aside:
             course.tell(

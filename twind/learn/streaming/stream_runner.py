@@ -14,9 +14,9 @@ from typing import Any, Protocol
 
 from twind.client import Client, ClientError
 from twind.client.clock_pair import clocks
-from twind.ctl.progress import ProgressLine
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, harmless, observer, show
 from twind.ctl.status_table import stream_text
-from twind.ctl.verb import DONE, harmless, observer, show
 from twind.learn.streaming.http_endpoint import HttpEndpoint, shown
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool

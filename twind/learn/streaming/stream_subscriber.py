@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.transition_reporter import TransitionReporter
-from twind.ctl.verb import observer
+from twind.command_line.verb import observer
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.stream_samples import StreamedRobot, sample
 

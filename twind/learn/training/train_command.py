@@ -1,12 +1,11 @@
-"""train a policy in simulation, and export it as a policy file
+"""Train a policy in simulation and export it as a policy file.
 
-TASK is `stand` (not to tip over on soft servos) or `humanoid` (walk as asked). PPO of Stable-Baselines3
-learns on a batch of simulations. Now and then it is judged on simulations of its own, beside the zero
-policy, which only holds the default pose. Ctrl-C ends it with a checkpoint; --resume goes on, also after
-a kill.
+TASK is `stand` (balance on soft servos) or `humanoid` (walk as commanded). PPO of Stable-Baselines3 learns
+on a batch of simulations. At intervals it is evaluated on separate simulations, beside the zero policy,
+which only holds the default pose. Ctrl-C ends it with a checkpoint; --resume continues, also after a kill.
 
-In the folder: policy.onnx (the best so far: `twindctl policy run`), last.onnx, curve.png, run.json (settings,
-versions, figures), checkpoint.pt.
+In the folder: policy.onnx (the best so far: `twindctl policy run`), last.onnx, curve.png, run.json
+(settings, versions, figures), checkpoint.pt.
 """
 
 import argparse
@@ -15,10 +14,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.extras import how_to_add
-from twind.ctl.verb import DONE, Rejected, UsageError
+from twind.command_line.extras import how_to_add
+from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind.learn.training.training_settings import DEFAULTS, KINDS
+
+group = "learn"
 
 NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
@@ -45,14 +46,12 @@ FIGURES: tuple[tuple[str, Any, str, str], ...] = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `twindctl train`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description = __doc__
     parser.add_argument("task", metavar="TASK", nargs="?", help="stand or humanoid; with --resume not needed")
     parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default: h24)")
     parser.add_argument(
         "--profile",
         metavar="NAME|FILE",
-        help="ranges of randomisation: none, default, or a file of one's own",
+        help="ranges of randomisation: none, default, or a file",
     )
     parser.add_argument("--kind", choices=KINDS, help="how simulations run (default: batch, the fastest)")
     for name, kind, metavar, said in FIGURES:
@@ -161,12 +160,12 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
 
 
 def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
-    from twind.ctl.progress import ProgressLine
-    from twind.ctl.stop_signals import told_to_stop
+    from twind.command_line.progress import ProgressLine
+    from twind.command_line.stop_signals import catch_stop_signals
     from twind.learn.training.trainer import Trainer
     from twind.learn.training.training_reporter import TrainingReporter
 
-    with told_to_stop() as stop, ProgressLine(options, "train") as progress:
+    with catch_stop_signals() as stop, ProgressLine(options, "train") as progress:
         progress.update("making simulations, judging the zero policy")
         course = Trainer(settings, folder, TrainingReporter(options), before)
         try:

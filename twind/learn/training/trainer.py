@@ -13,8 +13,8 @@ from platform import python_version
 from time import monotonic
 from typing import Any
 
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import Rejected
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import Rejected
 from twind.learn.policy.policy_file import load
 from twind.learn.training import learning_curve
 from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.learn.training.training_settings import TrainingSettings, told_settings
 
 FORMAT = "twind-run/1"

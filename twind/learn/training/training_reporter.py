@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.verb import show
+from twind.command_line.verb import show
 from twind.learn.training.evaluation import EvaluationScore
 from twind.learn.training.training_settings import TrainingSettings
 

@@ -16,7 +16,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.openmetrics.exposition import generate_latest as openmetrics
 
 from twind.client import Client, ClientError
-from twind.ctl.verb import DONE, NO_DAEMON, complain, observer
+from twind.command_line.verb import DONE, NO_DAEMON, complain, observer
 from twind.observe.measuring.metric_families import families
 from twind.observe.measuring.metrics_http import LONGEST, MOST, MetricsHttpHandler
 from twind.observe.measuring.metrics_ledger import STALE, TOPICS, Fields, MetricsLedger

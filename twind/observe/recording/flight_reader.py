@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.flight import FlightFile, load
 from twind.link import Tick

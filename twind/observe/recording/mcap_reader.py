@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 from twind.exceptions import InvalidInput
 from twind.observe.recording.joint_rows import JointRows
 from twind.observe.recording.mcap_records import McapAttachment, McapMessage, McapMetadata, McapScanner

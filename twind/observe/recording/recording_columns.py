@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.ctl.verb import Rejected
+from twind.command_line.verb import Rejected
 
 Floats = NDArray[np.float64]
 Parameters = Mapping[str, Any]  # an object of the interface, as the daemon sent it

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.ctl.trajectory_files import load_motion, motion_names
-from twind.ctl.verb import Rejected, UsageError
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import Rejected, UsageError
 from twind.observe.viewing.stop_threads import StopOutcome, Tell
 
 RENEWED = 0.3  # s between two renewals; a lease lasts 1 s

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 
 from twind.client import Client
-from twind.ctl.stop_signals import told_to_stop
-from twind.ctl.verb import DONE, Rejected
+from twind.command_line.stop_signals import catch_stop_signals
+from twind.command_line.verb import DONE, Rejected
 from twind.exceptions import OperationFailed
 from twind.observe.viewing.daemon_messages import messages
 from twind.observe.viewing.robot_connections import local, observer
@@ -87,7 +87,7 @@ def served(
     """A page, its address printed, drawn until Ctrl-C or SIGTERM. Raises Rejected where no server can be
     started."""
     with (
-        told_to_stop() as ended,
+        catch_stop_signals() as ended,
         tempfile.TemporaryDirectory(prefix="twind-view-") as folder,
         _site(port, title) as site,
     ):

@@ -8,7 +8,7 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.clock_pair import ClockPair, clocks
-from twind.ctl.verb import observer
+from twind.command_line.verb import observer
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_header import attachments
 from twind.observe.writing.record_writer import RecordSession, RecordWriter

@@ -11,8 +11,8 @@ from typing import Any
 
 from twind.client import ClientError
 from twind.client.clock_pair import STEP, ClockPair, clocks
-from twind.ctl.progress import ProgressLine
-from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
+from twind.command_line.progress import ProgressLine
+from twind.command_line.verb import DONE, REFUSED, Rejected, complain, operator, show
 from twind.observe.writing.record_encoder import note
 from twind.observe.writing.record_subscriber import RecordSubscriber
 from twind.observe.writing.record_writer import RecordCounts, RecordWriter

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.extras import how_to_add
+from twind.command_line.extras import how_to_add
 from twind.exceptions import OperationFailed
 
 KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with no other

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from twind.ctl.verb import Rejected, UsageError
+from twind.command_line.verb import Rejected, UsageError
 from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind.protocol.strict_json import loads

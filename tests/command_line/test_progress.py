@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from twind.ctl.progress import BAR, ProgressLine
+from twind.command_line.progress import BAR, ProgressLine
 
 
 class Terminal(io.StringIO):
@@ -137,7 +137,7 @@ TOLD = {  # which verbs each file with a progress serves
     "calibrating/endstop_command.py": ("calibrate endstop",),
     "calibrating/calibrate_scan_command.py": ("calibrate scan",),
     "ctl/check_command.py": ("check robot",),
-    "ctl/device_commands.py": ("scan",),
+    "twind_calibration/scan.py": ("scan",),
     "ctl/motion_commands.py": ("move", "play"),
     "doctor/__init__.py": ("doctor",),
     "observe/export.py": ("export",),

@@ -1,7 +1,7 @@
 """Progress of long work: one line on standard error that is drawn over. Standard library only.
 
 Silent where standard error is no terminal, and with --json. The cursor is never hidden, so whatever ends the
-process leaves a clean terminal. Who prints or asks calls `clear` first; the next `tell` draws again.
+process leaves a clean terminal. Call `clear` before other output; the next `update` draws again.
 """
 
 import argparse
@@ -12,18 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import TextIO, TypeVar
 
-from twind.ctl.verb import harmless
+from twind.command_line.verb import harmless
 
-PERIOD = 0.1  # s between two drawings of the same step at least
+PERIOD = 0.1  # s, shortest time between two drawings of the same step
 BAR = 24  # characters
-# s and share after which what is left is guessed
+# elapsed time (s) and share from which the remaining time is estimated
 KNOWN_AFTER = 2.0
 KNOWN_FROM = 0.02
 _Thing = TypeVar("_Thing")
 
 
 class ProgressLine:
-    """`with Progress(options, "export") as progress: progress.tell("joints", 0.4)`."""
+    """`with ProgressLine(options, "export") as progress: progress.update("joints", 0.4)`."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class ProgressLine:
         out: TextIO | None = None,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`what` the line begins with. `seconds`: how long it will take, for steps that tell no share."""
+        """Begin the line with `what`. `seconds`: expected duration, for steps without a share."""
         self._out = sys.stderr if out is None else out
         self.live = not options.json and self._out.isatty() and os.environ.get("TERM") != "dumb"
         self._what = what
@@ -92,15 +92,15 @@ class ProgressLine:
 
 
 def _share(share: float | None, past: float) -> list[str]:
-    """A bar and the time, as far as they are known."""
+    """Parts of the line: the bar and the times, as far as they are known."""
     if share is None:
         return [_clock(past)]
     share = max(0.0, min(1.0, share))
     done = int(share * BAR)
-    said = [f"{'━' * done}{'─' * (BAR - done)} {share:4.0%}", _clock(past)]
+    parts = [f"{'━' * done}{'─' * (BAR - done)} {share:4.0%}", _clock(past)]
     if past >= KNOWN_AFTER and KNOWN_FROM <= share < 1.0:
-        said[-1] += f", about {_clock(past / share - past)} left"
-    return said
+        parts[-1] += f", about {_clock(past / share - past)} left"
+    return parts
 
 
 def _clock(seconds: float) -> str:

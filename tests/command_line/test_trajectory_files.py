@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from twind.ctl.trajectory_files import load_motion, motion_names
-from twind.ctl.verb import Rejected, UsageError
+from twind.command_line.trajectory_files import load_motion, motion_names
+from twind.command_line.verb import Rejected, UsageError
 
 
 def written(folder: Path, text: str) -> str:

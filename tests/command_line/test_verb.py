@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from twind.ctl.verb import complain, harmless, show
+from twind.command_line.verb import complain, harmless, show
 from twind.ctl.watch_command import WATCH
 
 EVIL = "a\x1b[2J\x9b31m\rb"

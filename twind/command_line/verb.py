@@ -1,4 +1,4 @@
-"""What a verb of `twindctl` is, and how verbs talk to the daemon and to people. Standard library only."""
+"""Protocol of a verb of `twindctl`; its connections to the daemon and its output. Standard library only."""
 
 import argparse
 import contextlib
@@ -11,34 +11,56 @@ from typing import Any, Protocol
 from twind.client import CallError, Client, ClientError, first_open
 from twind.exceptions import TwindError
 
-REMOTES = "twind.remotes"  # entry points: of the value of --remote a Client
+REMOTES = "twind.remotes"  # entry points: functions that make a Client from the value of --remote
+GROUPS = ("drive", "see", "set up", "record", "learn", "connect")  # headings of `twindctl --help`
 # exit codes
 DONE = 0
 REFUSED = 1
 USAGE = 2
 NO_DAEMON = 3
+INTERRUPTED = 130
+EXIT_CODES = {
+    DONE: "done",
+    REFUSED: "refused or failed",
+    USAGE: "wrong usage",
+    NO_DAEMON: "no daemon",
+    INTERRUPTED: "interrupted by Ctrl-C",
+}
 
 
 class Verb(Protocol):
     """A module or an object; the entry-point group `twind.verbs` names more of them.
 
-    One that also works with `--remote`, as all it asks of a robot goes that way, says `from_afar = True`.
+    `group` is one of GROUPS. The docstring of a module is its help: the first line is the line of the verb in
+    `twindctl --help`. A verb whose calls all work through `--remote` sets `supports_remote = True`.
     """
+
+    group: str
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Options of the verb, beside `--socket` and `--json`."""
 
     def run(self, options: argparse.Namespace) -> int:
-        """Do it; the exit code. May raise ClientError and UsageError."""
+        """Run the verb. Returns the exit code. May raise ClientError and UsageError."""
 
 
 @dataclass(frozen=True, slots=True)
 class FunctionVerb:
-    """A verb made of two functions."""
+    """A verb made of two functions.
 
+    `text`: the line of the verb in `twindctl --help`, then paragraphs that only its own help shows.
+    """
+
+    group: str
+    text: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
-    from_afar: bool = False
+    supports_remote: bool = False
+
+
+def help_text(verb: Verb) -> str:
+    """Documentation of a verb."""
+    return verb.text if isinstance(verb, FunctionVerb) else (verb.__doc__ or "")
 
 
 class UsageError(TwindError):
@@ -51,13 +73,13 @@ class Rejected(TwindError):
 
 def operator(options: argparse.Namespace) -> Client:
     """A connection that may command."""
-    return Client(options.socket) if elsewhere(options) is None else from_afar(options)
+    return Client(options.socket) if remote_robot(options) is None else remote_client(options)
 
 
 def connected(options: argparse.Namespace, *names: str) -> Client:
     """Connect to the first of the sockets `names` that accepts. Raises the NoDaemon of the last one."""
-    if elsewhere(options) is not None:
-        client = from_afar(options)
+    if remote_robot(options) is not None:
+        client = remote_client(options)
         client.connect()
         return client
     return first_open(options.socket, *names)
@@ -68,18 +90,18 @@ def observer(options: argparse.Namespace) -> Client:
     return connected(options, "observe", "control")
 
 
-def from_afar(options: argparse.Namespace) -> Client:
+def remote_client(options: argparse.Namespace) -> Client:
     """A connection to the robot of `--remote`, made at the first call. Raises UsageError."""
-    from importlib.metadata import entry_points  # 20 ms that nobody else need pay
+    from importlib.metadata import entry_points  # takes 20 ms, which local calls need not pay
 
     for point in entry_points(group=REMOTES):
-        client: Client = point.load()(elsewhere(options))
+        client: Client = point.load()(remote_robot(options))
         return client
-    raise UsageError("--remote: nothing that is installed here reaches robots elsewhere")
+    raise UsageError("--remote: no installed package reaches remote robots")
 
 
-def elsewhere(options: argparse.Namespace) -> str | None:
-    """The robot of `--remote`; None: a daemon of this machine is meant."""
+def remote_robot(options: argparse.Namespace) -> str | None:
+    """The robot of `--remote`. None: a daemon of this machine."""
     return getattr(options, "remote", None)
 
 
@@ -99,7 +121,7 @@ def lease(client: Client, *, take: bool = False) -> Iterator[None]:
 def calibrating(client: Client, *, take: bool = False) -> Iterator[None]:
     """Hold the lease and the state `calibrating`; both are given back at the end.
 
-    Who takes longer than a second has to call `RenewLease`, or the daemon ends it.
+    Work that takes longer than a second must call `RenewLease`, or the daemon ends the lease.
     """
     with lease(client, take=take):
         client.call("Calibrate", on=True)
@@ -111,7 +133,7 @@ def calibrating(client: Client, *, take: bool = False) -> Iterator[None]:
 
 
 def write_register(client: Client, *, take: bool = False, **register: Any) -> Any:
-    """WriteRegister; of EEPROM, as the daemon says, in a `calibrating` of its own. Raises ClientError."""
+    """Call WriteRegister; for an EEPROM register in a `calibrating` of its own. Raises ClientError."""
     try:
         return client.call("WriteRegister", **register)
     except CallError as error:
@@ -135,13 +157,13 @@ def harmless_lines(text: str) -> str:
 
 
 def show(options: argparse.Namespace, data: Any, text: str) -> None:
-    """The result: `data` as one line of JSON, or `text` for people, of which no control character is said."""
-    said = json.dumps(data, ensure_ascii=False) if options.json else harmless_lines(text)
-    print(said, flush=True)
+    """Print the result: `data` as one line of JSON, or `text` without its control characters."""
+    output = json.dumps(data, ensure_ascii=False) if options.json else harmless_lines(text)
+    print(output, flush=True)
 
 
 def complain(options: argparse.Namespace, error: Exception) -> None:
-    """An error: as JSON on standard output, or as text on standard error."""
+    """Print an error: as JSON on standard output, or as text on standard error."""
     if not options.json:
         for line in str(error).splitlines():
             print(f"twindctl: {harmless(line)}", file=sys.stderr)

@@ -1,7 +1,7 @@
 """Commands that add an extra of twind to the Python environment of this process.
 
-They name a folder and an environment, never the name `twind`: on PyPI that is another project. `make` adds to
-the environment of a clone: pip without `--editable` replaces the clone there by a copy.
+They name a folder and an environment, never the name `twind`: on PyPI that is another project. In a clone,
+`make` adds the extra: pip without `--editable` would replace the clone by a copy.
 """
 
 import json

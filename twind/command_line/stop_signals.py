@@ -1,4 +1,4 @@
-"""Verbs that go on until they are told to stop. Standard library only."""
+"""Stop signals of verbs that run until they are ended. Standard library only."""
 
 import signal
 import threading
@@ -9,8 +9,11 @@ STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
-def told_to_stop() -> Iterator[threading.Event]:
-    """Set by Ctrl-C, SIGTERM and a terminal that is closed, unless whoever started us wants that ignored."""
+def catch_stop_signals() -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C, SIGTERM and a closed terminal set.
+
+    Signals that the parent process ignores stay ignored.
+    """
     stop = threading.Event()
     signals = [each for each in STOPS if signal.getsignal(each) != signal.SIG_IGN]
     usual = {each: signal.signal(each, lambda *_: stop.set()) for each in signals}

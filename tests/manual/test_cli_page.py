@@ -1,0 +1,28 @@
+"""Reference page of the commands: as generated, complete, short."""
+
+from pathlib import Path
+
+from twind.ctl.verb_catalog import verb_names
+from twind.manual.cli_page import cli_page, main
+
+PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
+MOST = 900  # words
+
+
+def test_the_committed_page_is_the_generated_one() -> None:
+    assert PAGE.read_text() == cli_page(), "python -m twind.manual.cli_page docs/cli.md"
+
+
+def test_the_command_writes_the_page(tmp_path: Path) -> None:
+    assert main([str(tmp_path / "cli.md")]) == 0
+    assert (tmp_path / "cli.md").read_text() == cli_page()
+
+
+def test_the_page_has_one_row_for_each_verb_and_program() -> None:
+    rows = [line.split("`")[1] for line in cli_page().splitlines() if line.startswith("| `")]
+    assert sorted(rows) == sorted([*verb_names(), "twind", "twind-virtual"])
+
+
+def test_the_page_is_short() -> None:
+    words = [word for word in cli_page().split() if any(letter.isalnum() for letter in word)]
+    assert len(words) <= MOST

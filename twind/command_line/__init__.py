@@ -1,0 +1,1 @@
+"""Framework of the verbs of `twindctl`: protocol, options, connections, output. Standard library only."""
