@@ -12,15 +12,16 @@ from pathlib import Path
 from types import FrameType
 
 from twind.briefing import fingerprint
-from twind.config.config_files import CommandLineError, ConfigSources, LoadedConfig, describe, pack
+from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack
 from twind.config.daemon_settings import DaemonSettings
 from twind.config.port_names import virtual_port
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.flight import copy
 from twind.front import reserved_descriptors
 from twind.front.flight_folder import FAILSAFE, FlightFolder, meta_of, plain
-from twind.listening_sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
+from twind.listening_sockets import GROUPS, NAMES, Listener, group_of, listen
 from twind.loop import assembly, bus_tap, descriptors, realtime
 from twind.loop.bound_robot import BoundRobot
 from twind.loop.bus_opener import BusOpener
@@ -32,13 +33,14 @@ from twind.loop.hangup_signal import HangupSignal
 from twind.loop.inherited_descriptors import WRECK, InheritedDescriptors, handed_over
 from twind.loop.service_notify import Notifier
 from twind.loop.tick import Loop
-from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
+from twind.loop.virtual_robot_process import VirtualRobotProcess
+from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
 from twind.safety.gate import GateThresholds
 from twind.standard_streams import lines, stand_in_for_closed, write_line
-from twind.twin.binding import BindingError, bind
+from twind.twin.binding import bind
 from twind.version import __version__
-from twind_drivers.bus import PortError, PortInUse
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.clock import MonotonicClock
 
 FAILED = 1
@@ -101,11 +103,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with ExitStack() as stack:
             return _lower(options, stack) if options.failsafe else _serve(options, stack)
-    except (ConfigError, BindingError, CommandLineError, descriptors.TooFewDescriptors) as error:
+    except (ConfigError, InvalidInput) as error:
         code = USAGE
         why = str(error)
-    except (PortError, SocketError, VirtualRobotError) as error:
-        code = TAKEN if options.failsafe and isinstance(error, PortInUse) else FAILED
+    except (PortError, OperationFailed) as error:
+        in_use = isinstance(error, PortError) and error.kind is PortFault.IN_USE
+        code = TAKEN if options.failsafe and in_use else FAILED
         why = str(error)
     left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""
     print(lines(2, "error", f"twind: {why}{left}"), file=sys.stderr)
@@ -168,7 +171,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
 
 
 def _listener(inherited: InheritedDescriptors, folder: Path, name: str) -> Listener:
-    """The service manager's socket of that name, else one of our own. Raises SocketError."""
+    """The service manager's socket of that name, else one of our own. Raises OperationFailed."""
     given = inherited.sockets.get(name)
     if given is not None:
         return Listener.of(given, own=False)
@@ -179,7 +182,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     """`--failsafe`: the same loop without sockets and front, until the robot is let go, or left as it is."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if options.virtual:
-        raise CommandLineError("--failsafe is for a robot that is there: leave out --virtual")
+        raise InvalidInput("--failsafe is for a robot that is there: leave out --virtual")
     described = describe(_sources(options))
     mode = described.settings.mode
     ports = described.ports
@@ -201,10 +204,10 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    loop.say.event("info", "START", f"twind {__version__} --failsafe, {_what(loop)}")
+    loop.say.event("info", EventCode.START, f"twind {__version__} --failsafe, {_what(loop)}")
     failsafe.begin()
     try:
-        loop.run()
+        run_loop(loop)
     finally:
         loop.close()
     if failsafe.left:
@@ -215,7 +218,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
 
 
 def _made(described: LoadedConfig) -> tuple[BoundRobot, BusOpener]:
-    """The robot of these files, and its buses; nothing is opened. Raises BindingError."""
+    """The robot of these files, and its buses; nothing is opened. Raises InvalidInput."""
     robot = described.robot
     one = BoundRobot(robot, described.calibration, bind(robot, described.calibration))
     return one, BusOpener(robot, one.binding.joint_map, described.ports, described.rate_hz)
@@ -277,6 +280,18 @@ def _loop(
     )
 
 
+def run_loop(loop: Loop) -> None:
+    """Run the loop until it ends.
+
+    An InvalidInput of a running loop is a defect and no wrong setting. It must not end the process with exit
+    code 2, after which the service manager does not restart it.
+    """
+    try:
+        loop.run()
+    except InvalidInput as error:
+        raise RuntimeError(f"defect in the loop: {error}") from error
+
+
 def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_ups: HangupSignal) -> None:
     """Tick until told to end. A second signal does not cut the settling short."""
 
@@ -294,15 +309,15 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     said = f"twind {__version__}, {_what(loop)}; "
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
-    loop.say.event("info", "START", said)
+    loop.say.event("info", EventCode.START, said)
     for what, got in loop.parts.realtime.items():
         if not got.granted:
-            loop.say.event("warning", "START", f"not as real time wants it: {what} {got.text}")
+            loop.say.event("warning", EventCode.START, f"not as real time wants it: {what} {got.text}")
     if os.geteuid() == 0:
         for warning in wrong_groups(groups):
-            loop.say.event("warning", "START", warning)
+            loop.say.event("warning", EventCode.START, warning)
     try:
-        loop.run()
+        run_loop(loop)
     finally:
         # However it ends: the watchdog is fed no longer, and the front has some seconds for its last words.
         notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{ENDING * 1e6:.0f}")
@@ -326,7 +341,7 @@ def wrong_groups(groups: Mapping[str, str]) -> list[str]:
 
 def _sources(options: argparse.Namespace) -> ConfigSources:
     if options.virtual and (options.port or options.calibration):
-        raise CommandLineError(
+        raise InvalidInput(
             "--virtual brings its own port and calibration: leave out --port and --calibration"
         )
     return ConfigSources(

@@ -14,13 +14,11 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
+from twind.exceptions import OperationFailed
+
 NAMES = ("control", "observe")
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
 BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
-
-
-class SocketError(Exception):
-    """A control socket could not be made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +70,7 @@ class Listener:
 def listen(directory: Path, name: str) -> socket.socket:
     """Bind `directory/name.sock`, mode 0660, for its group where there is one and we may give it.
 
-    Which it became says `group_of`. Raises SocketError naming who or what is in the way.
+    Which it became says `group_of`. Raises OperationFailed naming who or what is in the way.
     """
     path = directory / f"{name}.sock"
     try:
@@ -90,7 +88,7 @@ def listen(directory: Path, name: str) -> socket.socket:
                 "where a service's folder was removed, `sudo systemd-tmpfiles --create` makes it, "
                 f"then restart the service, which lowers the robot first; or {remedy}"
             )
-        raise SocketError(f"{path}: {error.strerror or error}; {remedy}") from None
+        raise OperationFailed(f"{path}: {error.strerror or error}; {remedy}") from None
     with contextlib.suppress(KeyError, PermissionError):
         os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)
     return listener
@@ -134,14 +132,16 @@ def _make(directory: Path) -> None:
 def _check_folder(directory: Path) -> None:
     """Refuse a folder in which somebody else could put a socket in the place of ours."""
     if directory.is_symlink():
-        raise SocketError(f"{directory}: is a symbolic link; give the folder it points to with --socket DIR")
+        raise OperationFailed(
+            f"{directory}: is a symbolic link; give the folder it points to with --socket DIR"
+        )
     found = directory.stat()
     _check_owner(directory, found)
     group = found.st_mode & stat.S_IWGRP and found.st_gid not in (0, os.getegid())
     if group or found.st_mode & stat.S_IWOTH:
         mode = f"{stat.S_IMODE(found.st_mode):04o}"
         remedy = "`chmod go-w` it or choose another folder with --socket DIR"
-        raise SocketError(f"{directory}: others may write there (mode {mode}); {remedy}")
+        raise OperationFailed(f"{directory}: others may write there (mode {mode}); {remedy}")
 
 
 def _check_owner(path: Path, found: os.stat_result) -> None:
@@ -151,7 +151,7 @@ def _check_owner(path: Path, found: os.stat_result) -> None:
     with contextlib.suppress(KeyError):
         owner = f"{pwd.getpwuid(found.st_uid).pw_name} ({owner})"
     remedy = "run twind as that user, `chown` it, or choose another folder with --socket DIR"
-    raise SocketError(f"{path}: belongs to {owner}, not to us (uid {os.geteuid()}) or root; {remedy}")
+    raise OperationFailed(f"{path}: belongs to {owner}, not to us (uid {os.geteuid()}) or root; {remedy}")
 
 
 def _user() -> str:
@@ -178,7 +178,9 @@ def _bind(path: Path) -> socket.socket:
 def _clear_stale(path: Path) -> None:
     """Remove a socket that nobody listens on; refuse anything else that is there."""
     if path.is_symlink() or (path.exists() and not path.is_socket()):
-        raise SocketError(f"{path}: is not a socket; remove it or choose another folder with --socket DIR")
+        raise OperationFailed(
+            f"{path}: is not a socket; remove it or choose another folder with --socket DIR"
+        )
     if not path.exists():
         return
     _check_owner(path, path.lstat())
@@ -191,6 +193,6 @@ def _clear_stale(path: Path) -> None:
             return
         except BlockingIOError:
             pass
-    raise SocketError(
+    raise OperationFailed(
         f"{path}: another twind answers there; stop it or choose another folder with --socket DIR"
     )

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.command_line.verb import Rejected, UsageError
-from twind.config.config_files import CommandLineError as Unfit
 from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.daemon_settings import DaemonSettings, load_settings
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.instances import settings_of, sockets_of
+from twind.exceptions import InvalidInput
 
 SERVICE = Path("/etc/twind/twind.yaml")
 
@@ -60,7 +60,7 @@ def read(options: argparse.Namespace) -> RobotDescription:
         sockets = sockets_of(source, str(settings.socket_dir), SERVICE.parent)
         usual = settings.usual_calibration(robot.name)
         return RobotDescription(robot, ports, settings.calibration_path(robot.name), usual, Path(sockets))
-    except Unfit as error:
+    except InvalidInput as error:
         raise UsageError(str(error)) from None
     except ConfigError as error:
         raise Rejected(str(error)) from None

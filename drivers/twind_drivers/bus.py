@@ -10,21 +10,18 @@ yields one request and is sent its reply, so that the loop steps it, one transac
 The `BusReader` exists in mirror and live, the `BusWriter` in live only: a mirror has no object that could
 write.
 
-    BusError
-    ├── PortError          the port could not be opened, or was lost (`lost` is True)
-    │   └── PortFull       the last packet had not left when the next was due: that one was not sent
-    ├── NoReply            nobody answered where somebody must
-    ├── DeviceRefused      a device answered with an error, or reads back other than written
-    └── WireClamp          a packet of ours failed its own last check and was not sent
+`twind.exceptions` draws the tree of errors.
 """
 
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twind.exceptions import InvalidInput, TwindError
 from twind_drivers.clock import ArrivalSource
 
 if TYPE_CHECKING:
@@ -38,39 +35,46 @@ Floats = NDArray[np.float64]
 # --------------------------------------------------------------------------------------------- errors
 
 
-class BusError(Exception):
-    """The bus did not do what was asked."""
+class BusError(TwindError):
+    """A bus that did not do what was requested."""
+
+
+class PortFault(StrEnum):
+    """Cause of a PortError, as far as a caller reacts to it."""
+
+    OTHER = "other"
+    IN_USE = "in use"  # by another process
+    BAUD_RATE = "baud rate"  # adapter or driver does not support the requested one
+    OUTPUT_FULL = "output full"  # the rest of the output was dropped, nothing was sent
+    LOST = "lost"  # the port is gone
 
 
 class PortError(BusError):
-    """A port that cannot be opened, or that went away."""
+    """A port that cannot be opened or used."""
 
-    def __init__(self, port: str, reason: str, *, lost: bool = False) -> None:
+    def __init__(self, port: str, reason: str, kind: PortFault = PortFault.OTHER) -> None:
         super().__init__(f"{port}: {reason}")
         self.port = port
         self.reason = reason
-        self.lost = lost
+        self.kind = kind
+
+    @property
+    def lost(self) -> bool:
+        """True if the port is gone."""
+        return self.kind is PortFault.LOST
 
 
-class PortInUse(PortError):
-    """Another process has the port."""
+def output_full(port: str, waiting: int, most: int) -> PortError:
+    """Build the error for a port whose output was dropped.
 
-
-class BaudRefused(PortError):
-    """The adapter or its driver does not do the baud rate that was asked for."""
-
-
-class OutputQueueFull(PortError):
-    """More than the last packet waited in the port's output: discarded, nothing is sent (TX_BACKLOG)."""
-
-    def __init__(self, port: str, waiting: int, most: int) -> None:
-        super().__init__(
-            port,
-            f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
-            "sent; is the adapter stuck, or slower than its baud rate says?",
-        )
-        self.waiting = waiting
-        self.most = most
+    `waiting`: bytes that were in it; `most`: bytes of the last packet.
+    """
+    return PortError(
+        port,
+        f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
+        "sent; is the adapter stuck, or slower than its baud rate says?",
+        PortFault.OUTPUT_FULL,
+    )
 
 
 class NoReply(BusError):
@@ -95,13 +99,10 @@ class DeviceRefused(BusError):
         self.reason = reason
 
 
-class UnknownRegister(KeyError):
-    """A device has no register of that name. `near`: the nearest names that it has."""
-
-    def __init__(self, device: str, name: str, near: Sequence[str] = ()) -> None:
-        nearest = f"; near: {', '.join(near)}" if near else ""
-        super().__init__(f"{device} has no register {name!r}{nearest}")
-        self.near = tuple(near)
+def unknown_register(device: str, name: str, near: Sequence[str] = ()) -> InvalidInput:
+    """Build the error for a register that `device` lacks. `near`: the nearest names that it has."""
+    nearest = f"; near: {', '.join(near)}" if near else ""
+    return InvalidInput(f"{device} has no register {name!r}{nearest}", near=near)
 
 
 class WireClamp(BusError):
@@ -287,19 +288,19 @@ class ByteTransport(PortHandle, Protocol):
     holds: bool  # what is written may wait in it, and `backlog` knows how much
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send all of `data` in one system call. Raises PortError(lost=True)."""
+        """Send all of `data` in one system call. Raises PortError of kind LOST."""
 
     def read_into(self, buffer: memoryview) -> int:
-        """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
+        """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
 
     def drain(self, thrown: bytearray | None = None) -> int:
         """Throw away what has arrived; bytes thrown, put into `thrown` too. Called before each request."""
 
     def backlog(self) -> int:
-        """Bytes written that have not left yet; 0 where that is unknown. Raises PortError(lost=True)."""
+        """Bytes written that have not left yet; 0 where that is unknown. Raises PortError of kind LOST."""
 
     def flush(self) -> None:
-        """Throw away what has not left yet. Raises PortError(lost=True)."""
+        """Throw away what has not left yet. Raises PortError of kind LOST."""
 
 
 class BusReader(Protocol):

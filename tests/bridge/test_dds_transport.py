@@ -21,8 +21,8 @@ from twind.bridge.ros.dds.dds_names import GRAPH, dds_name, user_data
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.bridge.ros.ros_endpoints import SERVICES, RosTopic
-from twind.bridge.ros.ros_transport import TransportError
 from twind.command_line.extras import how_to_add
+from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING
 
 OUT = RosTopic("/out", STRING, out=True)
@@ -79,7 +79,7 @@ def test_a_subnet_is_searched_by_multicast_and_a_users_own_configuration_counts(
 
 
 def test_a_peer_without_an_address_is_told_and_ends_no_process() -> None:
-    with pytest.raises(TransportError, match=r"ROS_STATIC_PEERS: no-such-host\.invalid"):
+    with pytest.raises(OperationFailed, match=r"ROS_STATIC_PEERS: no-such-host\.invalid"):
         configuration(DiscoverySettings(peers=("no-such-host.invalid",)))
 
 
@@ -111,13 +111,13 @@ def node() -> Iterator[DdsTransport]:
 
 @pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\x00\x01\x00\x00", b"\xff\xff\x00\x00body"])
 def test_what_is_no_message_at_all_is_refused(node: DdsTransport, data: bytes) -> None:
-    with pytest.raises(TransportError, match=rf"/out: {len(data)} bytes are no CDR"):
+    with pytest.raises(OperationFailed, match=rf"/out: {len(data)} bytes are no CDR"):
         node.publish(OUT, data)
 
 
 def test_a_topic_that_is_not_open_or_not_outbound_is_refused(node: DdsTransport) -> None:
     for topic in (RosTopic("/other", STRING, out=True), INTO):
-        with pytest.raises(TransportError, match=f"{topic.name}: no such topic is open"):
+        with pytest.raises(OperationFailed, match=f"{topic.name}: no such topic is open"):
             node.publish(topic, b"\x00\x01\x00\x00abcd")
 
 
@@ -170,7 +170,7 @@ def test_it_may_be_left_twice_and_joined_again() -> None:
             node.publish(OUT, b"\x00\x01\x00\x00abcd")
             node.close()
             node.close()
-        with pytest.raises(TransportError, match="no such topic is open"):
+        with pytest.raises(OperationFailed, match="no such topic is open"):
             node.publish(OUT, b"\x00\x01\x00\x00abcd")
 
 
@@ -179,7 +179,7 @@ def test_two_of_one_process_in_a_domain_are_refused_in_words_and_leave_the_first
         first = DdsTransport(DiscoverySettings(domain=domain), print)
         second = DdsTransport(DiscoverySettings(domain=domain), print)
         first.open((OUT,), (), nothing, nothing)
-        with pytest.raises(TransportError, match=f"ROS_DOMAIN_ID={domain}: another of this process"):
+        with pytest.raises(OperationFailed, match=f"ROS_DOMAIN_ID={domain}: another of this process"):
             second.open((OUT,), (), nothing, nothing)
         first.publish(OUT, b"\x00\x01\x00\x00abcd")
         first.close()
@@ -211,11 +211,11 @@ def test_a_missing_or_unknown_library_is_told_with_the_remedy(
     with monkeypatch.context() as patch:
         patch.setattr(importlib.metadata, "version", lambda _: version)
         with pytest.raises(
-            TransportError, match=rf"{version} is installed, must be {KNOWN}: {re.escape(how_to_add('dds'))}"
+            OperationFailed, match=rf"{version} is installed, must be {KNOWN}: {re.escape(how_to_add('dds'))}"
         ):
             node.open((OUT,), (), nothing, nothing)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(TransportError, match=rf"cyclonedds is missing: {re.escape(how_to_add('dds'))}"):
+    with pytest.raises(OperationFailed, match=rf"cyclonedds is missing: {re.escape(how_to_add('dds'))}"):
         node.open((OUT,), (), nothing, nothing)
 
 

@@ -4,13 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.discovery import (
-    LAST_DOMAIN,
-    DiscoveryError,
-    DiscoveryRange,
-    DiscoverySettings,
-    discovery,
-)
+from twind.bridge.ros.discovery import LAST_DOMAIN, DiscoveryRange, DiscoverySettings, discovery
+from twind.exceptions import InvalidInput
 
 TEXTS = st.text(st.characters(exclude_characters="\0"), max_size=12)
 
@@ -63,7 +58,7 @@ def test_options_come_before_the_environment() -> None:
     ],
 )
 def test_what_says_nothing_usable_is_refused_by_name(name: str, value: str) -> None:
-    with pytest.raises(DiscoveryError, match=name if name != "ROS_DOMAIN_ID" else "ROS_DOMAIN_ID|domain"):
+    with pytest.raises(InvalidInput, match=name if name != "ROS_DOMAIN_ID" else "ROS_DOMAIN_ID|domain"):
         discovery({name: value})
 
 
@@ -72,7 +67,7 @@ def test_whatever_is_set_the_answer_is_sound_or_an_error(domain: str, reach: str
     said = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers}
     try:
         found = discovery(said)
-    except DiscoveryError:
+    except InvalidInput:
         return
     assert 0 <= found.domain <= LAST_DOMAIN
     assert not any(set('"<>& ;') & set(peer) for peer in found.peers)

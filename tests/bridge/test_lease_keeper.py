@@ -11,11 +11,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from msgspec import convert
 
 from tests.support.scripted_line import ToldDaemon, ended, ended_in_words
 from twind.bridge.motion_session import MotionSession
 from twind.bridge.uplink.lease_keeper import LeaseKeeper
 from twind.bridge.uplink.planned_durations import PlannedDurations
+from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
 from twind.bridge.uplink.remote_lease import RemoteLease
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client import CallError, Refused
@@ -45,11 +47,11 @@ class Hand:
         )
 
     def acquire(self, holder: str, **more: Any) -> str:
-        return str(self.reins.lease({"op": "acquire", "holder": holder, **more})["lease"])
+        return str(self.reins.lease(LeaseQuery("acquire", holder, **more))["lease"])
 
     def goal(self, name: str, lease: str, came: float | None = None) -> dict[str, Any]:
         asked = {"goal": name, "lease": lease, "deadline": self.time + 20.0, "trajectory": PATH}
-        return self.reins.goal(asked, time.monotonic() if came is None else came)
+        return self.reins.goal(convert(asked, GoalQuery), time.monotonic() if came is None else came)
 
     @property
     def sent(self) -> int:
@@ -103,7 +105,7 @@ def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_do
 
     second = hand.goal("more", lease)["id"]
     came = time.monotonic()
-    hand.reins.lease({"op": "release", "lease": lease})
+    hand.reins.lease(LeaseQuery("release", lease=lease))
     lease = hand.acquire("next")
     hand.reins.on_monitor_reply({**ended(second, "aborted"), "time": time.monotonic()})
     assert hand.goal("own", lease, came)["phase"] == "accepted"
@@ -184,9 +186,9 @@ def test_who_holds_the_lease_beside_the_robot_is_not_taken_it_from_afar(hand: Ha
 def test_a_goal_is_asked_after_by_its_name(hand: Hand) -> None:
     lease = hand.acquire("desk")
     accepted = hand.goal("wave", lease)
-    assert hand.reins.goal({"goal": "wave", "lease": lease}, time.monotonic()) == accepted
+    assert hand.reins.goal(GoalQuery("wave", lease), time.monotonic()) == accepted
     with pytest.raises(CallError, match="not known"):
-        hand.reins.goal({"goal": "bow", "lease": lease}, time.monotonic())
+        hand.reins.goal(GoalQuery("bow", lease), time.monotonic())
     assert hand.sent == 1
 
 

@@ -16,11 +16,11 @@ from twind.bridge.ros.ros_trajectory import (
     NUMBERS,
     POINTS,
     CommandHeader,
-    InvalidRosCommand,
     heading,
     trajectory,
 )
 from twind.bridge.ros.trajectory_dispatcher import MORE
+from twind.client import Refused
 from twind.front.front_server import LIMITS
 from twind.ros import JOINT_TRAJECTORY, encode, stamp
 from twind.ros.cdr import CdrReader
@@ -40,7 +40,7 @@ def command(*points: dict[str, Any], when: int = 0, joints: Any = ("l_knee",), f
 
 
 def code_of(data: bytes) -> str:
-    with pytest.raises(InvalidRosCommand) as refused:
+    with pytest.raises(Refused) as refused:
         trajectory(data, NOW)
     return str(refused.value.findings[0]["code"])
 
@@ -55,7 +55,7 @@ def test_stamp_zero_is_now_and_empty_columns_are_left_out() -> None:
 def test_a_future_stamp_waits_and_one_too_far_ahead_names_the_clock() -> None:
     assert trajectory(command(point(1.0), when=NOW + 2 * SECOND), NOW)["start_in"] == 2.0
     assert code_of(command(point(1.0), when=NOW + round(AHEAD * SECOND) + 1)) == "TOO_DISTANT"
-    with pytest.raises(InvalidRosCommand, match=r"86400.000 s ahead of the robot's clock.*stamp 0 means now"):
+    with pytest.raises(Refused, match=r"86400.000 s ahead of the robot's clock.*stamp 0 means now"):
         trajectory(command(point(1.0), when=NOW + DAY), NOW)
 
 
@@ -65,7 +65,7 @@ def test_of_a_past_stamp_what_is_over_is_left_out_and_all_over_is_refused() -> N
     assert found["start_in"] == 0.0
     assert found["points"] == [{"positions": [0.3], "time_from_start": 1.0}]
     assert code_of(command(*points, when=NOW - 3 * SECOND)) == "CMD_EXPIRED"
-    with pytest.raises(InvalidRosCommand, match=r"86397\.000 s in the past"):
+    with pytest.raises(Refused, match=r"86397\.000 s in the past"):
         trajectory(command(*points, when=NOW - DAY), NOW)
 
 
@@ -77,7 +77,7 @@ def test_whatever_is_left_of_a_past_command_happens_at_its_own_time(times: list[
     points = [point(0.0) | {"time_from_start": stamp(time)} for time in times]
     try:
         found = trajectory(command(*points, when=NOW - late), NOW)
-    except InvalidRosCommand:
+    except Refused:
         assert times[-1] <= late
         return
     left = [time for time in times if time > late]
@@ -95,7 +95,7 @@ def test_of_a_past_command_out_of_order_nobody_knows_what_is_over() -> None:
 @pytest.mark.parametrize("column", ["positions", "velocities", "accelerations"])
 def test_a_number_that_is_none_is_named(column: str, value: float) -> None:
     row = {"positions": [0.1, 0.2], column: [0.0, value]}
-    with pytest.raises(InvalidRosCommand, match=rf"r_knee, point 1: {column} is {value}"):
+    with pytest.raises(Refused, match=rf"r_knee, point 1: {column} is {value}"):
         trajectory(command(point(1.0, [0.1, 0.2]), point(2.0, **row), joints=("l_knee", "r_knee")), NOW)
 
 
@@ -113,7 +113,7 @@ def test_bytes_that_are_no_command_are_refused_with_what_is_wrong() -> None:
 def test_no_bytes_break_it(data: bytes) -> None:
     for each in (data, b"\x00\x01\x00\x00" + data):
         assert heading(each) is None or isinstance(heading(each), CommandHeader)
-        with contextlib.suppress(InvalidRosCommand):
+        with contextlib.suppress(Refused):
             trajectory(each, NOW)
 
 

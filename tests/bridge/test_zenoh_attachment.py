@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.zenoh.zenoh_attachment import AttachmentError, ZenohAttachment, attachment
+from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment, attachment
+from twind.exceptions import InvalidInput
 
 numbers = st.integers(0, 2**63 - 1)
 gids = st.binary(min_size=16, max_size=16)
@@ -39,7 +40,7 @@ def test_other_bytes_are_refused_in_words(data: bytes) -> None:
     if plain:
         assert attachment(data).pack() == data
     else:
-        with pytest.raises(AttachmentError, match=f"^{len(data)} bytes are no attachment"):
+        with pytest.raises(InvalidInput, match=f"^{len(data)} bytes are no attachment"):
             attachment(data)
 
 
@@ -49,5 +50,5 @@ def test_a_gid_of_another_width_is_refused() -> None:
         plain[:16] + b"\x18" + plain[17:],
         labelled.replace(b"\x10" + bytes(16), b"\x11" + bytes(16)),
     ):
-        with pytest.raises(AttachmentError):
+        with pytest.raises(InvalidInput):
             attachment(data)

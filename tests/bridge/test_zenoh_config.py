@@ -8,9 +8,9 @@ import pytest
 
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_trajectory import LONGEST
-from twind.bridge.ros.ros_transport import TransportError
 from twind.bridge.ros.zenoh import ZenohTransport
 from twind.bridge.ros.zenoh.zenoh_config import CONFIG, OVERRIDE, session_config
+from twind.exceptions import OperationFailed
 
 
 def said(*keys: str, environment: dict[str, str] | None = None, **given: Any) -> list[Any]:
@@ -44,11 +44,11 @@ def test_overrides_come_last() -> None:
 
 
 def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(TransportError, match=r"gone\.json5"):
+    with pytest.raises(OperationFailed, match=r"gone\.json5"):
         session_config({}, None, str(tmp_path / "gone.json5"))
-    with pytest.raises(TransportError, match=OVERRIDE):
+    with pytest.raises(OperationFailed, match=OVERRIDE):
         session_config({OVERRIDE: "no/such/key=1"}, None, None)
-    with pytest.raises(TransportError, match="nonsense"):
+    with pytest.raises(OperationFailed, match="nonsense"):
         session_config({}, "nonsense", None)
 
 

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from tests.support.doc_pages_text import ROOT, table
 from twind.config import hot_changes, reload_plan
 from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack, unpacked
-from twind.config.hot_changes import HOT, RestartRequired, applied, robot_difference, same
+from twind.config.hot_changes import HOT, applied, robot_difference, same
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput
 
 H24 = load_robot("h24")
 MIXED = load_robot("h24-mixed")
@@ -164,7 +165,7 @@ def test_where_the_joints_are_others_nothing_is_hot() -> None:
     ],
 )
 def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> None:
-    with pytest.raises(RestartRequired):
+    with pytest.raises(InvalidInput):
         applied(H24, {f"{YAW}.acceleration_limit_rad_s2": 1.0, **changes})
 
 
@@ -182,7 +183,7 @@ def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> Non
     ],
 )
 def test_settings_that_no_file_may_have_are_refused(changes: Mapping[str, Any]) -> None:
-    with pytest.raises(RestartRequired):
+    with pytest.raises(InvalidInput):
         hot_changes.thresholds(changes, 50.0, 100.0)
 
 

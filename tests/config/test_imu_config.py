@@ -10,7 +10,8 @@ from twind.config.hot_changes import robot_difference
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.twin.binding import BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 
 STANDING = load_robot("h24-standing")
 TEXT = STANDING.path.read_text()
@@ -70,7 +71,7 @@ def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, old: str, new: str
 def test_a_site_that_the_base_lacks_is_refused_by_the_model_at_its_line(tmp_path: Path) -> None:
     robot = read(tmp_path, "site: imu", "site: l_sole")
     line = TEXT[: TEXT.index("site: imu")].count("\n") + 1
-    with pytest.raises(BindingError, match=rf"standing.yaml:{line}:\d+: .*no site 'l_sole'; it has imu"):
+    with pytest.raises(InvalidInput, match=rf"standing.yaml:{line}:\d+: .*no site 'l_sole'; it has imu"):
         bind(robot, None)
 
 

@@ -15,9 +15,10 @@ from twind.config.calibration_file import dump_calibration, load_calibration, te
 from twind.config.daemon_settings import load_settings
 from twind.config.robot_file import RobotFile, load_robot, read_robot
 from twind.config.yaml_tree import MAX_BYTES, ConfigError
+from twind.exceptions import InvalidInput
 from twind.protocol.interfaces import CONTROL, load
 from twind.protocol.plain_file import read_plain
-from twind.protocol.strict_json import BadJson, loads
+from twind.protocol.strict_json import loads
 from twind.virtual.virtual_robot_spec import calibration, specimen
 
 H24 = load_robot("h24")
@@ -260,7 +261,7 @@ JSON: dict[str, bytes] = {
 
 @pytest.mark.parametrize("trap", JSON)
 def test_a_message_with_a_trap_is_refused(trap: str) -> None:
-    with pytest.raises(BadJson) as error:
+    with pytest.raises(InvalidInput) as error:
         loads(JSON[trap])
     assert len(str(error.value)) < 200
 
@@ -335,4 +336,4 @@ def test_no_number_of_a_call_takes_anything_else(method: str) -> None:
         for wrong in (True, False, "1", [1], {"a": 1}, "NaN", "1e3"):
             with pytest.raises(Exception, match="expected") as error:
                 check(changed(CALLS[method], place, wrong), "")
-            assert type(error.value).__name__ == "WrongParameter"
+            assert type(error.value).__name__ == "InvalidInput"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.bus_scan import (
@@ -358,7 +358,7 @@ def test_a_port_that_goes_away_ends_the_scan() -> None:
 
 def test_a_port_that_is_gone_when_its_rate_is_set_ends_the_scan_too() -> None:
     def at(baud: int) -> Prober:
-        raise PortError("bench", "adapter unplugged?", lost=True)
+        raise PortError("bench", "adapter unplugged?", kind=PortFault.LOST)
 
     with pytest.raises(PortError, match="unplugged"):
         next(scan(at))

@@ -10,7 +10,8 @@ import pytest
 
 from tests.support.can_channels_rig import Terminal
 from tests.support.can_frames import cycle, heard, messages_of, mixed, same
-from twind_drivers.bus import OutputQueueFull, PortError
+from tests.support.driver_rig import is_output_full
+from twind_drivers.bus import PortError
 from twind_drivers.can import can_ports
 from twind_drivers.can.can_ports import CanPort, open_channel, parse, present
 from twind_drivers.can.channel import CanErrorState
@@ -100,7 +101,7 @@ def test_an_adapter_that_reads_nothing_fills_up_and_is_lost_after_a_second(termi
                 break
     first = full[0]
     last = full[-1]
-    assert isinstance(first[1], OutputQueueFull)
+    assert is_output_full(first[1])
     assert last[1].lost
     assert 100 <= last[0] - first[0] <= 150
     channel.close()

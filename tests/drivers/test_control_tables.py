@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from twind_drivers.bus import UnknownRegister
+from twind.exceptions import InvalidInput
 from twind_drivers.dynamixel import control_tables
 from twind_drivers.dynamixel.control_tables import ControlTable, models, number_of, table
 
@@ -53,7 +53,7 @@ def test_a_model_is_known_by_its_name_in_any_case_and_with_its_connector(name: s
 def test_a_misspelt_model_or_register_lists_the_near_ones() -> None:
     with pytest.raises(KeyError, match="XM430-W350"):
         number_of("XM430-W530")
-    with pytest.raises(UnknownRegister, match="goal_position") as caught:
+    with pytest.raises(InvalidInput, match="goal_position") as caught:
         table(1020)["goal_positon"]
     assert caught.value.near[0] == "goal_position"
     with pytest.raises(KeyError, match="4711"):
@@ -135,5 +135,5 @@ def test_a_register_is_found_by_its_address_too_and_robot_files_still_need_names
     xm430 = table(1020)
     assert xm430["11"] == xm430["operating_mode"] and xm430["116"] == xm430["Goal Position"]
     assert "11" not in xm430
-    with pytest.raises(KeyError, match="no register '1000'"):
+    with pytest.raises(InvalidInput, match="no register '1000'"):
         xm430["1000"]

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from tests.support.two_bus_rig import IDS, TwoBuses
+from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
     BusError,
     DeviceRefused,
     NoReply,
     PingRequest,
     PortError,
+    PortFault,
     ReadRequest,
     Script,
     SlowRegisterValues,
@@ -41,7 +43,7 @@ def test_an_error_names_the_bus_the_device_the_value_and_the_bound(error: BusErr
 
 def test_a_port_that_cannot_be_opened_is_not_a_lost_one() -> None:
     assert not PortError("p", "r").lost
-    assert PortError("p", "r", lost=True).lost
+    assert PortError("p", "r", kind=PortFault.LOST).lost
 
 
 def test_registers_never_read_are_unknown_and_infinitely_old() -> None:
@@ -99,7 +101,7 @@ def test_an_error_of_the_script_comes_out(world: TwoBuses) -> None:
     world.virtual["left"].faults.silence(2)
     with pytest.raises(NoReply, match=r"\[2\]"):
         perform(reader, reader.read(2, "led"), world.clock)
-    with pytest.raises(KeyError, match="led"):
+    with pytest.raises(InvalidInput, match="led"):
         perform(reader, reader.read(1, "ledd"), world.clock)
 
 

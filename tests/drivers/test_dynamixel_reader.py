@@ -6,14 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.driver_rig import is_output_full
 from tests.support.dynamixel_reader_rig import pose
 from tests.support.dynamixel_responder import Servos, Wire
+from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
     BusSample,
     DeviceRefused,
     NoReply,
-    OutputQueueFull,
     PingRequest,
+    PortError,
     ReadRequest,
     WriteRequest,
 )
@@ -258,7 +260,7 @@ def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_nex
     reader, wire = make(servos, ids=(1,), fast=False)
     wire.holds = True
     wire.backlog = lambda: 1000
-    with pytest.raises(OutputQueueFull):
+    with pytest.raises(PortError, check=is_output_full):
         reader.begin(reader.upkeep(0.0), 0.0)
     wire.holds = False
     writer = DynamixelWriter(reader, lower=np.array([0]), upper=np.array([4095]))
@@ -298,7 +300,7 @@ def test_reading_says_what_went_wrong() -> None:
         perform(reader, reader.read(3, "led"), clock)
     with pytest.raises(DeviceRefused, match=r"id 4.*read-only, undefined"):
         perform(reader, reader.read(4, "led"), clock)
-    with pytest.raises(KeyError, match="led"):
+    with pytest.raises(InvalidInput, match="led"):
         perform(reader, reader.read(1, "ledd"), clock)
     with pytest.raises(KeyError, match="no id 99"):
         perform(reader, reader.read(99, "led"), clock)

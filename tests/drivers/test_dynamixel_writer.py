@@ -7,6 +7,7 @@ import pytest
 
 from tests.support.dynamixel_responder import Servos, Wire
 from tests.support.dynamixel_rig import FAST, IDS, SYNC, Bench
+from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
     BurstWriteRequest,
     DeviceRefused,
@@ -224,7 +225,7 @@ def test_a_servo_that_says_no_is_quoted() -> None:
     bench.servos.error = {2: 4}
     with pytest.raises(DeviceRefused, match="watchdog has tripped"):
         bench.run(bench.writer.write(2, "led", 1))
-    with pytest.raises(KeyError, match="led"):
+    with pytest.raises(InvalidInput, match="led"):
         bench.run(bench.writer.write(2, "lad", 1))
 
 

@@ -12,17 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.briefing import Briefing, JointInfo
-from twind.flight import (
-    EntryKind,
-    FlightContents,
-    FlightEntry,
-    FlightError,
-    PackedFlight,
-    about,
-    load,
-    pack,
-    save,
-)
+from twind.exceptions import InvalidInput
+from twind.flight import EntryKind, FlightContents, FlightEntry, PackedFlight, about, load, pack, save
 from twind.flight import flight_file as file_module
 
 BRIEFING = Briefing(
@@ -82,12 +73,11 @@ def test_a_file_cut_at_any_byte_or_gone_on_with_is_refused(whole: Path) -> None:
     data = whole.read_bytes()
     for end in range(len(data)):
         whole.write_bytes(data[:end])
-        with pytest.raises(FlightError) as refused:
+        with pytest.raises(InvalidInput) as refused:
             load(whole)
-        assert refused.value.path == str(whole)
-        assert refused.value.remedy
+        assert refused.value.where == str(whole)
     whole.write_bytes(data + b"\0")
-    with pytest.raises(FlightError, match="1 bytes lie behind its end"):
+    with pytest.raises(InvalidInput, match="1 bytes lie behind its end"):
         load(whole)
 
 
@@ -102,7 +92,7 @@ def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
         try:
             assert load(whole).contents == CONTENTS
             harmless += 1
-        except FlightError:
+        except InvalidInput:
             pass
     assert harmless <= 3
 
@@ -119,19 +109,19 @@ def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
 def test_records_that_are_none_are_refused(tmp_path: Path, records: bytes, what: str) -> None:
     for packed in (PackedFlight({}, records), PackedFlight({0: records}, b"")):
         save(tmp_path / "a.flight", META, BYTES, packed)
-        with pytest.raises(FlightError, match=what):
+        with pytest.raises(InvalidInput, match=what):
             load(tmp_path / "a.flight")
 
 
 def test_a_briefing_that_is_none_is_refused(tmp_path: Path) -> None:
     save(tmp_path / "a.flight", META, b"\x90", CONTENTS)
-    with pytest.raises(FlightError, match="another format"):
+    with pytest.raises(InvalidInput, match="another format"):
         load(tmp_path / "a.flight")
 
 
 def test_a_file_of_another_kind_is_refused_and_one_that_cannot_be_read_is_an_os_error(tmp_path: Path) -> None:
     (tmp_path / "other").write_bytes(b"\x89MCAP0\r\n" * 10)
-    with pytest.raises(FlightError, match="`twindctl dump` writes one"):
+    with pytest.raises(InvalidInput, match="`twindctl dump` writes one"):
         load(tmp_path / "other")
     with pytest.raises(FileNotFoundError):
         load(tmp_path / "none")
@@ -187,7 +177,7 @@ def sections(*named: tuple[str, bytes]) -> tuple[bytes, list[bytes]]:
 
 
 def refused(path: Path) -> str:
-    with pytest.raises(FlightError) as error:
+    with pytest.raises(InvalidInput) as error:
         load(path)
     return str(error.value)
 
@@ -219,7 +209,7 @@ def test_a_head_or_a_briefing_that_is_nested_without_end_is_refused(tmp_path: Pa
     head = b"\x82\xa4meta\x81\xa1a" + deep + b"\xa8sections\x90"
     path = forged(tmp_path / "a.flight", head)
     assert "its head has another format" in refused(path)
-    with pytest.raises(FlightError, match="its head has another format"):
+    with pytest.raises(InvalidInput, match="its head has another format"):
         about(path)
     briefing = BYTES.replace(b"\xaaparameters\x80", b"\xaaparameters\x81\xa1a" + deep)
     assert len(briefing) > len(deep)
@@ -232,5 +222,5 @@ def test_a_head_that_is_too_large_is_not_even_looked_at(tmp_path: Path) -> None:
         tmp_path / "a.flight", msgspec.msgpack.encode({"meta": {"a": "x" * (1 << 20)}, "sections": []})
     )
     assert "at most 1048576" in refused(path)
-    with pytest.raises(FlightError, match="at most 1048576"):
+    with pytest.raises(InvalidInput, match="at most 1048576"):
         about(path)

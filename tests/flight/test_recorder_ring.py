@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twind.exceptions import InvalidInput
 from twind.flight import (
     NO_BUS,
     EntryKind,
     FlightContents,
     FlightEntry,
-    FlightError,
     FlightRing,
     held_span,
     pack,
@@ -189,7 +189,7 @@ def test_no_ring_is_said_so() -> None:
         fd = os.memfd_create("foreign")
         try:
             os.write(fd, data)
-            with pytest.raises(FlightError, match="none of this version"):
+            with pytest.raises(InvalidInput, match="none of this version"):
                 read(fd)
         finally:
             os.close(fd)

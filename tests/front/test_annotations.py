@@ -6,10 +6,10 @@ import pytest
 
 from tests.support.daemon_rig import Rig
 from twind import link
+from twind.exceptions import InvalidInput
 from twind.front.annotations import LONGEST, annotation
 from twind.link import Annotation
 from twind.loop.requests import MARKS
-from twind.protocol import WrongParameter
 
 
 def said(kind: str, **given: Any) -> Annotation:
@@ -17,7 +17,7 @@ def said(kind: str, **given: Any) -> Annotation:
 
 
 def wrong(kind: str, **given: Any) -> str:
-    with pytest.raises(WrongParameter) as caught:
+    with pytest.raises(InvalidInput) as caught:
         said(kind, **given)
     return caught.value.where
 

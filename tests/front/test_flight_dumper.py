@@ -13,7 +13,8 @@ import pytest
 from tests.support.loop_stand_in import briefing, overview, tick
 from twind import link
 from twind.briefing import fingerprint
-from twind.flight import EntryKind, FlightError, FlightRing, copy, load
+from twind.exceptions import InvalidInput
+from twind.flight import EntryKind, FlightRing, copy, load
 from twind.front import flight_dumper as module
 from twind.front.flight_dumper import AFTERMATH, AGAIN, WRECK_AGAIN, FlightDumper, RecorderHandover
 from twind.front.flight_folder import FlightFolder
@@ -440,7 +441,7 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
 ) -> None:
     def told(_fd: int) -> Any:
         if broken is None:
-            raise FlightError("ring", "is none", "")
+            raise InvalidInput("is none", where="ring")
         return broken
 
     async def story() -> None:

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from twind import link, listening_sockets
+from twind.exceptions import OperationFailed
 from twind.front.listening import Listening
-from twind.listening_sockets import Listener, SocketError, listen
+from twind.listening_sockets import Listener, listen
 
 
 class Wire:
@@ -187,7 +188,9 @@ def test_a_folder_that_went_away_from_a_service_is_refused_with_what_brings_it_b
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
-    with pytest.raises(SocketError, match=r"systemd-tmpfiles --create.*restart the service, which lowers"):
+    with pytest.raises(
+        OperationFailed, match=r"systemd-tmpfiles --create.*restart the service, which lowers"
+    ):
         listen(tmp_path / "run", "control")
 
 

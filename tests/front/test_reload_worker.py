@@ -9,7 +9,7 @@ import pytest
 from tests.config.test_hot_changes import files
 from twind.briefing import Briefing, ReloadResult
 from twind.config.config_files import ConfigSources, describe, pack, unpacked
-from twind.config.hot_changes import RestartRequired
+from twind.exceptions import InvalidInput
 from twind.front.next_config import BY_CLIENT, with_settings
 from twind.front.reload_worker import read_again
 from twind.loop import assembly
@@ -125,6 +125,6 @@ def test_what_a_client_sets_is_shown_as_its_own_until_the_files_are_read(
     assert reading.changes == {"thresholds.latency_warn_ms": 50.0, "log_level": "info"}
     assert reading.briefing is not None
     assert reading.briefing.parameters["origins"] == before.parameters["origins"]
-    with pytest.raises(RestartRequired):
+    with pytest.raises(InvalidInput):
         with_settings(before, {"thresholds.latency_warn_ms": 51.0})
     assert unpacked(before.described)[1].settings.latency_warn_ms == 50.0

@@ -6,19 +6,27 @@ import numpy as np
 import pytest
 
 from twind import link, memfd
+from twind.exceptions import InvalidInput
 from twind.front.joint_naming import JointNames
-from twind.front.trajectory_submission import SealedTrajectory, ToleranceTooLoose, fields, judge, policy
+from twind.front.trajectory_submission import (
+    SealedTrajectory,
+    TrajectoryMessage,
+    fields,
+    judge,
+    message_of,
+    policy,
+)
 from twind.robot.finding import ReasonCode
 
 NAMES = JointNames(["hip", "knee", "ankle"])
 
 
-def trajectory(**changed: Any) -> dict[str, Any]:
+def trajectory(**changed: Any) -> TrajectoryMessage:
     points = [{"positions": [0.1, 0.2], "velocities": [0, 0.0], "time_from_start": 1}]
-    return {"joint_names": ["ankle", "hip"], "points": points, **changed}
+    return message_of({"joint_names": ["ankle", "hip"], "points": points, **changed})
 
 
-def codes(message: dict[str, Any]) -> list[ReasonCode]:
+def codes(message: TrajectoryMessage) -> list[ReasonCode]:
     path, wrong = judge(message, NAMES)
     assert (path is None) == bool(wrong)
     return [finding.code for finding in wrong]
@@ -80,12 +88,26 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
 @pytest.mark.parametrize("theirs", ["reject", "retime", None])
 def test_a_request_may_be_stricter_than_the_robot_file_never_looser(theirs: str | None) -> None:
     description = {} if theirs is None else {"gate": {"on_velocity": theirs}}
-    assert policy({}, description) == (theirs or "reject")
-    assert policy({"policy": "reject"}, description) == "reject"
+    assert policy(trajectory(), description) == (theirs or "reject")
+    assert policy(trajectory(policy="reject"), description) == "reject"
     if theirs == "retime":
-        assert policy({"policy": "retime"}, description) == "retime"
+        assert policy(trajectory(policy="retime"), description) == "retime"
     else:
-        with pytest.raises(ToleranceTooLoose, match="stricter"):
-            policy({"policy": "retime"}, description)
-    with pytest.raises(ToleranceTooLoose, match="expected one of reject, retime"):
-        policy({"policy": "fast"}, description)
+        with pytest.raises(InvalidInput, match="stricter"):
+            policy(trajectory(policy="retime"), description)
+    with pytest.raises(InvalidInput, match="expected one of reject, retime"):
+        policy(trajectory(policy="fast"), description)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"joint_names": ["hip"], "points": [{"positions": [0.1]}]}, {"joint_names": "hip", "points": []}],
+)
+def test_message_of_another_shape_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        message_of(given)
+    assert refused.value.where == "trajectory"
+
+
+def test_unknown_fields_of_a_message_are_ignored() -> None:
+    assert trajectory(colour="red") == trajectory()

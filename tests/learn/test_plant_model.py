@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import RobotFile, load_robot
+from twind.exceptions import InvalidInput
 from twind.learn.task.observation import BodyReading
 from twind.learn.task.plant_model import SOLE_SITES, Plant, plant_of
-from twind.twin.binding import BindingError
 
 PERIOD = 0.02
 
@@ -163,7 +163,7 @@ def test_a_model_without_a_floor_gets_one(tmp_path: Path) -> None:
 
 
 def test_a_base_without_a_free_joint_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(BindingError, match=r"body 'torso' has no free joint.*add <freejoint/>"):
+    with pytest.raises(InvalidInput, match=r"body 'torso' has no free joint.*add <freejoint/>"):
         plant_of(changed(tmp_path, '<freejoint name="base"/>', ""), period=PERIOD)
 
 
@@ -173,5 +173,5 @@ def test_a_robot_with_one_foot_is_refused(tmp_path: Path) -> None:
         '<geom name="l_foot" type="box"',
         '<geom name="l_foot" contype="0" conaffinity="0" type="box"',
     )
-    with pytest.raises(BindingError, match=r"two feet are needed.*r_foot found lowest"):
+    with pytest.raises(InvalidInput, match=r"two feet are needed.*r_foot found lowest"):
         plant_of(robot, period=PERIOD)

@@ -8,13 +8,15 @@ from typing import Any
 
 import pytest
 
+from twind.exceptions import InvalidInput
+
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from tests.support.policy_files import TWO, written
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import load_robot
 from twind.ctl.ctl_main import main
-from twind.learn.live.daemon_robot import RobotMismatch, plant_told, require_armed, require_mode, require_same
+from twind.learn.live.daemon_robot import plant_told, require_armed, require_mode, require_same
 from twind.learn.policy import policy_command
 from twind.learn.policy.policy_run_command import _command, _figures
 from twind.learn.task.learning_tasks import task_of
@@ -89,11 +91,11 @@ def test_a_command_lies_within_what_was_trained() -> None:
 
 def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
     require_same(told(), ROBOT)
-    with pytest.raises(RobotMismatch, match="the daemon runs h24-standing"):
+    with pytest.raises(InvalidInput, match="the daemon runs h24-standing"):
         require_same(told(text_sha256="0"), ROBOT)
-    with pytest.raises(RobotMismatch, match="has changed since the daemon read it"):
+    with pytest.raises(InvalidInput, match="has changed since the daemon read it"):
         require_same(told(mjcf="<mujoco/>"), ROBOT)
-    with pytest.raises(RobotMismatch, match="cannot be read here"):
+    with pytest.raises(InvalidInput, match="cannot be read here"):
         plant_told(told(path="/nowhere/robot.yaml"), 0.02)
 
 
@@ -119,7 +121,7 @@ def test_a_robot_that_is_not_armed_is_told_with_what_leads_there_from_its_state(
         (standing("settling"), "wait until it lies"),
         (standing("identifying"), "twindctl status"),
     ):
-        with pytest.raises(RobotMismatch, match=said.replace("(", "[(]").replace(")", "[)]")):
+        with pytest.raises(InvalidInput, match=said.replace("(", "[(]").replace(")", "[)]")):
             require_armed(status)
 
 
@@ -142,5 +144,5 @@ def test_many_missed_periods_are_told_with_how_long_it_held_and_what_helps() -> 
 def test_a_mirror_shows_one_robot_and_moves_another() -> None:
     require_mode("sim")
     require_mode("live")
-    with pytest.raises(RobotMismatch, match="use sim or live"):
+    with pytest.raises(InvalidInput, match="use sim or live"):
         require_mode("mirror")

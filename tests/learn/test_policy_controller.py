@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tests.support.policy_files import TWO
+from twind.exceptions import InvalidInput
 from twind.learn.live.state_message import STALE, ImuReading, StateMessage
-from twind.learn.policy.policy_card import PolicyError, entries
+from twind.learn.policy.policy_card import entries
 from twind.learn.policy.policy_controller import (
     PATIENCE,
     PolicyController,
@@ -94,7 +95,7 @@ def test_what_is_sent_is_what_the_same_shaper_gives_in_simulation(world: World) 
 
 def test_a_policy_that_gives_no_action_ends_the_drive(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_observation: np.ndarray) -> np.ndarray:
-        raise PolicyError("its inference failed")
+        raise InvalidInput("its inference failed")
 
     world.step()
     monkeypatch.setattr(world, "act", fail)

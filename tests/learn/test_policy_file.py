@@ -21,8 +21,9 @@ import onnx
 
 from tests.support.doc_pages_text import ROOT
 from tests.support.policy_files import TWO, looping, network, plain, written
+from twind.exceptions import InvalidInput
 from twind.learn.policy.onnx_session import MEMORY
-from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
+from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, differences, require_fit
 from twind.learn.policy.policy_file import NetworkLayer, load, read, save, save_model
 
 BODY = PolicyRobot("two", TWO.joints, TWO.layout, TWO.lower, TWO.upper, TWO.velocity, TWO.acceleration, 100.0)
@@ -186,7 +187,7 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
     path = written(tmp_path)
     before = path.read_bytes()
     wide = [NetworkLayer(np.full((2, TWO.observations), np.nan, np.float32), np.zeros(2, np.float32))]
-    with pytest.raises(PolicyError, match="not finite"):
+    with pytest.raises(InvalidInput, match="not finite"):
         save(path, wide, *plain(TWO), TWO)
     assert path.read_bytes() == before and os.listdir(tmp_path) == [path.name]
 
@@ -216,13 +217,13 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
 )
 def test_a_card_that_is_not_as_agreed_is_refused(tmp_path: Path, fields: dict[str, Any], said: str) -> None:
     path = of_card(written(tmp_path), **fields)
-    with pytest.raises(PolicyError, match=said):
+    with pytest.raises(InvalidInput, match=said):
         read(path.read_bytes())
 
 
 def test_a_refusal_names_the_file(tmp_path: Path) -> None:
     path = of_card(written(tmp_path), colour="red")
-    with pytest.raises(PolicyError, match=f"{re.escape(str(path))}: its card has an unknown key 'colour'"):
+    with pytest.raises(InvalidInput, match=f"{re.escape(str(path))}: its card has an unknown key 'colour'"):
         load(path)
 
 
@@ -264,7 +265,7 @@ def test_no_array_is_read_from_another_file(
     location = locations.get(place, "*/_ORT_MEM_ADDR_/*")
     model = _elsewhere(location, **({} if kind == "initializer" else {kind: True}))
     save_model("p.onnx", model, TWO)
-    with pytest.raises(PolicyError, match="no ONNX model that can be run"):
+    with pytest.raises(InvalidInput, match="no ONNX model that can be run"):
         load("p.onnx")
 
 
@@ -322,12 +323,12 @@ def _doubles() -> Any:
 )
 def test_a_model_that_is_no_policy_is_refused(tmp_path: Path, model: Any, said: str) -> None:
     save_model(tmp_path / "p.onnx", model, TWO)
-    with pytest.raises(PolicyError, match=said):
+    with pytest.raises(InvalidInput, match=said):
         read((tmp_path / "p.onnx").read_bytes())
 
 
 def test_a_model_without_a_card_is_refused_with_the_way_to_write_one() -> None:
-    with pytest.raises(PolicyError, match=r"no card .*`save_model`"):
+    with pytest.raises(InvalidInput, match=r"no card .*`save_model`"):
         read(_model([MATMUL], WEIGHT).SerializeToString())
 
 
@@ -377,7 +378,7 @@ def test_a_model_takes_no_more_memory_than_its_bound(tmp_path: Path, make: Calla
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path / "p.onnx")], capture_output=True, text=True, timeout=60.0
     )
-    assert re.search("PolicyError: .*needs more than 512 MiB of memory", done.stderr), done.stderr[-400:]
+    assert re.search("InvalidInput: .*needs more than 512 MiB of memory", done.stderr), done.stderr[-400:]
     assert max(map(int, done.stdout.split())) << 10 < MEMORY + (150 << 20)
 
 
@@ -396,11 +397,11 @@ def test_an_inference_that_takes_all_memory_fails_and_leaves_the_process(tmp_pat
     code = (
         "import sys, numpy\n"
         "from twind.learn.policy.onnx_session import limit_memory\n"
-        "from twind.learn.policy.policy_file import PolicyError, load\n"
+        "from twind.learn.policy.policy_file import InvalidInput, load\n"
         "policy = load(sys.argv[1])\n"
         "limit_memory()\n"
         "try: policy.act(numpy.full(7, 1e9, 'f'))\n"
-        "except PolicyError as error: print(error)\n"
+        "except InvalidInput as error: print(error)\n"
         "print(policy.act(numpy.zeros(7, 'f')).tolist())"
     )
     done = subprocess.run(
@@ -415,7 +416,7 @@ def test_an_inference_that_takes_all_memory_fails_and_leaves_the_process(tmp_pat
 def test_a_model_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("twind.learn.policy.policy_file.CHECKED", 3.0)
     save_model(tmp_path / "p.onnx", looping(TWO, always=True), TWO)
-    with pytest.raises(PolicyError, match="not done within 3 s"):
+    with pytest.raises(InvalidInput, match="not done within 3 s"):
         load(tmp_path / "p.onnx")
 
 
@@ -425,7 +426,7 @@ def test_an_inference_that_does_not_end_is_ended_and_the_next_one_runs(tmp_path:
     rest = np.zeros(TWO.observations, np.float32)
     with policy.ending_long_inferences():
         began = time.monotonic()
-        with pytest.raises(PolicyError, match="more than 1 s"):
+        with pytest.raises(InvalidInput, match="more than 1 s"):
             policy.act(rest + 1.0)
         assert time.monotonic() - began < 10.0
         assert (policy.act(rest) == 0.0).all()
@@ -446,7 +447,7 @@ def test_an_action_of_another_shape_is_refused(tmp_path: Path) -> None:
     whole = {"one": np.array(1), "zero": np.array([0]), "one1": np.array([1])}
     save_model(tmp_path / "p.onnx", _model(nodes, WEIGHT | whole), TWO)
     policy = load(tmp_path / "p.onnx")
-    with pytest.raises(PolicyError, match=r"float32 \(3, 2\), float32 \(1, 2\) is needed"):
+    with pytest.raises(InvalidInput, match=r"float32 \(3, 2\), float32 \(1, 2\) is needed"):
         policy.act(np.full(TWO.observations, 2.0, np.float32))
 
 
@@ -462,7 +463,7 @@ def test_a_path_that_is_no_policy_file_is_refused(tmp_path: Path) -> None:
         (fifo, "no regular file"),
         (tmp_path / "x", "No such"),
     ):
-        with pytest.raises(PolicyError, match=said):
+        with pytest.raises(InvalidInput, match=said):
             load(path)
 
 
@@ -470,7 +471,7 @@ _TORN = """
 import sys
 import numpy as np
 from twind.learn.policy.onnx_session import limit_memory
-from twind.learn.policy.policy_card import PolicyError
+from twind.learn.policy.policy_card import InvalidInput
 from twind.learn.policy.policy_file import read
 whole = open(sys.argv[1], "rb").read()
 rng = np.random.default_rng(5)
@@ -484,7 +485,7 @@ for _ in range(150):
     try:
         policy = read(bytes(data))
         assert policy.act(np.zeros(policy.card.observations, np.float32)).shape == (2,)
-    except PolicyError:
+    except InvalidInput:
         refused += 1
 print(refused)
 """
@@ -519,7 +520,7 @@ def test_a_policy_that_does_not_fit_says_all_that_differs(body: dict[str, Any], 
     other = replace(BODY, **body)
     text = "; ".join(differences(TWO, other))
     assert all(each in text for each in said), text
-    with pytest.raises(PolicyError, match="made for two, it does not fit two"):
+    with pytest.raises(InvalidInput, match="made for two, it does not fit two"):
         require_fit(TWO, other)
 
 
@@ -530,6 +531,6 @@ def test_a_policy_fits_what_it_was_made_for_and_what_may_more() -> None:
 
 def test_a_card_that_nobody_could_read_again_is_not_written() -> None:
     bad = replace(TWO, evaluation={"return": float("nan")})
-    with pytest.raises((PolicyError, ValueError)):
+    with pytest.raises((InvalidInput, ValueError)):
         bad.text()
     assert PolicyCard is type(bad)

@@ -13,7 +13,8 @@ import gymnasium
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from twind.learn.environment.camera_renderer import CameraRenderer, RendererUnavailable
+from twind.exceptions import OperationFailed
+from twind.learn.environment.camera_renderer import CameraRenderer
 from twind.learn.environment.robot_env import RobotEnv
 from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.learning_tasks import MOST
@@ -210,7 +211,7 @@ def test_a_picture_shows_the_robot() -> None:
     env.reset(seed=0)
     try:
         probe = CameraRenderer(env.body.model, "torso")
-    except RendererUnavailable as reason:
+    except OperationFailed as reason:
         pytest.skip(str(reason))
     probe.close()
     picture = env.render()

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolInUse, SpoolLimits, dead_letters
+from twind.exceptions import OperationFailed
+from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolLimits, dead_letters
 from twind.learn.streaming.stream_samples import PostMessage
 
 MEMORY = Path("/dev/shm")  # a thousand syncs to a disk would take minutes, and show nothing more
@@ -206,7 +207,7 @@ def test_dead_letters_are_listed_beside_whoever_streams_and_come_back_in_their_p
 def test_a_second_streamer_is_refused_and_told_who_is_there(place: Path) -> None:
     with (
         Spool(place, WIDE, 0.0, 0.0),
-        pytest.raises(SpoolInUse, match=r"process \d+ streams from it; .*--spool"),
+        pytest.raises(OperationFailed, match=r"process \d+ streams from it; .*--spool"),
     ):
         Spool(place, WIDE, 0.0, 0.0)
     Spool(place, WIDE, 0.0, 0.0).close()

@@ -13,7 +13,7 @@ from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, EntryKind, FlightContents, FlightEntry, FlightRing, read
 from twind.loop.bus_tap import MOST, SPAN, RecordingBusTap, TappedChannel, TappedTransport, size
 from twind.robot.modes import Mode
-from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.bus import PortError, PortFault, output_full
 from twind_drivers.can.frame import FRAME
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import HEADER
@@ -298,7 +298,7 @@ class Wire:
 
     def _check(self) -> None:
         if self.broken:
-            raise PortError("wire", "gone", lost=True)
+            raise PortError("wire", "gone", kind=PortFault.LOST)
 
 
 @pytest.mark.parametrize("last", [4096, 10])
@@ -357,14 +357,14 @@ def test_what_a_port_did_not_take_is_said_with_its_reason(ring: FlightRing) -> N
 
 def test_what_a_can_channel_did_not_take_is_said_with_its_reason(ring: FlightRing) -> None:
     def full(_frames: Any, _now: float) -> None:
-        raise OutputQueueFull("can0", 90, 64)
+        raise output_full("can0", 90, 64)
 
     nothing = lambda *_: None  # noqa: E731
     inside: Any = SimpleNamespace(name="can0", condition=nothing, fileno=nothing, arrival=nothing)
     inside.close = inside.drive = inside.purge = nothing
     inside.send = full
     taped = TappedChannel(inside, RecordingBusTap(ring, 1, FakeClock(1.0)))
-    with pytest.raises(OutputQueueFull):
+    with pytest.raises(PortError):
         taped.send(np.zeros(2, FRAME), 1.0)
     (entry,) = read(ring.fd).entries
     assert (entry.kind, entry.bus) == (EntryKind.PORT, 1)
@@ -377,7 +377,7 @@ def test_what_was_thrown_away_before_a_port_went_is_written_down(ring: FlightRin
     def gone(thrown: bytearray | None = None) -> int:
         assert thrown is not None
         thrown += b"late"
-        raise PortError("wire", "gone", lost=True)
+        raise PortError("wire", "gone", kind=PortFault.LOST)
 
     inside.drain = gone  # type: ignore[method-assign]
     taped = TappedTransport(inside, RecordingBusTap(ring, 0, FakeClock(1.0)))

@@ -12,16 +12,10 @@ import pytest
 from tests.support.cli_rig import settings
 from twind import cli
 from twind.cli import FAILED, USAGE, wrong_groups
-from twind.config.config_files import (
-    CommandLineError,
-    ConfigSources,
-    bus_ports,
-    describe,
-    live_denied,
-    refuse_wrong,
-)
+from twind.config.config_files import ConfigSources, bus_ports, describe, live_denied, refuse_wrong
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput, OperationFailed, TwindError
 from twind.robot.finding import ReasonCode
 from twind.virtual.virtual_robot_spec import save, specimen
 
@@ -36,7 +30,7 @@ def test_a_bare_port_is_that_of_the_only_bus() -> None:
 
 
 def test_a_bare_port_of_several_buses_is_refused_with_what_to_type() -> None:
-    with pytest.raises(CommandLineError, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
+    with pytest.raises(InvalidInput, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
         bus_ports(settings("/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
 
 
@@ -46,7 +40,7 @@ def test_each_bus_of_several_has_its_port() -> None:
 
 
 def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> None:
-    with pytest.raises(CommandLineError, match="no bus 'leg'; the buses of this robot: legs, arms"):
+    with pytest.raises(InvalidInput, match="no bus 'leg'; the buses of this robot: legs, arms"):
         bus_ports(settings("leg=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
 
 
@@ -117,7 +111,7 @@ def test_a_can_port_may_be_given_bare_or_for_a_bus(given: str) -> None:
 def test_a_port_of_the_other_kind_is_refused_with_what_is_right(bus: str, port: str, message: str) -> None:
     robot = load_robot("h24-mixed")
     refuse_wrong(robot, {"upper": "/dev/ttyUSB0", "l_leg": "can:slcan:/dev/ttyACM0", "r_leg": None})
-    with pytest.raises(CommandLineError, match=message):
+    with pytest.raises(InvalidInput, match=message):
         refuse_wrong(robot, {bus: port})
 
 
@@ -226,7 +220,7 @@ def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
     class Child:
         def __init__(self, robot: str) -> None:
             seen.append([key for key in os.environ if key.startswith("LISTEN_")])
-            raise cli.VirtualRobotError(f"{robot}: far enough")
+            raise OperationFailed(f"{robot}: far enough")
 
     monkeypatch.setattr(cli, "VirtualRobotProcess", Child)
     for key, value in (("FDS", "2"), ("PID", "1"), ("FDNAMES", "control:observe")):
@@ -335,3 +329,13 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     assert found.calibration is not None
     assert found.settings.socket_dir == tmp_path / "run" / "twind" / "arm"
     assert ConfigSources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"
+
+
+def test_invalid_input_of_a_running_loop_is_a_defect_and_not_a_usage_error() -> None:
+    def run() -> None:
+        raise InvalidInput("no such register")
+
+    loop: Any = SimpleNamespace(run=run)
+    with pytest.raises(RuntimeError, match="no such register") as failed:
+        cli.run_loop(loop)
+    assert not isinstance(failed.value, TwindError)

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from twind.listening_sockets import GROUPS, Listener, SocketError, group_of, listen
+from twind.exceptions import OperationFailed
+from twind.listening_sockets import GROUPS, Listener, group_of, listen
 from twind.loop.inherited_descriptors import InheritedDescriptors, handed_over
 
 
@@ -80,7 +81,7 @@ def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path, mode: int)
     folder = tmp_path / "run"
     folder.mkdir()
     folder.chmod(mode)
-    with pytest.raises(SocketError, match=rf"others may write there \(mode {mode:04o}\); `chmod go-w`"):
+    with pytest.raises(OperationFailed, match=rf"others may write there \(mode {mode:04o}\); `chmod go-w`"):
         listen(folder, "control")
     assert list(folder.iterdir()) == []
 
@@ -96,7 +97,7 @@ def test_a_folder_that_our_own_group_may_write_to_is_ours(tmp_path: Path, keep: 
 def test_a_folder_that_is_a_symbolic_link_is_refused(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
-    with pytest.raises(SocketError, match="is a symbolic link; give the folder it points to"):
+    with pytest.raises(OperationFailed, match="is a symbolic link; give the folder it points to"):
         listen(tmp_path / "link", "control")
     assert list((tmp_path / "real").iterdir()) == []
 
@@ -112,7 +113,7 @@ def test_what_belongs_to_somebody_else_is_refused_and_stays(tmp_path: Path, plac
     path = folder / "control.sock"
     os.chown(folder if place == "folder" else path, 65534, -1)
     before = path.lstat()
-    with pytest.raises(SocketError, match=r"belongs to .*uid 65534.*run twind as that user, `chown` it"):
+    with pytest.raises(OperationFailed, match=r"belongs to .*uid 65534.*run twind as that user, `chown` it"):
         listen(folder, "control")
     assert path.lstat() == before
 
@@ -123,7 +124,7 @@ def test_a_folder_that_another_group_may_write_to_is_refused(tmp_path: Path) -> 
     folder.mkdir()
     os.chown(folder, -1, 65534)
     folder.chmod(0o775)
-    with pytest.raises(SocketError, match="others may write there"):
+    with pytest.raises(OperationFailed, match="others may write there"):
         listen(folder, "control")
 
 
@@ -166,7 +167,7 @@ def test_a_socket_that_nobody_listens_on_makes_room(tmp_path: Path, keep: ExitSt
 
 def test_a_second_daemon_is_refused_and_the_first_goes_on(tmp_path: Path, keep: ExitStack) -> None:
     first = keep.enter_context(listen(tmp_path, "control"))
-    with pytest.raises(SocketError, match="another twind answers there; stop it or choose"):
+    with pytest.raises(OperationFailed, match="another twind answers there; stop it or choose"):
         listen(tmp_path, "control")
     client = keep.enter_context(socket.socket(socket.AF_UNIX))
     client.connect(str(tmp_path / "control.sock"))
@@ -184,7 +185,7 @@ def test_a_daemon_that_hangs_is_still_there_and_nobody_waits_for_it(tmp_path: Pa
         client.setblocking(False)
         if client.connect_ex(str(tmp_path / "control.sock")):
             break
-    with pytest.raises(SocketError, match="another twind answers there"):
+    with pytest.raises(OperationFailed, match="another twind answers there"):
         listen(tmp_path, "control")
     assert (tmp_path / "control.sock").is_socket()
 
@@ -192,12 +193,12 @@ def test_a_daemon_that_hangs_is_still_there_and_nobody_waits_for_it(tmp_path: Pa
 def test_what_is_no_socket_is_never_removed(tmp_path: Path) -> None:
     path = tmp_path / "control.sock"
     path.write_text("precious")
-    with pytest.raises(SocketError, match=r"control\.sock: is not a socket"):
+    with pytest.raises(OperationFailed, match=r"control\.sock: is not a socket"):
         listen(tmp_path, "control")
     assert path.read_text() == "precious"
     path.unlink()
     path.mkdir()
-    with pytest.raises(SocketError, match="is not a socket"):
+    with pytest.raises(OperationFailed, match="is not a socket"):
         listen(tmp_path, "control")
     assert path.is_dir()
 
@@ -209,7 +210,7 @@ def test_a_symbolic_link_is_refused_wherever_it_points(tmp_path: Path, target: s
     (tmp_path / "precious").write_text("precious")
     (tmp_path / "control.sock").symlink_to(tmp_path / {"dead": "dead.sock"}.get(target, target))
     before = sorted(path.name for path in tmp_path.iterdir())
-    with pytest.raises(SocketError, match="is not a socket"):
+    with pytest.raises(OperationFailed, match="is not a socket"):
         listen(tmp_path, "control")
     assert sorted(path.name for path in tmp_path.iterdir()) == before
 
@@ -217,26 +218,28 @@ def test_a_symbolic_link_is_refused_wherever_it_points(tmp_path: Path, target: s
 def test_a_socket_of_another_kind_is_refused(tmp_path: Path, keep: ExitStack) -> None:
     other = keep.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
     other.bind(str(tmp_path / "control.sock"))
-    with pytest.raises(SocketError, match=r"control\.sock: .*--socket DIR"):
+    with pytest.raises(OperationFailed, match=r"control\.sock: .*--socket DIR"):
         listen(tmp_path, "control")
     assert (tmp_path / "control.sock").is_socket()
 
 
 def test_a_folder_that_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(SocketError, match=r"file/run/control\.sock: .*--socket DIR"):
+    with pytest.raises(OperationFailed, match=r"file/run/control\.sock: .*--socket DIR"):
         listen(tmp_path / "file" / "run", "control")
 
 
 @pytest.mark.skipif(not Path("/sys").is_dir(), reason="no /sys, where nobody may make a folder")
 def test_a_folder_that_cannot_be_made_is_told_with_the_command_that_makes_it() -> None:
-    with pytest.raises(SocketError, match=r"`sudo install -d -o \S+ /sys/twind` makes its folder, or choose"):
+    with pytest.raises(
+        OperationFailed, match=r"`sudo install -d -o \S+ /sys/twind` makes its folder, or choose"
+    ):
         listen(Path("/sys/twind"), "control")
 
 
 def test_a_path_too_long_for_a_socket_is_refused_and_nothing_stays_open(tmp_path: Path) -> None:
     before = len(os.listdir("/proc/self/fd"))
-    with umask(0o022), pytest.raises(SocketError, match="too long; choose another folder"):
+    with umask(0o022), pytest.raises(OperationFailed, match="too long; choose another folder"):
         listen(tmp_path / ("x" * 120), "control")
     assert len(os.listdir("/proc/self/fd")) == before
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.support.daemon_rig import Rig
 from tests.support.planar_arm import arm_in
 from twind import link
-from twind.twin.binding import BindingError
+from twind.exceptions import InvalidInput
 from twind.virtual.truth import JointTruth, Truth
 
 SIGNS = {"single": 1, "extended": -1, "capped": 1}
@@ -71,7 +71,7 @@ def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
 ) -> None:
     try:
         rig = Watched(arm, truth=truth, start=start)
-    except BindingError:  # of the turn that position mode has nothing is in its travel
+    except InvalidInput:  # of the turn that position mode has nothing is in its travel
         return
     try:
         rig.connect()

@@ -4,17 +4,9 @@ from collections.abc import Sequence
 
 import pytest
 
+from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry
-from twind.observe.replaying.device_timeline import (
-    CHANGED,
-    DAMAGED,
-    HEARD,
-    READ,
-    SILENT,
-    BusTimeline,
-    IncompleteRecording,
-    story,
-)
+from twind.observe.replaying.device_timeline import CHANGED, DAMAGED, HEARD, READ, SILENT, BusTimeline, story
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import number_of
 
@@ -114,5 +106,5 @@ def test_a_port_that_took_something_not_was_there() -> None:
 
 def test_a_model_that_no_table_has_cannot_be_played() -> None:
     strange = asked(0.0, 0, b"\xfe\xfe" + bytes(4) + b"\1")
-    with pytest.raises(IncompleteRecording, match="model number 65278"):
+    with pytest.raises(OperationFailed, match="model number 65278"):
         told(strange).turns()

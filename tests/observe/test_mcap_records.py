@@ -14,7 +14,8 @@ from mcap.records import Attachment, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
 from tests.support.sample_recordings import SESSION, write
-from twind.observe.recording.mcap_records import LARGEST, McapScanner, NotMcap
+from twind.exceptions import InvalidInput
+from twind.observe.recording.mcap_records import LARGEST, McapScanner
 
 
 def messages(path: Path) -> tuple[McapScanner, list[Message]]:
@@ -108,7 +109,7 @@ def test_a_chunk_that_was_damaged_is_left_out_and_the_others_are_read(tmp_path: 
 def test_what_is_none_says_so(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
     path.write_bytes(b"no such thing")
-    with pytest.raises(NotMcap, match="is no MCAP file"):
+    with pytest.raises(InvalidInput, match="is no MCAP file"):
         messages(path)
 
 

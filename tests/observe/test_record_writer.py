@@ -13,7 +13,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from tests.support.sample_recordings import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 from twind.client.clock_pair import ClockPair
-from twind.observe.recording.recording_columns import Unreadable, open_recording
+from twind.command_line.verb import Rejected
+from twind.observe.recording.recording_columns import open_recording
 from twind.observe.recover import recover
 from twind.observe.writing import record_writer
 from twind.observe.writing.record_encoder import RecordEncoder
@@ -145,7 +146,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
     assert told.writer.stopped.endswith("No space left on device")
     (path,) = tmp_path.iterdir()
     if room < 9_000:
-        with pytest.raises(Unreadable, match="no message is in it"):
+        with pytest.raises(Rejected, match="no message is in it"):
             open_recording(path)  # a file without a first half second
     else:
         with path.open("rb") as file:

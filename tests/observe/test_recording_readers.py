@@ -18,13 +18,7 @@ from twind.command_line.verb import Rejected
 from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
 from twind.observe.recording.mcap_records import McapScanner
-from twind.observe.recording.recording_columns import (
-    RecordedMessage,
-    RobotRecording,
-    Unreadable,
-    marked,
-    open_recording,
-)
+from twind.observe.recording.recording_columns import RecordedMessage, RobotRecording, marked, open_recording
 from twind.observe.recording.recording_topics import WIRE
 from twind.observe.writing.record_folder import DiskQuota
 from twind.observe.writing.record_schemas import json_schemas
@@ -163,7 +157,7 @@ def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
         (empty, "no message is in it: it ends at byte 8"),
         (tmp_path, "Is a directory"),
     ):
-        with pytest.raises(Unreadable, match=why):
+        with pytest.raises(Rejected, match=why):
             open_recording(path)
 
 
@@ -292,7 +286,7 @@ def test_of_a_file_that_is_not_as_ours_are_it_says_so_in_words(
         writer.add_message(states, START, encode(JOINT_STATE, said), START)
         writer.add_message(writer.register_channel(topic, "json", 0), START, data, START)
         writer.finish()
-    with pytest.raises(Unreadable, match=r"a\.mcap: what it says on our topics, .* is not as we write it"):
+    with pytest.raises(Rejected, match=r"a\.mcap: what it says on our topics, .* is not as we write it"):
         open_recording(path)
 
 
@@ -307,7 +301,7 @@ def test_a_time_that_no_clock_has_is_told_in_words(tmp_path: Path, when: int) ->
         said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
         writer.add_message(states, when, encode(JOINT_STATE, said), when)
         writer.finish()
-    with pytest.raises(Unreadable, match="is not as we write it"):
+    with pytest.raises(Rejected, match="is not as we write it"):
         open_recording(path)
 
 
@@ -319,5 +313,5 @@ def test_a_model_in_it_that_is_no_text_is_told_in_words(tmp_path: Path) -> None:
         writer.add_attachment(0, 0, "model.mjcf", "application/xml", b"\xff\xfe")
         writer.add_message(writer.register_channel("/x", "", 0), START, b"", START)
         writer.finish()
-    with pytest.raises(Unreadable, match="UnicodeDecodeError"):
+    with pytest.raises(Rejected, match="UnicodeDecodeError"):
         open_recording(path)

@@ -14,13 +14,14 @@ from twind import link
 from twind.briefing import Briefing
 from twind.command_line.verb import DONE, REFUSED, USAGE
 from twind.ctl.ctl_main import main
+from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing
 from twind.observe.recording.recording_columns import open_recording
 from twind.observe.replaying.recorded_states import messages
 from twind.observe.replaying.replay_calls import call
 from twind.observe.replaying.replay_files import lay_out
-from twind.observe.replaying.replay_script import NotReplayable, score
+from twind.observe.replaying.replay_script import score
 from twind_drivers.clock import FakeClock
 
 
@@ -73,7 +74,7 @@ def test_what_a_file_says_moves_no_cursor(
 def test_a_recording_without_a_moment_of_rest_says_so() -> None:
     recorded = load(HERE / "silent.flight")
     begin = recorded.contents.entries[-1].time - 0.5
-    with pytest.raises(NotReplayable, match=r"no moment to begin at: .* fault.*--view"):
+    with pytest.raises(OperationFailed, match=r"no moment to begin at: .* fault.*--view"):
         score(cut(recorded, begin))
 
 
@@ -105,7 +106,7 @@ def test_a_robot_file_with_other_buses_than_were_recorded_is_refused(
     names: tuple[str, ...], tmp_path: Path
 ) -> None:
     """A bus that is not played would keep the port of the file: one of this machine."""
-    with pytest.raises(NotReplayable, match=r"recorded were .*--robot FILE"):
+    with pytest.raises(OperationFailed, match=r"recorded were .*--robot FILE"):
         lay_out(with_buses(load(HERE / "limit.flight").briefing, *names), tmp_path)
 
 
@@ -128,7 +129,7 @@ def test_a_bus_that_was_not_recorded_never_opens_the_port_of_its_file(named: boo
         other = lay_out(briefing, kept).robot
         other.write_text(more)
         spoilt = briefing
-    with pytest.raises(NotReplayable, match="extra"):
+    with pytest.raises(OperationFailed, match="extra"):
         lay_out(spoilt, folder, other)
 
 
@@ -146,7 +147,7 @@ def test_names_of_buses_are_no_paths(tmp_path: Path) -> None:
 
 def test_a_recording_without_its_robot_says_how_to_name_it(tmp_path: Path) -> None:
     briefing = msgspec.structs.replace(load(HERE / "limit.flight").briefing, texts={})
-    with pytest.raises(NotReplayable, match="--robot FILE"):
+    with pytest.raises(OperationFailed, match="--robot FILE"):
         lay_out(briefing, tmp_path)
 
 
@@ -209,7 +210,7 @@ def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path
     for place, path in enumerate(("/" + "x" * 300, "/a\0b")):
         folder = tmp_path / str(place)
         folder.mkdir()
-        with pytest.raises(NotReplayable, match="cannot be laid out"):
+        with pytest.raises(OperationFailed, match="cannot be laid out"):
             lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
 
 
@@ -249,5 +250,5 @@ def test_what_this_version_does_not_understand_is_not_played_without_it(kind: En
     entries = recorded.contents.entries
     foreign = FlightEntry(entries[-1].time, kind, 255, b"\xc1 of a later version")
     contents = FlightContents(recorded.contents.kept, (*entries, foreign))
-    with pytest.raises(NotReplayable, match=f"does not read the {what}"):
+    with pytest.raises(OperationFailed, match=f"does not read the {what}"):
         score(replace(recorded, contents=contents))

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.support.viewer_messages import GROUP_THREE, h24, other, status
+from twind.exceptions import InvalidInput
 from twind.observe.viewing import status_html
 from twind.observe.viewing.robot_figure import shown_geoms
-from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_scene import AUTO, BOTH, NONE, ghosts
 from twind.observe.viewing.viewer_state import ViewerState
 
@@ -65,9 +66,9 @@ def test_meshes_that_cannot_be_read_have_a_stand_in_and_it_is_said() -> None:
 
 
 def test_a_model_that_is_none_is_told() -> None:
-    with pytest.raises(NoRobotModel, match="cannot be compiled"):
+    with pytest.raises(InvalidInput, match="cannot be compiled"):
         RobotModel(other("<mujoco><nonsense/></mujoco>"))
-    with pytest.raises(NoRobotModel, match="nowhere"):
+    with pytest.raises(InvalidInput, match="nowhere"):
         RobotModel(other(joints=("nowhere",)))
 
 

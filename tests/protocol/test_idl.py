@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from varlink.scanner import Interface as PeerInterface
 
-from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
+from twind.exceptions import InvalidInput
+from twind.protocol import CONTROL, SERVICE, load, parse
 from twind.telemetry.timing_monitor import COMMAND, READING
 
 CONTRACT = load(CONTROL)
@@ -17,7 +18,7 @@ def check(method: str, **parameters: object) -> None:
 
 
 def refusal(method: str, **parameters: object) -> str:
-    with pytest.raises(WrongParameter) as caught:
+    with pytest.raises(InvalidInput) as caught:
         check(method, **parameters)
     return str(caught.value)
 
@@ -83,7 +84,7 @@ def test_maps_enums_and_inline_structs_are_understood() -> None:
         ({"m": {}, "c": "on", "s": [{"x": ""}]}, "s[0].x"),
         ({"m": [], "c": "on"}, "m"),
     ):
-        with pytest.raises(WrongParameter) as caught:
+        with pytest.raises(InvalidInput) as caught:
             parameters.check(wrong, "")
         assert caught.value.where == where
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.protocol.strict_json import DEPTH, BadJson, loads
+from twind.exceptions import InvalidInput
+from twind.protocol.strict_json import DEPTH, loads
 
 VALUES = st.recursive(
     st.none()
@@ -29,7 +30,7 @@ def test_what_json_allows_comes_back_as_it_was(value: object, ascii_only: bool) 
 @settings(max_examples=150)
 @given(st.binary(max_size=40))
 def test_any_bytes_are_a_value_or_bad_json(data: bytes) -> None:
-    with contextlib.suppress(BadJson):
+    with contextlib.suppress(InvalidInput):
         loads(data)
 
 
@@ -55,7 +56,7 @@ def test_any_bytes_are_a_value_or_bad_json(data: bytes) -> None:
     ],
 )
 def test_it_is_refused_with_a_reason(data: bytes, reason: str) -> None:
-    with pytest.raises(BadJson, match=reason):
+    with pytest.raises(InvalidInput, match=reason):
         loads(data)
 
 
@@ -64,7 +65,7 @@ def test_nesting_ends_at_sixteen(opening: bytes) -> None:
     closing = b"]" if opening == b"[" else b"}"
     loads(opening * DEPTH + b"0" + closing * DEPTH)
     for depth in (DEPTH + 1, 1000, 100_000):
-        with pytest.raises(BadJson, match="nested"):
+        with pytest.raises(InvalidInput, match="nested"):
             loads(opening * depth + b"0" + closing * depth)
 
 
@@ -75,5 +76,5 @@ def test_brackets_inside_strings_are_no_nesting() -> None:
 
 def test_a_hostile_string_costs_linear_time() -> None:
     data = b"[" * 5 + b'"' + b'\\"' * 500_000 + b"[" * 20  # quadratic work would be hours, not seconds
-    with pytest.raises(BadJson):
+    with pytest.raises(InvalidInput):
         loads(data)

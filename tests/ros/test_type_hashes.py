@@ -8,13 +8,8 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from twind.bridge.ros.ros_endpoints import SERVICES, TOPICS
-from twind.ros import (
-    PARTICIPANT_ENTITIES,
-    DefinitionError,
-    MessageDefinitions,
-    dds_type,
-    participant_entities,
-)
+from twind.exceptions import InvalidInput
+from twind.ros import PARTICIPANT_ENTITIES, MessageDefinitions, dds_type, participant_entities
 from twind.ros.message_definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
 from twind.ros.type_hashes import type_hash
 
@@ -123,7 +118,7 @@ def test_whatever_has_an_endpoint_has_a_name_and_a_hash_on_the_wire() -> None:
 
 
 def test_a_name_that_is_none_is_refused() -> None:
-    with pytest.raises(DefinitionError, match="package/msg/Name"):
+    with pytest.raises(InvalidInput, match="package/msg/Name"):
         dds_type("JointState")
-    with pytest.raises(DefinitionError, match="known: builtin_interfaces"):
+    with pytest.raises(InvalidInput, match="known: builtin_interfaces"):
         type_hash("sensor_msgs/msg/Range")

@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
-from twind.safety.state_machine import (
-    LATCHED,
-    TABLE,
-    EventNotAllowed,
-    RobotEvent,
-    StateLatch,
-    mode_change,
-    step,
-)
+from twind.safety.state_machine import LATCHED, TABLE, RobotEvent, StateLatch, mode_change, step
 
 S = RobotState
 E = RobotEvent
@@ -63,12 +55,11 @@ def test_the_table_here_names_every_state_and_every_event() -> None:
 def test_each_event_does_what_the_table_says_in_every_state(event: RobotEvent) -> None:
     for state, after in zip(ORDER, EXPECTED[event], strict=True):
         if after is NO:
-            with pytest.raises(EventNotAllowed) as refused:
+            with pytest.raises(RuntimeError) as refused:
                 step(state, event)
-            assert refused.value.state is state
-            assert refused.value.allowed == tuple(s for s in TABLE[event])
-            assert str(refused.value).startswith(f"{event.value} is not possible while {state.value};")
-            assert all(allowed.value in str(refused.value) for allowed in refused.value.allowed)
+            names = ", ".join(allowed.value for allowed in TABLE[event])
+            reason = f"{event.value} is not possible while {state.value}; allowed while {names}"
+            assert str(refused.value) == reason
         else:
             assert step(state, event) is after
 
@@ -97,7 +88,7 @@ def walk() -> set[StateLatch]:
         for event in RobotEvent:
             try:
                 after = latch.after(event)
-            except EventNotAllowed:
+            except RuntimeError:
                 continue
             if after not in reached:
                 open_.add(after)
@@ -132,7 +123,7 @@ def test_after_a_fault_or_an_e_stop_there_is_no_torque_without_reset_and_then_ar
     for event in events:
         try:
             latch = latch.after(event)
-        except EventNotAllowed:
+        except RuntimeError:
             continue
         since_stop = [] if event in (RobotEvent.FAULT, RobotEvent.ESTOP) else [*since_stop, event]
         if latch.state is RobotState.ARMED:

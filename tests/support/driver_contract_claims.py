@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from tests.support.driver_rig import DriverRig, both
+from twind.exceptions import InvalidInput
 from twind_drivers.bus import (
     BusError,
     IdentifiedDevice,
     NoReply,
     PortError,
     ReadRequest,
-    UnknownRegister,
     WireClamp,
     WriteRequest,
 )
@@ -205,7 +205,7 @@ class DriverContract:
         assert [device.id for device in found] == list(rig.reader.ids[1:])
 
     def test_a_register_of_an_unknown_name_or_id_lists_what_there_is(self, rig: DriverRig) -> None:
-        with pytest.raises(UnknownRegister, match="temprature limt") as caught:
+        with pytest.raises(InvalidInput, match="temprature limt") as caught:
             rig.perform(rig.reader.read(rig.reader.ids[0], "temprature limt"))
         near = caught.value.near
         text = str(caught.value)

@@ -5,7 +5,6 @@ devices really do.
 """
 
 from collections.abc import Generator
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from twind_drivers.bus import (
     BusReader,
     BusSample,
     BusWriter,
-    OutputQueueFull,
     PingRequest,
+    PortError,
+    PortFault,
     ReadRequest,
     Request,
     Script,
@@ -24,6 +24,11 @@ from twind_drivers.clock import FakeClock
 from twind_drivers.run_script import perform
 
 RATE = 100.0  # Hz
+
+
+def is_output_full(error: BaseException) -> bool:
+    """True for the error of a port whose output was dropped."""
+    return isinstance(error, PortError) and error.kind is PortFault.OUTPUT_FULL
 
 
 class DriverRig:
@@ -72,7 +77,9 @@ class DriverRig:
             self.writer.goals(goal)
         try:
             self.reader.request(self.clock.now())
-        except OutputQueueFull:  # the loop misses the reading
+        except PortError as error:  # the loop misses the reading
+            if not is_output_full(error):
+                raise
             return self.missed()
         self.wait()
         return self.reader.finish(self.clock.now())
@@ -90,9 +97,12 @@ class DriverRig:
         begin = self.clock.now()
         sample = self.read(goal)
         query = self.reader.upkeep(self.clock.now())
-        with suppress(OutputQueueFull):
+        try:
             if query is not None:
                 self.transact(query)
+        except PortError as error:
+            if not is_output_full(error):
+                raise
         self.clock.sleep_until(begin + 1.0 / self.rate_hz)
         return sample
 
@@ -124,7 +134,9 @@ class DriverRig:
                 self.read()
                 try:
                     reply = self.transact(request)
-                except OutputQueueFull:  # asked again in the next tick
+                except PortError as error:  # requested again in the next tick
+                    if not is_output_full(error):
+                        raise
                     self.clock.sleep_until(begin + 1.0 / self.rate_hz)
                     yield
                     continue

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
+from twind.exceptions import InvalidInput
 from twind.twin.base_support import BY_ORDER, BY_TORQUE, NEVER
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
-from twind.virtual.fault_commands import FaultCommandError
 from twind.virtual.virtual_server import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.servo_physics import DriveState
@@ -169,7 +169,7 @@ def test_orders_reach_the_body_without_a_bus() -> None:
     assert server(muscles).execute_fault_command({"fault": "hold", "on": False}) == {"ok": True}
     told = server(muscles).execute_fault_command({"query": "state"})["body"]
     assert told["held"] is False and told["position"][2] == pytest.approx(STANDING, abs=0.001)
-    with pytest.raises(FaultCommandError, match="push takes forward, left, up, seconds, not 'right'"):
+    with pytest.raises(InvalidInput, match="push takes forward, left, up, seconds, not 'right'"):
         server(muscles).execute_fault_command({"fault": "push", "right": 1.0})
 
 
@@ -177,7 +177,7 @@ def test_a_robot_that_hangs_or_lies_has_nobody_to_let_go_of() -> None:
     hung = body_of(load_robot("h24"), dict.fromkeys(ROBOT.names, 2048))
     lying = body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), base="back")
     assert hung.crane is None and lying.crane is None and body().crane is not None
-    with pytest.raises(FaultCommandError, match="hold: no body stands here freely"):
+    with pytest.raises(InvalidInput, match="hold: no body stands here freely"):
         server(hung).execute_fault_command({"fault": "hold", "on": False})
     with pytest.raises(ValueError, match="'rope' is none of torque, order, never"):
         body("rope")

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import Calibration, fitting
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.twin.binding import Binding, BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import Binding, bind
 from twind_drivers.bus import IdentifiedDevice
 
 H24 = load_robot("h24")
@@ -41,7 +42,7 @@ def model_of(tmp_path: Path, old: str, new: str, robot: RobotFile = H24) -> Robo
 
 
 def refused(robot: RobotFile, calibration: Calibration | None = None) -> str:
-    with pytest.raises(BindingError) as caught:
+    with pytest.raises(InvalidInput) as caught:
         bind(robot, calibration)
     return str(caught.value)
 
@@ -193,7 +194,7 @@ def test_every_goal_that_the_limits_allow_is_a_count_that_the_servo_takes(
 ) -> None:
     try:
         binding = bind(H24, calibrated(H24, zero, low, high))
-    except BindingError:
+    except InvalidInput:
         return
     bus = binding.joint_map.buses[0]
     limits = binding.limits

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tests.support.clearance_rig import Oracle, arm, arm_file, h24
+from twind.exceptions import InvalidInput
 from twind.robot.finding import ReasonCode
-from twind.twin.binding import Binding, BindingError, bind
+from twind.twin.binding import Binding, bind
 from twind.twin.collision_model import CollisionModel, candidates
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
@@ -114,7 +115,7 @@ def test_what_is_allowed_is_not_judged(tmp_path: Path) -> None:
     ],
 )
 def test_names_that_mean_nothing_are_refused(tmp_path: Path, collision: str, message: str) -> None:
-    with pytest.raises(BindingError) as caught:
+    with pytest.raises(InvalidInput) as caught:
         CollisionModel(arm(tmp_path, collision))
     assert message in str(caught.value)
 
@@ -160,7 +161,7 @@ def test_a_height_field_of_the_world_must_be_allowed(tmp_path: Path) -> None:
     xml = (tmp_path / "arm.xml").read_text()
     asset = '<asset><hfield name="ground" nrow="2" ncol="2" size="1 1 0.1 0.1"/></asset><worldbody>'
     (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset))
-    with pytest.raises(BindingError, match="height field"):
+    with pytest.raises(InvalidInput, match="height field"):
         CollisionModel(bind(robot, None))
 
 

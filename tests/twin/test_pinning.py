@@ -11,12 +11,13 @@ import pytest
 from tests.support.hull_robot import hull
 from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.robot_spec import RobotFile
+from twind.exceptions import InvalidInput
 from twind.learn.task.plant_model import plant_of
 from twind.robot.arrays import Floats
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory
 from twind.twin.base_pose import UPRIGHT
-from twind.twin.binding import Binding, BindingError, bind
+from twind.twin.binding import Binding, bind
 from twind.twin.clearance_survey import survey
 from twind.twin.collision_model import CollisionModel, candidates
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
@@ -247,7 +248,7 @@ def test_a_base_that_is_carried_by_a_floating_body_is_refused_and_pinned_with_it
     text = text.replace(end, f"</body>{end}")
     text = text.replace("<body>", '<body name="nose">')
     (tmp_path / "hull.xml").write_text(text)
-    with pytest.raises(BindingError, match="'root' stands neither in `joints` nor in `passive`"):
+    with pytest.raises(InvalidInput, match="'root' stands neither in `joints` nor in `passive`"):
         bind(robot, None)
     floating = mujoco.MjModel.from_xml_string(text)
     spec = mujoco.MjSpec.from_string(text)

@@ -8,11 +8,12 @@ import pytest
 
 from tests.support.clearance_rig import arm, arm_file, finished, h24, still
 from twind.command_line.trajectory_files import load_motion
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
-from twind.twin.binding import BindingError, bind
+from twind.twin.binding import bind
 from twind.twin.trajectory_precheck import TrajectoryPrecheck, samples
 
 ALL = np.ones(3, np.bool_)
@@ -89,7 +90,7 @@ def test_a_model_in_which_nothing_can_collide_gives_no_foresight(tmp_path: Path)
     robot = arm_file(tmp_path)
     xml = (tmp_path / "arm.xml").read_text()
     (tmp_path / "arm.xml").write_text(xml.replace("<geom ", '<geom contype="0" conaffinity="0" '))
-    with pytest.raises(BindingError, match="no two bodies"):
+    with pytest.raises(InvalidInput, match="no two bodies"):
         TrajectoryPrecheck(bind(robot, None), 0.01)
 
 

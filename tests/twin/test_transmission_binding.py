@@ -13,9 +13,10 @@ from tests.support import transmission_robot_file as linked
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.robot_spec import RobotFile
+from twind.exceptions import InvalidInput
 from twind.loop.joint_readings import NOWHERE, efforts, radians, ticks, velocities
 from twind.robot.arrays import Floats
-from twind.twin.binding import Binding, BindingError, bind, rebound
+from twind.twin.binding import Binding, bind, rebound
 from twind.virtual.virtual_robot_spec import calibration, specimen
 
 WAIST = ("waist_roll", "waist_yaw")
@@ -124,7 +125,7 @@ def test_limits_that_an_actuator_cannot_follow_are_refused_naming_joint_and_actu
             for entry in known.joints
         )
         with pytest.raises(
-            BindingError, match=f"{joint}: transmission .* ask actuator {actuator} for counts"
+            InvalidInput, match=f"{joint}: transmission .* ask actuator {actuator} for counts"
         ):
             bind(robot, replace(known, joints=shorter))
 

@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.virtual.bench_servos import BusTiming, VirtualRobotSpecError, bench, by_bus, servo, settings
+from twind.exceptions import InvalidInput
+from twind.virtual.bench_servos import BusTiming, bench, by_bus, servo, settings
 from twind.virtual.virtual_main import main
 from twind.virtual.virtual_robot_spec import buses, specimen
 from twind_drivers.dynamixel import packet
@@ -32,7 +33,7 @@ def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
     ],
 )
 def test_a_servo_that_is_none_says_what_would_be_right(text: str, says: str) -> None:
-    with pytest.raises(VirtualRobotSpecError, match=says):
+    with pytest.raises(InvalidInput, match=says):
         servo(text)
 
 
@@ -91,9 +92,9 @@ def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
 
 def test_what_a_robot_cannot_have_beside_it_is_refused() -> None:
     made = specimen(load_robot("h24"))
-    with pytest.raises(VirtualRobotSpecError, match="no bus 'left'; h24 has main"):
+    with pytest.raises(InvalidInput, match="no bus 'left'; h24 has main"):
         buses(made, physics=False, extra={"left": [ServoSpec(1)]})
-    with pytest.raises(VirtualRobotSpecError, match="first-order"):
+    with pytest.raises(InvalidInput, match="first-order"):
         buses(made, extra={"main": [ServoSpec(1)]})
 
 
@@ -141,5 +142,5 @@ def test_a_can_actuator_is_named_as_a_servo_is() -> None:
     ],
 )
 def test_a_can_actuator_that_cannot_be_is_refused(texts: list[str], message: str) -> None:
-    with pytest.raises(VirtualRobotSpecError, match=message):
+    with pytest.raises(InvalidInput, match=message):
         bench([servo(text) for text in texts], BusTiming())

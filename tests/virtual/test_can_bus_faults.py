@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.driver_rig import is_output_full
 from tests.support.virtual_can_host import LIMP, CanHost, mit
-from twind.virtual.fault_commands import CAN_FAULTS, FaultCommandError, arguments
-from twind_drivers.bus import OutputQueueFull, PortError
+from twind.exceptions import InvalidInput
+from twind.virtual.fault_commands import CAN_FAULTS, arguments
+from twind_drivers.bus import PortError
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR
 from twind_drivers.virtual.can.can_bus_faults import CanFaults
@@ -201,7 +203,7 @@ def test_the_channel_refuses_while_old_frames_wait_and_is_lost_after_a_second() 
     send(host, link)
     for _ in range(10):
         host.clock.sleep_until(host.clock.now() + 0.1)
-        with pytest.raises(OutputQueueFull, match="1 bytes still wait"):
+        with pytest.raises(PortError, match="1 bytes still wait", check=is_output_full):
             send(host, link)
         host.bus.take_host_frames(as_frames([CanMessage(1, LIMP)]), host.clock.now())
     host.clock.sleep_until(host.clock.now() + 0.11)
@@ -278,7 +280,7 @@ def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten()
 
 
 def test_orders_of_the_other_kind_of_bus_are_refused() -> None:
-    with pytest.raises(FaultCommandError, match="no fault 'babble'; there are drop"):
+    with pytest.raises(InvalidInput, match="no fault 'babble'; there are drop"):
         arguments({"fault": "babble"}, CAN_FAULTS)
     assert arguments({"fault": "wrap", "id": 3}, CAN_FAULTS) == ("wrap", {"id": 3})
 

@@ -8,14 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from twind.virtual.fault_commands import (
-    BODY_FAULTS,
-    FAULTS,
-    FaultCommandError,
-    FaultCommandSocket,
-    Order,
-    arguments,
-)
+from twind.exceptions import InvalidInput
+from twind.virtual.fault_commands import BODY_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.virtual_main import parser
 from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
 
@@ -34,7 +28,7 @@ from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
     ],
 )
 def test_a_wrong_order_says_what_would_be_right(order: Order, says: str) -> None:
-    with pytest.raises(FaultCommandError, match=says):
+    with pytest.raises(InvalidInput, match=says):
         arguments(order)
 
 

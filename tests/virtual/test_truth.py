@@ -13,7 +13,7 @@ from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind.exceptions import InvalidInput
 from twind.virtual.truth import PLAIN, JointTruth, Truth, load_truth, random_truth
 from twind.virtual.virtual_robot_spec import VirtualRobotSpec, buses, calibration, save, specimen
 from twind_drivers.virtual.virtual_servos import VirtualServos
@@ -106,7 +106,7 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: st
     ],
 )
 def test_a_truth_that_cannot_be_is_refused(joints: dict[str, JointTruth], words: str) -> None:
-    with pytest.raises(VirtualRobotSpecError) as refused:
+    with pytest.raises(InvalidInput) as refused:
         specimen(H24, truth=Truth(joints))
     assert words in str(refused.value)
 
@@ -115,7 +115,7 @@ def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
     mixed = load_robot("h24-mixed")
     specimen(mixed, truth=Truth({"l_knee": JointTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}))
     with pytest.raises(
-        VirtualRobotSpecError, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
+        InvalidInput, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
     ):
         specimen(mixed, truth=Truth({"l_knee": JointTruth(turns=1)}))
 

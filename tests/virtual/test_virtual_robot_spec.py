@@ -7,9 +7,10 @@ import pytest
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of, tick_range
 from twind.config.robot_file import load_robot
+from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import body_of
 from twind.virtual.bench_servos import servo
-from twind.virtual.virtual_robot_spec import VirtualRobotSpecError, buses, save, specimen
+from twind.virtual.virtual_robot_spec import buses, save, specimen
 from twind_drivers.virtual.virtual_servos import ServoSpec
 
 
@@ -47,7 +48,7 @@ def test_the_calibration_that_fits_is_read_back_and_says_the_same(tmp_path) -> N
     for row, joint in enumerate(found.joints):
         assert joint.device.min_ticks == servos["min_position_limit"][row]
         assert joint.device.max_ticks == servos["max_position_limit"][row]
-    with pytest.raises(VirtualRobotSpecError, match=r"NAME\.yaml"):
+    with pytest.raises(InvalidInput, match=r"NAME\.yaml"):
         save(made, tmp_path / "one.txt")
 
 
@@ -63,14 +64,14 @@ def test_baud_and_return_delay_go_into_the_registers() -> None:
     ("baud", "delay"), [(1_234_567, 0), (1_000_000, 3), (1_000_000, 510), (1_000_000, -2)]
 )
 def test_what_servos_cannot_do_is_refused(baud: int, delay: int) -> None:
-    with pytest.raises(VirtualRobotSpecError, match=r"9600|508"):
+    with pytest.raises(InvalidInput, match=r"9600|508"):
         specimen(load_robot("h24"), baud=baud, return_delay_us=delay)
 
 
 def test_a_travel_that_does_not_fit_one_turn_is_refused() -> None:
     robot = load_robot("h24")
     wide = dataclasses.replace(robot.joints[0], lower=-math.pi, upper=math.pi)
-    with pytest.raises(VirtualRobotSpecError, match="does not fit one turn"):
+    with pytest.raises(InvalidInput, match="does not fit one turn"):
         specimen(dataclasses.replace(robot, joints=(wide, *robot.joints[1:])))
 
 
@@ -107,7 +108,7 @@ def test_servos_cannot_hang_on_a_can_bus() -> None:
     made = specimen(load_robot("h24-mixed"))
     bus, spec = servo("l_leg:9:XM430-W350")
     assert isinstance(spec, ServoSpec)
-    with pytest.raises(VirtualRobotSpecError, match="l_leg is a CAN bus: only a serial one takes servos"):
+    with pytest.raises(InvalidInput, match="l_leg is a CAN bus: only a serial one takes servos"):
         buses(made, physics=False, extra={bus: [spec]})
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.virtual_serial_host import Host
-from twind.virtual.fault_commands import FaultCommandError
+from twind.exceptions import InvalidInput
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.virtual_server import PAGE, STALL, ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
@@ -44,9 +44,9 @@ def test_orders_reach_the_bus_they_name() -> None:
     assert hosts["left"].servos.listening.tolist() == [True, True]
     assert hosts["right"].servos.listening.tolist() == [True, False]
     for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
-        with pytest.raises(FaultCommandError, match="there are left, right"):
+        with pytest.raises(InvalidInput, match="there are left, right"):
             made.execute_fault_command(wrong)
-    with pytest.raises(FaultCommandError, match="there are state, history"):
+    with pytest.raises(InvalidInput, match="there are state, history"):
         made.execute_fault_command({"query": "weather"})
 
 
@@ -95,7 +95,7 @@ def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path:
 
 def test_what_was_recorded_is_given_page_by_page() -> None:
     made, hosts, _ = server("main")
-    with pytest.raises(FaultCommandError, match='"record"'):
+    with pytest.raises(InvalidInput, match='"record"'):
         made.execute_fault_command({"query": "history"})
     made.execute_fault_command({"fault": "record", "count": 2000})
     history = hosts["main"].servos.history
@@ -107,7 +107,7 @@ def test_what_was_recorded_is_given_page_by_page() -> None:
     rest = made.execute_fault_command({"query": "history", "since": first["time"][-1]})
     assert (rest["more"], rest["position"][-1]) == (False, [PAGE + 6, -PAGE - 6])
     assert len(rest["time"]) == 7
-    with pytest.raises(FaultCommandError, match="a time in s"):
+    with pytest.raises(InvalidInput, match="a time in s"):
         made.execute_fault_command({"query": "history", "since": "now"})
     json.dumps(first)
 

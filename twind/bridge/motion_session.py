@@ -27,11 +27,13 @@ EARLY = 64  # ends kept of motions that are not known yet: an end may be heard b
 MOVING = ("active", "streaming")  # of `Status.motion`
 STOPPED = ("cancelled", "aborted")  # ends after which the robot is not where its sender expects it
 ENDS = ("succeeded", "replaced", *STOPPED)
+# Codes of `twind.robot`, whose enumerations need Python 3.11
+MOTION = "MOTION"
+LEASE_LOST = "LEASE_LOST"
+
 LOST = "lost"  # phase of an end that was not received, or cannot be read
 
-BROKEN = (
-    {"code": "LEASE_LOST", "message": "the connection to the daemon broke: it lets go of such motions"},
-)
+BROKEN = ({"code": LEASE_LOST, "message": "the connection to the daemon broke: it lets go of such motions"},)
 UNREADABLE = (
     {
         "code": "INTERNAL",
@@ -61,7 +63,7 @@ def reported_end(answer: Mapping[str, Any]) -> MotionEnd | None:
     An end whose phase is missing (older daemons) or unknown is LOST. Its id is then "" where the daemon gives
     none: any motion may have ended, so every motion is over. Streamed setpoints end with id "" as well.
     """
-    if answer["topic"] != "events" or answer["event"]["code"] != "MOTION":
+    if answer["topic"] != "events" or answer["event"]["code"] != MOTION:
         return None
     event = answer["event"]
     name = event.get("id") or ""

@@ -12,10 +12,12 @@ ClientError
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from twind.exceptions import TwindError
+
 SHOWN = 3  # findings of one code that get a line each
 
 
-class ClientError(Exception):
+class ClientError(TwindError):
     """A call did not do what was asked."""
 
 

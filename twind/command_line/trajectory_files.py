@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from twind.command_line.verb import Rejected, UsageError
-from twind.protocol.plain_file import NotAFile, read_plain
-from twind.protocol.strict_json import BadJson, loads
+from twind.exceptions import InvalidInput
+from twind.protocol.plain_file import read_plain
+from twind.protocol.strict_json import loads
 
 LARGEST = 4 << 20  # bytes
 _UNUSED = ("header",)  # of a ROS message, and nothing that changes a motion
@@ -33,13 +34,13 @@ def read_trajectory(path: Path) -> dict[str, Any]:
     """A trajectory file as a `Trajectory` of the interface. Raises UsageError, Rejected with the place."""
     try:
         data = read_plain(path, LARGEST)
-    except NotAFile as error:
-        raise Rejected(f"{path}: {error.strerror}") from None
+    except InvalidInput as error:
+        raise Rejected(str(error)) from None
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     try:
         message = loads(data)
-    except BadJson as error:
+    except InvalidInput as error:
         raise Rejected(f"{path}{_place(data, error.position)}: {error}") from None
     if not isinstance(message, dict) or not isinstance(message.get("points"), list):
         raise Rejected(f"{path}: expected an object with joint_names and points")

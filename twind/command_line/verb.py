@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from twind.client import CallError, Client, ClientError, first_open
+from twind.exceptions import TwindError
 
 REMOTES = "twind.remotes"  # entry points: functions that make a Client from the value of --remote
 GROUPS = ("drive", "see", "set up", "record", "learn", "connect")  # headings of `twindctl --help`
@@ -62,11 +63,11 @@ def help_text(verb: Verb) -> str:
     return verb.text if isinstance(verb, FunctionVerb) else (verb.__doc__ or "")
 
 
-class UsageError(Exception):
+class UsageError(TwindError):
     """Error for arguments that make no sense as written: exit code 2."""
 
 
-class Rejected(Exception):
+class Rejected(TwindError):
     """A file or a motion that was not accepted: exit code 1."""
 
 

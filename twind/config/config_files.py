@@ -16,11 +16,8 @@ from twind.config.doc_pages import CALIBRATION, page
 from twind.config.file_changes import fingerprints
 from twind.config.port_names import wrong_port
 from twind.config.robot_file import RobotFile, load_robot
+from twind.exceptions import InvalidInput
 from twind.robot.finding import Finding, ReasonCode
-
-
-class CommandLineError(Exception):
-    """The command line and the files do not go together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +93,7 @@ def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> 
     usual = settings.usual_calibration(robot.name)
     denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)
     if settings.mode == "live" and denied is not None:
-        raise CommandLineError(denied.message)
+        raise InvalidInput(denied.message)
     rate_hz = settings.rate_hz or robot.rate_hz
     if settings.mode != "sim":
         require_rate(robot, rate_hz)
@@ -110,12 +107,12 @@ def bus_ports(
     ports = dict(described) | {name: port for name, port in settings.ports.items() if name}
     unknown = set(ports) - set(buses)
     if unknown:
-        raise CommandLineError(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
+        raise InvalidInput(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
     bare = settings.ports.get("")
     if bare is not None:
         if len(buses) != 1:
             named = " ".join(f"--port {bus}=PORT" for bus in buses)
-            raise CommandLineError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
+            raise InvalidInput(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
         ports[buses[0]] = bare
     return ports
 
@@ -125,7 +122,7 @@ def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
     for name, port in ports.items():
         wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
         if wrong is not None:
-            raise CommandLineError(f"port of bus {name}: {wrong}")
+            raise InvalidInput(f"port of bus {name}: {wrong}")
 
 
 def live_denied(

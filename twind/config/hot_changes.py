@@ -14,6 +14,7 @@ from twind.config.actuator_types import MOST_GAIN, GainSettings, Impedance, Serv
 from twind.config.daemon_settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, DaemonSettings
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN, of_robot
 from twind.config.robot_spec import JointSpec, RobotFile
+from twind.exceptions import InvalidInput
 
 Changes = Mapping[str, Any]  # key -> new value: numbers, texts, lists and mappings of them
 
@@ -42,15 +43,6 @@ _OF_SLOTS = frozenset({"bus", "id", "sign", "ratio", "registers", "mode", "feedb
 _JOINT = {"stops": "stop_rad"}
 _ROBOT = {"mjcf": "model.mjcf", "mjcf_path": "model.mjcf", "base": "model.base", "rate_hz": "loop.rate_hz"}
 _ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu"}
-
-
-class RestartRequired(ValueError):
-    """A change that may not be made while the daemon runs. `key` names it."""
-
-    def __init__(self, key: str, reason: str) -> None:
-        super().__init__(f"{key}: {reason}")
-        self.key = key
-        self.reason = reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +81,7 @@ def _hot_settings(settings: DaemonSettings) -> dict[str, Any]:
 
 
 def settled(settings: DaemonSettings, changes: Changes) -> DaemonSettings:
-    """The settings with the changes that are theirs. Raises NotHot."""
+    """The settings with the changes that are theirs. Raises InvalidInput."""
     wanted = _hot_settings(settings) | {key: changes[key] for key in changes if key in OF_SETTINGS}
     warn, block = thresholds(wanted, settings.latency_warn_ms, settings.latency_block_ms)
     return replace(settings, log_level=wanted[LEVEL], latency_warn_ms=warn, latency_block_ms=block)
@@ -98,17 +90,17 @@ def settled(settings: DaemonSettings, changes: Changes) -> DaemonSettings:
 def thresholds(changes: Changes, warn: float, block: float) -> tuple[float, float]:
     """Latency warned of and refused above (ms), from those in force and the changes of settings.
 
-    Raises NotHot for any of these that no settings file may have.
+    Raises InvalidInput for any of these that no settings file may have.
     """
     if changes.get(LEVEL, LEVELS[0]) not in LEVELS:
-        raise RestartRequired(LEVEL, f"{changes[LEVEL]!r} is none of {', '.join(LEVELS)}")
+        raise InvalidInput(f"{changes[LEVEL]!r} is none of {', '.join(LEVELS)}", where=LEVEL)
     warn = _number(WARN, changes.get(WARN, warn))
     block = _number(BLOCK, changes.get(BLOCK, block))
     for key, value, most in ((WARN, warn, LATENCY_WARN_MS), (BLOCK, block, LATENCY_BLOCK_MS)):
         if not 0.0 < value <= most:
-            raise RestartRequired(key, f"{value:g} must be above 0 and at most {most:g}")
+            raise InvalidInput(f"{value:g} must be above 0 and at most {most:g}", where=key)
     if block < warn:
-        raise RestartRequired(BLOCK, f"{block:g} is below {WARN}, {warn:g}")
+        raise InvalidInput(f"{block:g} is below {WARN}, {warn:g}", where=BLOCK)
     return warn, block
 
 
@@ -162,7 +154,7 @@ def _joint_difference(
         try:
             _tightened(old, key, value, poses)
             hot[key] = value
-        except RestartRequired:
+        except InvalidInput:
             cold.add(key)
     gains, others = _type_difference(old, new)
     return hot | gains, cold | others
@@ -195,7 +187,7 @@ def _gains(kind: TypeSpec) -> dict[str, Any]:
 
 
 def applied(robot: RobotFile, changes: Changes) -> RobotFile:
-    """The robot with the changes that are its own: all of them, or NotHot is raised."""
+    """The robot with the changes that are its own: all of them, or InvalidInput is raised."""
     joints = {joint.name: joint for joint in robot.joints}
     types = {joint.type.name: joint.type for joint in robot.joints}
     gate = robot.gate
@@ -209,7 +201,7 @@ def applied(robot: RobotFile, changes: Changes) -> RobotFile:
         elif key in ("gate.on_velocity", "gate.on_torque") and value == STRICT:
             gate = replace(gate, **{rest: value})
         else:
-            raise RestartRequired(key, f"may not become {value!r} while the daemon runs")
+            raise InvalidInput(f"may not become {value!r} while the daemon runs", where=key)
     made = tuple(replace(joint, type=types[joint.type.name]) for joint in joints.values())
     return replace(robot, joints=made, gate=gate)
 
@@ -222,32 +214,32 @@ def _tightened(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mappi
         return replace(joint, velocity_limit=_lowered(key, value, joint.velocity_limit))
     if what == ACCELERATION:
         return replace(joint, acceleration_limit=_lowered(key, value, joint.acceleration_limit))
-    raise RestartRequired(key, "needs a restart")
+    raise InvalidInput("needs a restart", where=key)
 
 
 def _lowered(key: str, value: Any, most: float) -> float:
     number = _number(key, value)
     if not 0.0 < number <= most:
-        raise RestartRequired(
-            key, f"{number:g} is not above 0 and at most {most:g}, as in force: restart for that"
+        raise InvalidInput(
+            f"{number:g} is not above 0 and at most {most:g}, as in force: restart for that", where=key
         )
     return number
 
 
 def _narrowed(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mapping[str, float]]) -> JointSpec:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
-        raise RestartRequired(key, f"{value!r} is not a lower and an upper limit")
+        raise InvalidInput(f"{value!r} is not a lower and an upper limit", where=key)
     lower = _number(key, value[0])
     upper = _number(key, value[1])
     if not joint.lower <= lower < upper <= joint.upper:
         bounds = f"{joint.lower:g}..{joint.upper:g}"
-        raise RestartRequired(
-            key, f"{lower:g}..{upper:g} is not within {bounds}, as in force: restart for that"
+        raise InvalidInput(
+            f"{lower:g}..{upper:g} is not within {bounds}, as in force: restart for that", where=key
         )
     for name, pose in poses.items():
         if not lower <= pose[joint.name] <= upper:
-            raise RestartRequired(
-                key, f"{lower:g}..{upper:g} leaves {pose[joint.name]:g} of pose {name} outside"
+            raise InvalidInput(
+                f"{lower:g}..{upper:g} leaves {pose[joint.name]:g} of pose {name} outside", where=key
             )
     return replace(joint, lower=lower, upper=upper)
 
@@ -255,12 +247,12 @@ def _narrowed(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mappin
 def _driven(kind: TypeSpec, key: str, value: Any) -> TypeSpec:
     known = _gains(kind)
     if not isinstance(value, Mapping) or set(value) != set(known):
-        raise RestartRequired(key, f"{value!r}: expected {', '.join(known)}")
+        raise InvalidInput(f"{value!r}: expected {', '.join(known)}", where=key)
     numbers = {name: _number(f"{key}.{name}", value[name]) for name in known}
     most = MOST_GAIN if isinstance(kind, ServoType) else float("inf")
     for name, number in numbers.items():
         if not 0.0 <= number <= most:
-            raise RestartRequired(f"{key}.{name}", f"{number:g} is outside 0 to {most:g}")
+            raise InvalidInput(f"{number:g} is outside 0 to {most:g}", where=f"{key}.{name}")
     if isinstance(kind, ServoType):
         return replace(kind, gains=GainSettings(**{name: int(number) for name, number in numbers.items()}))
     return replace(kind, gains=Impedance(**numbers))  # type: ignore[call-arg]  # of a CanType
@@ -268,5 +260,5 @@ def _driven(kind: TypeSpec, key: str, value: Any) -> TypeSpec:
 
 def _number(key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise RestartRequired(key, f"{value!r} is no finite number")
+        raise InvalidInput(f"{value!r} is no finite number", where=key)
     return float(value)

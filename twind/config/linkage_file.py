@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from twind.config.yaml_tree import ConfigError, FilePosition
-from twind.protocol.plain_file import NotAFile, read_plain
+from twind.exceptions import InvalidInput
+from twind.protocol.plain_file import read_plain
 from twind.robot.arrays import Floats
 from twind.robot.linkage_table import LinkageTable
 
@@ -55,8 +56,8 @@ def linkage(path: Path, actuators: Sequence[str], joints: Sequence[str]) -> Pars
 def _bytes(path: Path) -> bytes:
     try:
         return read_plain(path, MAX_BYTES)
-    except NotAFile as error:
-        raise _wrong(path, 0, str(error.strerror)) from None
+    except InvalidInput as error:
+        raise _wrong(path, 0, error.reason) from None
     except (OSError, ValueError) as error:
         raise _wrong(path, 0, f"cannot be read: {error}") from None
 

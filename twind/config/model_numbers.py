@@ -13,7 +13,8 @@ from pathlib import Path
 from xml.parsers import expat
 
 from twind.config.yaml_tree import ConfigError, FilePosition
-from twind.protocol.plain_file import NotAFile, read_plain
+from twind.exceptions import InvalidInput
+from twind.protocol.plain_file import read_plain
 
 MAX_MJCF = 8 * 1024 * 1024  # bytes of one file
 SMALLEST_ARENA = 1 << 20  # bytes; with 32 KiB a 24-joint humanoid ends the simulation by a stack overflow
@@ -160,8 +161,8 @@ def _text(file: Path) -> bytes:
     """The file's bytes, each comment replaced by spaces. Raises ConfigError."""
     try:
         data = read_plain(file, MAX_MJCF)
-    except NotAFile as error:
-        raise ConfigError(str(file), FilePosition(0, 0), "", str(error.strerror)) from None
+    except InvalidInput as error:
+        raise ConfigError(str(file), FilePosition(0, 0), "", error.reason) from None
     except OSError as error:
         raise ConfigError(str(file), FilePosition(0, 0), "", f"cannot be read: {error.strerror}") from error
     return _without_comments(data)

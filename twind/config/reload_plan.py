@@ -48,7 +48,7 @@ def _measured(calibration: Calibration) -> Calibration:
 
 
 def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> LoadedConfig:
-    """Return the configuration in force once `found` is applied. Raises NotHot.
+    """Return the configuration in force once `found` is applied. Raises InvalidInput.
 
     Files whose contents are in force whole count as read now; the others as read before. So arming never
     relies on contents that are not in force.
@@ -78,7 +78,7 @@ def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> L
 
 
 def with_changes(old: LoadedConfig, changes: Changes) -> LoadedConfig:
-    """The same with these changes. Raises NotHot."""
+    """The same with these changes. Raises InvalidInput."""
     settings = hot_changes.settled(old.settings, changes)
     robot = hot_changes.applied(old.robot, changes)
     return replace(old, settings=settings, robot=robot)

@@ -23,7 +23,8 @@ from twind.config.joint_config import described_joints
 from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.yaml_tree import ConfigError, parse, read_text
-from twind.protocol.plain_file import NotAFile, read_plain
+from twind.exceptions import InvalidInput
+from twind.protocol.plain_file import read_plain
 
 FORMAT = "twind-robot/1"
 
@@ -165,8 +166,8 @@ def _model(section: ConfigReader, given: ModelKeys, path: Path) -> tuple[Path, s
     mjcf = path.parent / given.mjcf
     try:
         text = read_plain(mjcf, MAX_MJCF).decode("utf-8")
-    except NotAFile as error:
-        raise section.refuse("mjcf", f"{mjcf}: {error.strerror}") from None
+    except InvalidInput as error:
+        raise section.refuse("mjcf", f"{mjcf}: {error.reason}") from None
     except (OSError, ValueError) as error:
         raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
     require_sane_numbers(mjcf)

@@ -14,7 +14,8 @@ from typing import Any
 
 import yaml
 
-from twind.protocol.plain_file import NotAFile, read_plain
+from twind.exceptions import InvalidInput, TwindError
+from twind.protocol.plain_file import read_plain
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 16
@@ -34,7 +35,7 @@ class FilePosition:
     column: int
 
 
-class ConfigError(Exception):
+class ConfigError(TwindError):
     """A file that cannot be used, and why: `file:line:column: path: message`."""
 
     def __init__(self, file: str, mark: FilePosition, path: str, message: str) -> None:
@@ -109,8 +110,8 @@ def read_text(path: Path) -> str:
     start = FilePosition(0, 0)
     try:
         data = read_plain(path, MAX_BYTES)
-    except NotAFile as error:
-        raise ConfigError(str(path), start, "", str(error.strerror)) from None
+    except InvalidInput as error:
+        raise ConfigError(str(path), start, "", error.reason) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise ConfigError(str(path), start, "", f"cannot be read: {reason}") from error

@@ -12,6 +12,7 @@ from twind.command_line.progress import ProgressLine
 from twind.command_line.trajectory_files import load_motion
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, operator, remote_robot, show
 from twind.ctl.motion_commands import asked_motion
+from twind.exceptions import InvalidInput
 
 group = "set up"
 supports_remote = True
@@ -67,14 +68,14 @@ def _offline(options: argparse.Namespace) -> dict[str, Any]:
     from twind.config.robot_file import load_robot
     from twind.config.yaml_tree import ConfigError
     from twind.ctl.offline_check import pose, verdict
-    from twind.twin.binding import BindingError, bind
+    from twind.twin.binding import bind
 
     try:
         robot = load_robot(options.robot)
         known = None if options.calibration is None else load_calibration(Path(options.calibration), robot)
         position = pose(robot, options.pose or "rest")
         return verdict(bind(robot, known), position, load_motion(options.file, robot.motions))
-    except (ConfigError, BindingError) as error:
+    except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 
 
@@ -85,7 +86,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.config.robot_report import check_robot
     from twind.config.yaml_tree import ConfigError
     from twind.ctl.motion_paths import motions_of
-    from twind.twin.binding import BindingError, bind
+    from twind.twin.binding import bind
     from twind.twin.clearance_survey import survey
 
     try:
@@ -101,7 +102,7 @@ def _robot(options: argparse.Namespace) -> int:
                 said += [f"warning: {each}" for each in wrong]
                 progress.update(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
                 near = survey(bind(robot, None), motions)
-            except BindingError as error:
+            except InvalidInput as error:
                 errors.append(str(error))
     except ConfigError as error:
         raise Rejected(str(error)) from None

@@ -35,10 +35,6 @@ AGAIN = 0.5  # s between two tries: by then every slow register was read once mo
 LOWERING = 5.0  # s kept for the way to the rest pose
 
 
-class DemoFailed(Rejected):
-    """The demonstration could not be shown; the daemon's own words are in its log."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("--seconds", type=float, help="end by itself after so long (default: until Ctrl-C)")
@@ -98,7 +94,7 @@ def _daemon(folder: str, robot: str) -> Iterator["subprocess.Popen[bytes]"]:
         )
     try:
         yield daemon
-    except DemoFailed:
+    except Rejected:
         sys.stderr.write(log.read_text(errors="replace"))
         raise
     finally:
@@ -110,7 +106,7 @@ def _daemon(folder: str, robot: str) -> Iterator["subprocess.Popen[bytes]"]:
             daemon.wait()
     if daemon.returncode != 0:
         sys.stderr.write(log.read_text(errors="replace"))
-        raise DemoFailed(f"the daemon ended with {daemon.returncode}")
+        raise Rejected(f"the daemon ended with {daemon.returncode}")
 
 
 def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
@@ -118,7 +114,7 @@ def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
     state = "starting"
     while time.monotonic() < deadline:
         if daemon.poll() is not None:
-            raise DemoFailed(f"the daemon did not start: it ended with {daemon.returncode}")
+            raise Rejected(f"the daemon did not start: it ended with {daemon.returncode}")
         try:
             with Client(folder) as client:
                 status = client.call("GetStatus")["status"]
@@ -130,7 +126,7 @@ def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
         except ClientError:
             pass
         time.sleep(0.1)
-    raise DemoFailed(f"the robot was not connected within {START:g} s (it is {state})")
+    raise Rejected(f"the robot was not connected within {START:g} s (it is {state})")
 
 
 @dataclass
@@ -261,7 +257,7 @@ def _play(client: Client, folder: str, name: str) -> None:
             return
         print(f"held      {name}: ended {last['phase']}; this machine kept the daemon waiting, see its log")
         _go_to_start(client, motion)
-    raise DemoFailed(f"motion {name} did not come to its end in {TRIES} tries")
+    raise Rejected(f"motion {name} did not come to its end in {TRIES} tries")
 
 
 def _go_to_start(client: Client, motion: Mapping[str, Any]) -> None:
@@ -280,7 +276,7 @@ def _refusal(client: Client) -> None:
     except Refused as refusal:
         print("\n".join(finding_lines(refusal.findings, "refused  ")))
         return
-    raise DemoFailed("a trajectory beyond the limits was accepted")
+    raise Rejected("a trajectory beyond the limits was accepted")
 
 
 def _latency(client: Client) -> None:

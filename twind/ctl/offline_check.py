@@ -12,13 +12,14 @@ import numpy as np
 from twind.client.errors import CallError
 from twind.command_line.verb import UsageError
 from twind.config.robot_file import RobotFile
+from twind.exceptions import InvalidInput
 from twind.front import trajectory_submission
 from twind.front.joint_naming import JointNames
 from twind.front.state_cache import encode
+from twind.front.trajectory_submission import TrajectoryMessage
 from twind.link import Submit
 from twind.loop.submission_tracker import of_the_path, plain, with_front
 from twind.protocol import CONTROL, SERVICE, load
-from twind.protocol.idl import WrongParameter
 from twind.robot.arrays import Floats
 from twind.robot.finding import Verdict
 from twind.robot.modes import Mode, Motion, RobotState
@@ -36,12 +37,12 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     Raises CallError as the call does.
     """
     names = JointNames(binding.joint_map.names)
-    policy = _policy(trajectory, binding.robot)
-    path, wrong = trajectory_submission.judge(trajectory, names)
+    message, policy = _message(trajectory, binding.robot)
+    path, wrong = trajectory_submission.judge(message, names)
     if path is None:
         return _as_sent({"refusals": names.findings(wrong), "warnings": [], "changes": []})
     snapshot = standing(position)
-    asked = trajectory_submission.fields(trajectory, path, names)
+    asked = trajectory_submission.fields(message, path, names)
     found = _foreseen(binding, path, snapshot.reference, append_stop=asked["append_stop"])
     shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
     command = Submit(ticket=0, client=0, uid=0, holder="", check_only=True, **asked, **shares)
@@ -89,21 +90,20 @@ def standing(position: Floats) -> GateSnapshot:
     )
 
 
-def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
-    """Return the policy that the trajectory requests, else the robot file's.
+def _message(trajectory: dict[str, Any], robot: RobotFile) -> tuple[TrajectoryMessage, str]:
+    """Return the trajectory, and the policy that it requests, else the robot file's.
 
     Raises CallError where the message has another shape.
     """
     try:
         load(CONTROL).methods["Check"].parameters.check({"trajectory": trajectory}, "")
-        return trajectory_submission.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
-    except WrongParameter as error:
-        field = error.where or "parameters"
-        reason = error.reason
-    except trajectory_submission.ToleranceTooLoose as error:
-        field = error.field
-        reason = error.reason
-    raise CallError(f"{SERVICE}.InvalidParameter", {"parameter": field, "message": reason})
+        message = trajectory_submission.message_of(trajectory)
+        return message, trajectory_submission.policy(message, msgspec.to_builtins(robot, enc_hook=str))
+    except InvalidInput as error:
+        parameter = error.where or "parameters"
+        raise CallError(
+            f"{SERVICE}.InvalidParameter", {"parameter": parameter, "message": error.reason}
+        ) from None
 
 
 def _as_sent(found: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import BusProbe, SerialBusInspector
 from twind.doctor.ports import port_devices
-from twind_drivers.bus import BaudRefused, PortError
+from twind_drivers.bus import PortError
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
 
@@ -121,7 +121,7 @@ def check_rates(context: CheckContext) -> Iterator[DoctorFinding]:
         try:
             line.transport  # noqa: B018  opening sets the rate and reads back the kernel's
         except CheckUnavailable as error:
-            if isinstance(error.__cause__, BaudRefused):
+            if isinstance(error.__cause__, PortError):
                 yield DoctorFinding("BAUD_UNSUPPORTED", node.path, error.__cause__.reason)
 
 

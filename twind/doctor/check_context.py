@@ -15,7 +15,6 @@ from twind.client import Client, NoDaemon
 from twind.command_line.verb import UsageError
 from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration, load_calibration
-from twind.config.config_files import CommandLineError as Unfit
 from twind.config.config_files import bus_ports, refuse_wrong
 from twind.config.config_reader import file_error
 from twind.config.daemon_settings import DaemonSettings, load_settings
@@ -26,6 +25,7 @@ from twind.ctl.instances import SERVICE, settings_of, sockets_of
 from twind.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding
 from twind.doctor.host_inspector import HostInspector, asleep, would_start
 from twind.doctor.inspectors import PATIENCE, CanBusInspector, DaemonInspector, SerialBusInspector
+from twind.exceptions import InvalidInput
 from twind_drivers.clock import Clock
 
 Survey = TypeVar("Survey")
@@ -326,7 +326,7 @@ def _ports(
     try:
         ports = bus_ports(settings, list(described), described)
         refuse_wrong(robot, ports)
-    except Unfit as error:
+    except InvalidInput as error:
         if options.port:
             raise UsageError(str(error)) from None
         wrong.append(file_error(settings.source, f"ports: {error}"))

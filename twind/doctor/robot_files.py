@@ -10,7 +10,8 @@ from twind.config.file_changes import fingerprint
 from twind.config.robot_file import RobotFile
 from twind.doctor.check import Check, CheckNotApplicable, CheckUnavailable, DoctorFinding, Severity
 from twind.doctor.check_context import CheckContext, CheckProbe
-from twind.twin.binding import BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 
 SHOWN = 4  # names in one finding
 
@@ -59,7 +60,7 @@ def check_model(context: CheckContext) -> Iterator[DoctorFinding]:
     robot = context.need_robot()
     try:
         bound = bind(robot, context.calibration)
-    except BindingError as error:
+    except InvalidInput as error:
         text = str(error).removeprefix(f"{robot.path}: ")
         advice = "correct the robot file or the model: `twindctl check robot FILE`"
         yield DoctorFinding("FILE_REFUSED", str(robot.path), text, advice=advice)

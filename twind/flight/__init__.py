@@ -13,7 +13,6 @@ from twind.flight.flight_records import (
     EntryKind,
     FlightContents,
     FlightEntry,
-    FlightError,
     PackedFlight,
     pack,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "EntryKind",
     "FlightContents",
     "FlightEntry",
-    "FlightError",
     "FlightFile",
     "FlightRing",
     "PackedFlight",

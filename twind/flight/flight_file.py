@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight.flight_records import NO_BUS, FlightContents, FlightError, PackedFlight, broken
+from twind.flight.flight_records import NO_BUS, FlightContents, PackedFlight, broken, unusable
 
 MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
 HEAD_MOST = 1 << 20  # bytes of a head
@@ -102,7 +102,7 @@ def about(path: Path | str) -> dict[str, Any]:
 
 
 def load(path: Path | str) -> FlightFile:
-    """Read a flight file. Raises FlightError (cut, damaged, or another format), OSError (not readable)."""
+    """Read a flight file. Raises InvalidInput (cut, damaged, or another format), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
         _require_magic(name, file.read(len(_MAGIC)))
@@ -120,7 +120,7 @@ def load(path: Path | str) -> FlightFile:
 
 def _require_magic(path: str, found: bytes) -> None:
     if found != _MAGIC:
-        raise FlightError(path, "is no flight file of this version", "`twindctl dump` writes one")
+        raise unusable(path, "is no flight file of this version", "`twindctl dump` writes one")
 
 
 def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
@@ -138,7 +138,7 @@ def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
 
 
 def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
-    """Return the sections by name. Raises FlightError: cut, damaged, or with bytes after them."""
+    """Return the sections by name. Raises InvalidInput: cut, damaged, or with bytes after them."""
     at = 0
     raw = dict[str, bytes]()
     room = MOST

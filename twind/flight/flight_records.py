@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
+from twind.exceptions import InvalidInput
+
 NO_BUS = 255  # `FlightEntry.bus` of an entry without a bus
 RECORD = struct.Struct("<IBBxxd")  # bytes of data, kind, bus, time; the data follow
 HEAD = RECORD.size
@@ -40,19 +42,14 @@ class FlightEntry(NamedTuple):
     data: bytes
 
 
-class FlightError(Exception):
-    """Exception: `path` is no flight recorder, or an incomplete one."""
-
-    def __init__(self, path: str, what: str, remedy: str) -> None:
-        super().__init__(f"{path}: {what}; {remedy}")
-        self.path = path
-        self.what = what
-        self.remedy = remedy
+def unusable(path: str, what: str, remedy: str) -> InvalidInput:
+    """Build the InvalidInput for a file that is no flight recorder."""
+    return InvalidInput(f"{what}; {remedy}", where=path)
 
 
-def broken(path: str, what: str) -> FlightError:
-    """Build the FlightError for a recorder that was complete once and is damaged now."""
-    return FlightError(path, what, "copy it from the robot again, or use another one")
+def broken(path: str, what: str) -> InvalidInput:
+    """Build the InvalidInput for a recorder that was complete once and is damaged now."""
+    return unusable(path, what, "copy it from the robot again, or use another one")
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class PackedFlight:
     entries: bytes
 
     def parse(self, path: str = "flight recorder") -> FlightContents:
-        """Return the content as entries. Raises FlightError."""
+        """Return the content as entries. Raises InvalidInput."""
         kept = {bus: tuple(_parse(path, data)) for bus, data in self.kept.items()}
         return FlightContents(kept, tuple(_parse(path, self.entries)))
 

@@ -151,7 +151,7 @@ class FlightRing:
 
 
 def read(fd: int) -> FlightContents:
-    """Return `copy` as entries. Raises FlightError."""
+    """Return `copy` as entries. Raises InvalidInput."""
     return copy(fd).parse()
 
 
@@ -162,7 +162,7 @@ def copy(fd: int) -> PackedFlight:
 
     The copy is the end of all that was appended until some moment of this call, without a gap. It takes some
     ms and costs the writer nothing. It is empty where the writer goes round the whole ring meanwhile. Raises
-    FlightError.
+    InvalidInput.
     """
     count, segment, buses, slot, first = _geometry(fd)
     newest = max(sequence for sequence, _ in _rows(fd, first)[:count])
@@ -190,7 +190,7 @@ def copy(fd: int) -> PackedFlight:
 def held_span(fd: int) -> tuple[float | None, int]:
     """Return the time of the oldest record (s, monotonic) and the bytes of all records.
 
-    The time is None where it is not known at this moment. Takes some 30 us. Raises FlightError.
+    The time is None where it is not known at this moment. Takes some 30 us. Raises InvalidInput.
     """
     count, segment, _, _, first = _geometry(fd)
     rows = _rows(fd, first)[:count]
@@ -204,7 +204,7 @@ def held_span(fd: int) -> tuple[float | None, int]:
 
 
 def signature(fd: int) -> bytes:
-    """Return the signature that the writer stored; zeros: none. Raises FlightError."""
+    """Return the signature that the writer stored; zeros: none. Raises InvalidInput."""
     _geometry(fd)
     return os.pread(fd, SIGNATURE, _SIGNED)
 
@@ -214,7 +214,7 @@ def _settle() -> None:
 
 
 def _geometry(fd: int) -> tuple[int, int, int, int, int]:
-    """Segments, bytes of each, buses, bytes of a transcript, first byte. Raises FlightError."""
+    """Segments, bytes of each, buses, bytes of a transcript, first byte. Raises InvalidInput."""
     head = b""
     with contextlib.suppress(OSError):
         head = os.pread(fd, _GEOMETRY.size, 0)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from twind.exceptions import InvalidInput
 from twind.link import Annotation
-from twind.protocol import WrongParameter
 
 KINDS = {"begin": ("task", "text"), "end": ("task", "success", "text"), "note": ("text",)}  # what each has
 NEEDED = {"begin": "task", "note": "text"}
@@ -12,17 +12,17 @@ LONGEST = {"task": 100, "text": 500}  # characters
 
 
 def annotation(given: Mapping[str, Any]) -> Annotation:
-    """What the parameters of a call say, whose `kind` is a key of KINDS. Raises WrongParameter."""
+    """What the parameters of a call say, whose `kind` is a key of KINDS. Raises InvalidInput."""
     kind = given["kind"]
     said = {key: given[key] for key in ("task", "success", "text") if given.get(key) is not None}
     for key in said:
         if key not in KINDS[kind]:
-            raise WrongParameter(key, f"{kind} has none; it takes {' and '.join(KINDS[kind])}")
+            raise InvalidInput(f"{kind} has none; it takes {' and '.join(KINDS[kind])}", where=key)
     if kind in NEEDED and NEEDED[kind] not in said:
-        raise WrongParameter(NEEDED[kind], f"is missing: {kind} says nothing without it")
+        raise InvalidInput(f"is missing: {kind} says nothing without it", where=NEEDED[kind])
     for key, most in LONGEST.items():
         text = said.get(key, "-")
         if not text.strip() or len(text) > most or not text.isprintable():
             reason = f"expected 1 to {most} printable characters on one line, got {len(text)}"
-            raise WrongParameter(key, f"{reason}{'' if text.isprintable() else ', some not printable'}")
+            raise InvalidInput(f"{reason}{'' if text.isprintable() else ', some not printable'}", where=key)
     return Annotation(kind, **said)

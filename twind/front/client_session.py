@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from twind.exceptions import InvalidInput
 from twind.front.client_calls import Caller, ClientCall, ConnectionCalls
 from twind.front.message_stream import MessageStream
 from twind.front.methods import METHODS, OBSERVER, service
-from twind.protocol import CONTROL, SERVICE, WrongParameter
-from twind.protocol.strict_json import BadJson, loads
+from twind.protocol import CONTROL, SERVICE
+from twind.protocol.strict_json import loads
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
@@ -38,18 +40,25 @@ class ClientSession:
     def message(self, data: bytes) -> bool:
         """One message: refused, or a call."""
         try:
-            call = self._call(loads(data))
-        except BadJson as error:
-            self._strike(ReasonCode.BAD_JSON, str(error))
-        except WrongParameter as error:
-            self._strike(ReasonCode.BAD_SCHEMA, str(error))
+            self._add_call(data)
         except Exception as error:  # noqa: BLE001  see `_begin`
             self._broke("", error)
-        else:
-            self._heard = True
-            self.calls.add(call)
         self._paused = self.calls.full
         return not self._paused
+
+    def _add_call(self, data: bytes) -> None:
+        try:
+            message = loads(data)
+        except InvalidInput as error:
+            self._strike(ReasonCode.BAD_JSON, str(error))
+            return
+        try:
+            call = self._call(message)
+        except InvalidInput as error:
+            self._strike(ReasonCode.BAD_SCHEMA, str(error))
+            return
+        self._heard = True
+        self.calls.add(call)
 
     def too_large(self, limit: int) -> None:
         """Refuse and hang up: where the next message begins is unknown."""
@@ -66,7 +75,7 @@ class ClientSession:
         """Close what hangs: a slow reader, a silent newcomer, a peer that went after its last word."""
         if self.stream.stuck(now):
             self.front.log.write(
-                "warning", "SLOW_READER", now, holder=self.caller.holder, role=self.caller.role
+                "warning", EventCode.SLOW_READER, now, holder=self.caller.holder, role=self.caller.role
             )
             self.stream.close()
             return
@@ -83,25 +92,27 @@ class ClientSession:
     # --------------------------------------------------------------------------- calls
 
     def _call(self, message: Any) -> ClientCall:
-        """A message as a call. Raises WrongParameter."""
+        """A message as a call. Raises InvalidInput."""
         if type(message) is not dict or type(message.get("method")) is not str:
-            raise WrongParameter("method", 'a call is {"method": "interface.Method", "parameters": {...}}')
+            raise InvalidInput(
+                'a call is {"method": "interface.Method", "parameters": {...}}', where="method"
+            )
         unknown = message.keys() - _KEYS
         if unknown:
-            raise WrongParameter(
-                sorted(unknown)[0], f"unknown key of a call; known: {', '.join(sorted(_KEYS))}"
+            raise InvalidInput(
+                f"unknown key of a call; known: {', '.join(sorted(_KEYS))}", where=sorted(unknown)[0]
             )
         for key in ("more", "oneway", "upgrade"):
             if type(message.get(key, False)) is not bool and message[key] is not None:
-                raise WrongParameter(key, "expected true or false")
+                raise InvalidInput("expected true or false", where=key)
         parameters = message.get("parameters")
         parameters = {} if parameters is None else parameters
         if type(parameters) is not dict:
-            raise WrongParameter("parameters", "expected an object")
+            raise InvalidInput("expected an object", where="parameters")
         more = bool(message.get("more"))
         oneway = bool(message.get("oneway"))
         if message.get("upgrade") or (more and oneway):
-            raise WrongParameter("upgrade" if message.get("upgrade") else "oneway", "not served here")
+            raise InvalidInput("not served here", where="upgrade" if message.get("upgrade") else "oneway")
         interface, _, method = message["method"].rpartition(".")
         return ClientCall(self.calls, interface, method, parameters, more=more, oneway=oneway)
 
@@ -114,7 +125,7 @@ class ClientSession:
         try:
             if self._allowed(call):
                 (METHODS[call.method] if call.interface == CONTROL else service)(self.front, call)
-        except WrongParameter as error:
+        except InvalidInput as error:
             call.invalid(error.where or "parameters", error.reason)
         except (OSError, MemoryError) as error:
             call.error("Busy", {"what": f"out of descriptors or memory: {error}"})
@@ -131,7 +142,7 @@ class ClientSession:
         self.stream.close()
 
     def _allowed(self, call: ClientCall) -> bool:
-        """The method exists, its parameters fit, and this caller may call it. Raises WrongParameter."""
+        """The method exists, its parameters fit, and this caller may call it. Raises InvalidInput."""
         interface = self.front.interfaces.get(call.interface)
         method = interface.methods.get(call.method) if interface else None
         if method is None:

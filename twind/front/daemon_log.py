@@ -18,6 +18,7 @@ from typing import Any
 import structlog
 
 from twind.front import systemd_journal as journals
+from twind.robot.event_codes import EventCode
 
 WAITING = 1000  # lines that may wait for a slow standard error
 PER_SECOND = 20  # lines of one kind; the rest of that second is counted
@@ -98,7 +99,12 @@ class LogWriter:
 
 def _loss(count: int) -> LogLine:
     said = f"... {count} lines lost: nobody took them (standard error not read, closed, or its disk full)"
-    fields = {"MESSAGE": said, "PRIORITY": "4", "TWIND_CODE": "LINES_LOST", "TWIND_LINES": count}
+    fields = {
+        "MESSAGE": said,
+        "PRIORITY": "4",
+        "TWIND_CODE": EventCode.LINES_LOST.value,
+        "TWIND_LINES": count,
+    }
     return LogLine(said, journals.datagram(fields))
 
 
@@ -138,7 +144,7 @@ class DaemonLog:
         if left_out:
             fields = {**fields, "lines_left_out": left_out}
         known = {key: value for key, value in (details or {}).items() if value is not None}
-        self._logger.log(LEVELS.get(level, 20), event, **({"details": known} if known else {}), **fields)
+        self._logger.log(LEVELS.get(level, 20), str(event), **({"details": known} if known else {}), **fields)
 
     def close(self) -> None:
         """Write what waits."""

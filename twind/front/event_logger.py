@@ -6,6 +6,7 @@ from typing import Any
 from twind.front.daemon_log import DaemonLog
 from twind.front.joint_naming import JointNames
 from twind.link import Event, Overview, Tick
+from twind.robot.event_codes import EventCode
 
 EVERY = 5.0  # s between two latency reports (design 6.4)
 
@@ -39,7 +40,7 @@ class EventLogger:
         if tick is None or (last is not None and news.time < last.time + EVERY):
             return
         if last is not None:
-            self._log.write("info", "latency", news.time, **self._summary(news, last, tick))
+            self._log.write("info", EventCode.LATENCY, news.time, **self._summary(news, last, tick))
         self._last = news
 
     @staticmethod

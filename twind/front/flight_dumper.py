@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.briefing import fingerprint
-from twind.flight import FlightError, copy, held_span, signature
+from twind.exceptions import InvalidInput
+from twind.flight import copy, held_span, signature
 from twind.front.client_calls import ClientCall
 from twind.front.daemon_log import printable
 from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
 from twind.front.state_cache import encode
 from twind.link import CrashRecordingDone, Event
+from twind.robot.event_codes import EventCode
 from twind.robot.modes import RobotState
 
 if TYPE_CHECKING:
@@ -91,7 +93,7 @@ class FlightDumper:
 
     def event(self, event: Event) -> None:
         """Process an event of the loop: a fault makes a file due."""
-        self._farewell = self._farewell or event.code == "END"
+        self._farewell = self._farewell or event.code == EventCode.END
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
         if event.code in FAULTS and self._due is None:
@@ -119,7 +121,7 @@ class FlightDumper:
         if self._recorded.ring is not None:
             oldest = None
             size = 0
-            with contextlib.suppress(FlightError):
+            with contextlib.suppress(InvalidInput):
                 oldest, size = held_span(self._recorded.ring)
             span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
@@ -217,11 +219,11 @@ class FlightDumper:
         now = self._front.now()
         if path is None:
             said = "another crash of this robot was written down in the last minute"
-            self._front.log.write("info", "FLIGHT_LEFT_OUT", now, message=said)
+            self._front.log.write("info", EventCode.FLIGHT_LEFT_OUT, now, message=said)
         else:
             self.last = str(path)
             self._show(now)
-            self._front.log.write("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
+            self._front.log.write("info", EventCode.FLIGHT_WRITTEN, now, message=f"{path} ({wanted.reason})")
         self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
         if wanted.wreck:
             self._front.link.owe(CrashRecordingDone())
@@ -231,7 +233,7 @@ class FlightDumper:
         self.failed += 1
         now = self._front.now()
         said = f"{self._folder.path}: {error}"
-        self._front.log.write("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
+        self._front.log.write("error", EventCode.FLIGHT_NOT_WRITTEN, now, message=said, failed=self.failed)
         self._answer(wanted, None, said=str(error))
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:
             self._wreck_due = now + WRECK_AGAIN

@@ -14,7 +14,8 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight import FlightError, PackedFlight, about, draft, settle
+from twind.exceptions import InvalidInput
+from twind.flight import PackedFlight, about, draft, settle
 
 # files, and bytes of all: the newest stay
 KEPT = 20
@@ -92,7 +93,7 @@ class FlightFolder:
         """A crash of this robot was written down in the last minute."""
         now = meta["wall_ns"] / 1e9
         for path in self.path.glob(f"flight-*-{CRASH}*.flight"):
-            with contextlib.suppress(OSError, FlightError):
+            with contextlib.suppress(OSError, InvalidInput):
                 other = about(path) if abs(path.stat().st_mtime - now) < APART else {}
                 if other and all(other.get(key) == meta[key] for key in ("reason", "robot", "individual")):
                     return True

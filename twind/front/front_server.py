@@ -28,6 +28,7 @@ from twind.front.ticket_table import TicketTable
 from twind.front.trajectory_check_queue import TrajectoryCheckQueue
 from twind.link import ConnectionClosed, Event, Outward, Overview, ReloadWanted, Reply, Tick, VerdictReport
 from twind.protocol import CONTROL, SERVICE, load
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ class FrontServer:
         """Free one descriptor: a spare one, else the oldest connection that is for an e-stop only."""
         if not self._starved:
             self._starved = True
-            self.log.write("error", "DESCRIPTORS", self.now(), message="none left: new clients may only stop")
+            self.log.write(
+                "error", EventCode.DESCRIPTORS, self.now(), message="none left: new clients may only stop"
+            )
         if self._spares.give():
             return True
         reserved = [session for session in self.sessions.values() if session.caller.reserved]
@@ -197,13 +200,13 @@ class FrontServer:
     def broken(self, caller: Caller, method: str, error: Exception) -> None:
         """A call broke: a bug of ours, in the log with its place."""
         fields = {**_place(error), "method": method, "holder": caller.holder}
-        self.log.write("error", "CALL_BROKE", self.now(), **fields)
+        self.log.write("error", EventCode.CALL_BROKE, self.now(), **fields)
 
     def unexpected(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Something broke that belongs to no call: told by our log, since asyncio's own may block."""
         error = context.get("exception")
         fields = _place(error) if error is not None else {"message": str(context.get("message"))}
-        self.log.write("error", "FRONT_BROKE", self.now(), **fields)
+        self.log.write("error", EventCode.FRONT_BROKE, self.now(), **fields)
 
     # ----------------------------------------------------------------------------- the loop
 
@@ -267,7 +270,7 @@ class FrontServer:
             self.listening.open()
             self.listening.check()
         for method in self.tickets.expire(now):
-            self.log.write("error", "LOOP_SILENT", now, method=method)
+            self.log.write("error", EventCode.LOOP_SILENT, now, method=method)
         for session in list(self.sessions.values()):
             session.close_if_stalled(now)
         for peer in [peer for peer, recent in self._paced.items() if now - recent[-1] > 1.0]:

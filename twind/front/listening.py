@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twind.exceptions import OperationFailed
 from twind.link import Reachable, Rebound
-from twind.listening_sockets import Listener, SocketError, listen
+from twind.listening_sockets import Listener, listen
 from twind.protocol.socket_paths import SYSTEM
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class Listening:
             return f"{path}: no client can connect, its file was removed or replaced; {_by_manager(path)}"
         try:
             made = Listener.of(_bound_again(path.parent, door.name), own=True)
-        except (SocketError, OSError) as error:
+        except (OperationFailed, OSError) as error:
             return f"no client can connect: {error} (it is tried again)"
         if not self._link.send(Rebound(name=door.name, label=made.label), made.bound.fileno()):
             made.close()  # the next check finds its file stale, and binds again
@@ -133,9 +134,9 @@ def _by_manager(path: Path) -> str:
 def _bound_again(folder: Path, name: str) -> socket.socket:
     """A new socket there, tried twice: a folder that is being removed can go between its check and `bind`.
 
-    Raises SocketError, OSError.
+    Raises OperationFailed, OSError.
     """
     try:
         return listen(folder, name)
-    except SocketError:
+    except OperationFailed:
         return listen(folder, name)

@@ -6,17 +6,10 @@ import socket
 from collections import deque
 from collections.abc import Callable
 
+from twind.exceptions import InvalidInput
 from twind.link import DATAGRAM, Heartbeat, Inward, Outward, decode_news, encode
 
 MOST = DATAGRAM // 2  # bytes of one command
-
-
-class CommandTooLarge(Exception):
-    """A command that does not fit one datagram of the link."""
-
-    def __init__(self, size: int) -> None:
-        super().__init__(f"{size} bytes, bound {MOST}")
-        self.size = size
 
 
 class LoopConnection:
@@ -48,13 +41,13 @@ class LoopConnection:
     def send(self, command: Inward, fd: int | None = None) -> bool:
         """One command, with a memfd beside it; False: the pipe is full and nothing was sent.
 
-        Raises TooLarge.
+        Raises InvalidInput.
         """
         data = _bounded(command)
         return not self._owed and self._send(data, fd)
 
     def owe(self, command: Inward) -> None:
-        """A command that must not be lost: sent now, or as soon as the pipe takes it. Raises TooLarge."""
+        """A command that must not be lost: sent now, or as soon as the pipe takes it. Raises InvalidInput."""
         data = _bounded(command)
         if self._owed or not self._send(data, None):
             self._owed.append(data)
@@ -98,8 +91,8 @@ class LoopConnection:
 
 
 def _bounded(command: Inward) -> bytes:
-    """Encoded. Raises TooLarge: the kernel would cut it, and the loop would take that for a broken front."""
+    """Encode a command. Raises InvalidInput for one above MOST bytes, which the kernel would cut."""
     data = encode(command)
     if len(data) > MOST:
-        raise CommandTooLarge(len(data))
+        raise InvalidInput(f"{len(data)} bytes, bound {MOST}")
     return data

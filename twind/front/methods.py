@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from twind import link
 from twind.config.file_changes import edited
+from twind.exceptions import InvalidInput
 from twind.front import annotations as marks
 from twind.front import trajectory_submission
 from twind.front.accepted_trajectories import AcceptedTrajectory, strip_points
 from twind.front.client_calls import STOPS, ClientCall
 from twind.front.daemon_log import printable
-from twind.front.loop_connection import CommandTooLarge
 from twind.front.monitor_subscribers import TOPICS
 from twind.front.reload_queue import PARAMETERS
 from twind.front.state_cache import encode
@@ -21,6 +21,7 @@ from twind.front.streamer_reports import find_invalid_number
 from twind.front.ticket_table import ESTOPS
 from twind.front.trajectory_check_queue import TrajectoryCheck
 from twind.protocol import SERVICE
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def forward(
     caller = call.caller
     now = front.now()
     if call.oneway and front.tickets.flooded(call):
-        front.log.write("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
+        front.log.write("warning", EventCode.ONEWAY_FLOOD, now, holder=caller.holder, method=call.method)
         return False
     ticket = front.tickets.open(call, now)
     who = {"client": caller.number, "uid": caller.uid, "holder": caller.holder}
@@ -62,7 +63,7 @@ def forward(
             front.link.owe(command)
         else:
             sent = front.link.send(command, fd)
-    except CommandTooLarge as error:
+    except InvalidInput as error:
         front.tickets.close(ticket)
         front.refuse(call, [Finding(ReasonCode.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
         return False
@@ -182,13 +183,14 @@ def _check(front: FrontServer, call: ClientCall) -> None:
 def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> None:
     now = front.now()
     names = front.world.names
-    message = call.parameters["trajectory"]
+    given = call.parameters["trajectory"]
     if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
+        message = trajectory_submission.message_of(given)
         policy = trajectory_submission.policy(message, front.world.briefing.description)
-    except trajectory_submission.ToleranceTooLoose as error:
-        call.invalid(error.field, error.reason)
+    except InvalidInput as error:
+        call.invalid(error.where, error.reason)
         return
     path, wrong = trajectory_submission.judge(message, names)
     if path is None:
@@ -204,7 +206,7 @@ def _trajectory(front: FrontServer, call: ClientCall, *, check_only: bool) -> No
             sent = forward(front, call, link.Submit, fd, **asked, **judged)
         if sent and not check_only:
             front.submitted.wait(
-                AcceptedTrajectory(fields["id"], call.caller.holder, path, strip_points(message))
+                AcceptedTrajectory(fields["id"], call.caller.holder, path, strip_points(given))
             )
 
     front.foreseen.judge(TrajectoryCheck(call, path, fields["append_stop"], not check_only, send, now))

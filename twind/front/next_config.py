@@ -27,7 +27,7 @@ def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -
 
 
 def with_settings(briefing: Briefing, changes: Mapping[str, Any]) -> Briefing:
-    """The next briefing, with settings changed by a client's word. Raises NotHot, ValueError."""
+    """The next briefing, with settings changed by a client's word. Raises InvalidInput, ValueError."""
     sources, old = config_files.unpacked(briefing.described)
     then = reload_plan.with_changes(old, changes)
     named = dict.fromkeys((key.rpartition(".")[2] for key in changes), BY_CLIENT)

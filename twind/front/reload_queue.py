@@ -22,6 +22,7 @@ from twind.front.client_calls import ClientCall
 from twind.front.state_cache import encode
 from twind.front.trajectory_check_queue import NOBODY
 from twind.memfd import seal
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class ReloadQueue:
 
         try:
             made = with_settings(briefing, asked.changes)
-        except ValueError as error:  # NotHot
+        except ValueError as error:  # InvalidInput: a value that may not change
             self._read(asked, ReloadResult(error=str(error)))
         else:
             self._read(asked, ReloadResult(changes=asked.changes, briefing=made))
@@ -186,7 +187,7 @@ class ReloadQueue:
         told what is in force."""
         asked = self._now
         if asked is not None and asked.ticket != NOBODY and now > asked.deadline:
-            self._front.log.write("error", "LOOP_SILENT", now, method="Reload")
+            self._front.log.write("error", EventCode.LOOP_SILENT, now, method="Reload")
             self._front.ended.set()
 
     def _report_refusal(self, asked: ReloadRequest, findings: list[Finding]) -> None:

@@ -11,13 +11,12 @@ import msgspec
 
 from twind.briefing import Briefing, ReloadResult
 from twind.config import config_files, reload_plan
-from twind.config.config_files import CommandLineError, describe
-from twind.config.hot_changes import RestartRequired
+from twind.config.config_files import describe
 from twind.config.hot_keys import of_robot
 from twind.config.yaml_tree import ConfigError
 from twind.front.next_config import with_files
 from twind.twin import binding_transfer
-from twind.twin.binding import Binding, BindingError, bind, rebound
+from twind.twin.binding import Binding, bind, rebound
 from twind.twin.simulation import hush
 
 
@@ -39,7 +38,7 @@ def read_again(briefing: Briefing) -> ReloadResult:
         if of_robot(found.changes):
             binding = rebound(binding_transfer.unpacked(briefing.binding), then.robot, then.calibration)
             told = _with_robot(told, binding)
-    except (ConfigError, CommandLineError, BindingError, RestartRequired, ValueError, OSError) as error:
+    except (ConfigError, ValueError, OSError) as error:
         return ReloadResult(error=str(error))
     return ReloadResult(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
 

@@ -18,6 +18,7 @@ from twind.front.client_calls import ClientCall
 from twind.front.ticket_table import OUTSTANDING
 from twind.link import RenewLease, Tick
 from twind.robot.arrays import Floats
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference, Trajectory
@@ -94,10 +95,14 @@ class TrajectoryCheckQueue:
             self._loaded = True
         now = self._front.now()
         if self._foresight is None:
-            self._front.log.write("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")
+            self._front.log.write(
+                "error", EventCode.LOOKAHEAD, now, message=f"none, nothing may move: {self._why}"
+            )
         else:
             pairs = len(self._foresight.bodies.pairs)
-            self._front.log.write("info", "LOOKAHEAD", now, message=f"{pairs} pairs of bodies are watched")
+            self._front.log.write(
+                "info", EventCode.LOOKAHEAD, now, message=f"{pairs} pairs of bodies are watched"
+            )
         self._next()
 
     # ------------------------------------------------------------------------------- paths
@@ -107,7 +112,7 @@ class TrajectoryCheckQueue:
         own = [other for other in self._jobs if other.call.caller.number == job.call.caller.number]
         if len(own) >= OUTSTANDING:  # only `oneway` can come that far
             holder = job.call.caller.holder
-            self._front.log.write("warning", "ONEWAY_FLOOD", self._front.now(), holder=holder)
+            self._front.log.write("warning", EventCode.ONEWAY_FLOOD, self._front.now(), holder=holder)
             return
         self._jobs.append(job)
         self.keep()

@@ -8,8 +8,10 @@ import secrets
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.front.joint_naming import JointNames
 from twind.link import pack_path
 from twind.memfd import seal
@@ -21,25 +23,51 @@ POLICIES = ("reject", "retime")  # strict first
 LONGEST_WAIT = 60.0  # s: the largest start_in
 
 
-class ToleranceTooLoose(ValueError):
-    """A request that asks for less care than the robot file demands. `field` names it."""
+class PointMessage(msgspec.Struct, frozen=True):
+    """`Point` of the interface: s, and per named joint rad, rad/s, rad/s²."""
 
-    def __init__(self, field: str, reason: str) -> None:
-        super().__init__(f"{field}: {reason}")
-        self.field = field
-        self.reason = reason
+    time_from_start: float
+    positions: list[float]
+    velocities: list[float] | None = None
+    accelerations: list[float] | None = None
 
 
-def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
-    """Return the path in joint order and its findings, CMD_EXPIRED to TIME_ORDER."""
+class ToleranceMessage(msgspec.Struct, frozen=True):
+    """`Tolerance` of the interface, rad. None or 0: the default; -1: no check."""
+
+    joint: str
+    path: float | None = None
+    goal: float | None = None
+
+
+class TrajectoryMessage(msgspec.Struct, frozen=True):
+    """`Trajectory` of the interface. `start_in` and `goal_time` in s."""
+
+    joint_names: list[str]
+    points: list[PointMessage]
+    start_in: float | None = None
+    goal_time: float | None = None
+    tolerances: list[ToleranceMessage] | None = None
+    policy: str | None = None
+    append_stop: bool | None = None
+
+
+def message_of(given: object) -> TrajectoryMessage:
+    """Convert a decoded `Trajectory`. Raises InvalidInput for another shape."""
+    try:
+        return msgspec.convert(given, TrajectoryMessage)
+    except msgspec.ValidationError as error:
+        raise InvalidInput(str(error), where="trajectory") from None
+
+
+def judge(message: TrajectoryMessage, names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
+    """Path of a trajectory in joint order, and every finding on its form, start and tolerances."""
     rows = [
-        PointRow(
-            point["time_from_start"], point["positions"], point.get("velocities"), point.get("accelerations")
-        )
-        for point in message["points"]
+        PointRow(point.time_from_start, point.positions, point.velocities, point.accelerations)
+        for point in message.points
     ]
-    path, findings = form(message["joint_names"], rows, names.joints)
-    wrong = [*_start(message.get("start_in")), *findings, *_tolerances(message, names)]
+    path, findings = form(message.joint_names, rows, names.joints)
+    wrong = [*_start(message.start_in), *findings, *_tolerances(message, names)]
     return (None if wrong else path), wrong
 
 
@@ -55,12 +83,12 @@ def _start(start_in: float | None) -> list[Finding]:
     ]
 
 
-def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
+def _tolerances(message: TrajectoryMessage, names: JointNames) -> list[Finding]:
     """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
     findings = []
     seen = set()
-    for tolerance in message.get("tolerances") or ():
-        name = tolerance["joint"]
+    for tolerance in message.tolerances or ():
+        name = tolerance.joint
         place = names.places.get(name)
         if place is None:
             findings.append(
@@ -69,37 +97,39 @@ def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
         elif name in seen:
             findings.append(Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances"))
         seen.add(name)
-        for key in ("path", "goal"):
-            given = tolerance.get(key)
+        for key, given in (("path", tolerance.path), ("goal", tolerance.goal)):
             if given is not None and not (given >= 0.0 or given == -1.0):
                 reason = f"{key} tolerance (rad) must be positive, 0 for the default or -1 for no check"
                 findings.append(Finding(ReasonCode.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
-    if message.get("goal_time") is not None and not message["goal_time"] >= 0.0:
+    if message.goal_time is not None and not message.goal_time >= 0.0:
         reason = "goal_time (s) must not be negative"
-        findings.append(Finding(ReasonCode.BAD_SCHEMA, value=message["goal_time"], bound=0.0, message=reason))
+        findings.append(Finding(ReasonCode.BAD_SCHEMA, value=message.goal_time, bound=0.0, message=reason))
     return findings
 
 
-def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
-    """What to do with too fast a path: as asked, else as the robot file says. Raises Looser."""
+def policy(message: TrajectoryMessage, description: Mapping[str, object]) -> str:
+    """Policy for a path that is too fast: the requested one, else the robot file's.
+
+    Raises InvalidInput for an unknown policy, and for one that is less strict than the robot file's.
+    """
     gate = description.get("gate")
     theirs = str(gate.get("on_velocity", POLICIES[0])) if isinstance(gate, Mapping) else POLICIES[0]
-    asked = message.get("policy")
+    asked = message.policy
     if asked is None:
         return theirs
     if asked not in POLICIES:
-        raise ToleranceTooLoose("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
+        raise InvalidInput(f"expected one of {', '.join(POLICIES)}, got {asked!r}", where="trajectory.policy")
     if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
         reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
-        raise ToleranceTooLoose("trajectory.policy", reason)
-    return str(asked)
+        raise InvalidInput(reason, where="trajectory.policy")
+    return asked
 
 
-def fields(message: Mapping[str, Any], path: Trajectory, names: JointNames) -> dict[str, Any]:
+def fields(message: TrajectoryMessage, path: Trajectory, names: JointNames) -> dict[str, Any]:
     """The fields of `link.Submit` that say what was asked."""
     tolerances = [
-        (names.places[tolerance["joint"]], tolerance.get("path"), tolerance.get("goal"))
-        for tolerance in message.get("tolerances") or ()
+        (names.places[tolerance.joint], tolerance.path, tolerance.goal)
+        for tolerance in message.tolerances or ()
     ]
     return {
         "id": secrets.token_hex(4),  # told apart from those of an earlier front
@@ -107,10 +137,10 @@ def fields(message: Mapping[str, Any], path: Trajectory, names: JointNames) -> d
         "commanded": np.flatnonzero(path.commanded).tolist(),
         "velocity": path.velocity is not None,
         "acceleration": path.acceleration is not None,
-        "start_in": message.get("start_in") or 0.0,
-        "goal_time": message.get("goal_time"),
+        "start_in": message.start_in or 0.0,
+        "goal_time": message.goal_time,
         "tolerances": tolerances,
-        "append_stop": bool(message.get("append_stop")),
+        "append_stop": bool(message.append_stop),
     }
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twind import link
-from twind.loop.procedures import Procedure, all_of, ticks
+from twind.loop.procedures import Procedure, ProcedureFailed, all_of, ticks
 from twind.loop.torque import error_text, say_unconfirmed, switch_torque_off, take
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -36,14 +36,6 @@ TRIES = 20
 JUMP = 0.05  # rad a joint may move within the first ticks of torque; beyond it zero, sign or goal is wrong
 
 
-class ArmingFailed(Exception):
-    """Arming stopped half-way; the finding has the place."""
-
-    def __init__(self, code: ReasonCode, joint: int | None, value: float, bound: float, message: str) -> None:
-        super().__init__(message)
-        self.finding = Finding(code, joint, value=value, bound=bound, message=message)
-
-
 def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     """Set goal := present, read it back, switch torque on, read it back, then hold.
 
@@ -59,10 +51,10 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     loop.change(RobotEvent.ARM, now)
     try:
         held = yield from _energise(loop, inherited)
-    except (BusError, ArmingFailed) as error:
+    except (BusError, ProcedureFailed) as error:
         yield from back_out(loop, inherited)
         failed = Finding(ReasonCode.ARM_FAILED, message=error_text(loop, error))
-        loop.say.refuse(command, (error.finding if isinstance(error, ArmingFailed) else failed,))
+        loop.say.refuse(command, (error.finding if isinstance(error, ProcedureFailed) else failed,))
         return
     except GeneratorExit:  # the procedure that takes over finds `energising` set and switches torque off
         loop.hardware.clear()
@@ -145,12 +137,14 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
-        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.ARM_FAILED, joint, value=float(jump[joint]), bound=JUMP, message=message)
+        )
     return held
 
 
 def _require_one_turn(loop: Loop) -> None:
-    """Raise ArmingFailed where a servo in position mode would read another turn at torque-on.
+    """Raise ProcedureFailed where a servo in position mode would read another turn at torque-on.
 
     In position mode a servo reads one turn from torque-on (e-manual, "Operating Mode", note). The count that
     is written as its goal must be the one that it reads then.
@@ -168,7 +162,15 @@ def _require_one_turn(loop: Loop) -> None:
             f"would read {then[joint]} at torque-on, not {count[joint]}: position mode covers one turn, and "
             "it is beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
         )
-        raise ArmingFailed(ReasonCode.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.CALIB_MISMATCH,
+                joint,
+                value=float(then[joint]),
+                bound=float(count[joint]),
+                message=message,
+            )
+        )
 
 
 def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
@@ -183,13 +185,20 @@ def _write_present_goals(loop: Loop) -> Generator[None, float, Floats]:
             return held
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
     message = "still moving (ticks): let it hang quiet, then arm again"
-    raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(moved[joint]), STILL, message)
+    raise ProcedureFailed(
+        Finding(ReasonCode.ARM_FAILED, joint, value=float(moved[joint]), bound=STILL, message=message)
+    )
 
 
 def _require_undisturbed(loop: Loop) -> None:
     if loop.state is not RobotState.ARMING or loop.latches:
-        raise ArmingFailed(
-            ReasonCode.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile"
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.ARM_FAILED,
+                value=0.0,
+                bound=0.0,
+                message=f"the robot went to {loop.state.value} meanwhile",
+            )
         )
 
 
@@ -198,13 +207,15 @@ def _require_all_or_none(loop: Loop) -> None:
     if on.any() and not on.all():
         joint = int(np.argmax(on))
         message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
-        raise ArmingFailed(ReasonCode.ARM_FAILED, joint, float(on.sum()), 0.0, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.ARM_FAILED, joint, value=float(on.sum()), bound=0.0, message=message)
+        )
 
 
 def present(loop: Loop) -> Floats:
     """Return the measured position (n,), rad: fresh, complete and inside the hard limits.
 
-    Raises ArmingFailed.
+    Raises ProcedureFailed.
     """
     state = loop.measured
     limits = loop.limits
@@ -212,14 +223,24 @@ def present(loop: Loop) -> Floats:
     if not (age <= FRESH).all():
         joint = int(np.argmax(age))
         message = "no fresh reading (s): check cable and power"
-        raise ArmingFailed(ReasonCode.HW_DISCONNECTED, joint, float(age[joint]), FRESH, message)
+        raise ProcedureFailed(
+            Finding(ReasonCode.HW_DISCONNECTED, joint, value=float(age[joint]), bound=FRESH, message=message)
+        )
     inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
     if not inside.all():
         joint = int(np.argmin(inside))
         value = float(state.position[joint])
         low = value < limits.hard_lower[joint]
         bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
-        raise ArmingFailed(ReasonCode.OUT_OF_LIMIT, joint, value, bound, "move it inside by hand, then arm")
+        raise ProcedureFailed(
+            Finding(
+                ReasonCode.OUT_OF_LIMIT,
+                joint,
+                value=value,
+                bound=bound,
+                message="move it inside by hand, then arm",
+            )
+        )
     return state.position
 
 

@@ -124,7 +124,7 @@ def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
 def _outlook(binding: Binding, period: float) -> CollisionLookahead | None:
     """Return the look-ahead, or None without body pairs that can collide.
 
-    Raises BindingError for names in `collision:` that the model lacks.
+    Raises InvalidInput for names in `collision:` that the model lacks.
     """
     bodies = CollisionModel(binding, NEAR)
     return CollisionLookahead(bodies, binding.limits, period) if bodies.pairs else None

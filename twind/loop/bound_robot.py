@@ -28,6 +28,6 @@ class BoundRobot:
         return compare(self.file, self.calibration, devices)
 
     def with_changes(self, changes: Changes) -> "BoundRobot":
-        """Return the same robot with these changes. Raises NotHot, BindingError."""
+        """Return the same robot with these changes. Raises NotHot, InvalidInput."""
         file = applied(self.file, changes)
         return BoundRobot(file, self.calibration, rebound(self.binding, file, self.calibration))

@@ -12,6 +12,7 @@ import numpy as np
 
 from twind.loop.bus_port import ScriptRun
 from twind.loop.procedures import Procedure
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
         loop.soft_since = now
         because = f": {why[0].code}: {why[0].message}" if why else ""
         message = f"the robot is damped, then torque goes off: support it{because}"
-        loop.say.event("error", "DAMP", message, tuple(why), stop="damp")
+        loop.say.event("error", EventCode.DAMP, message, tuple(why), stop="damp")
 
 
 def damp(loop: Loop) -> Procedure:
@@ -71,7 +72,7 @@ def _report_unconfirmed(loop: Loop, tasks: Sequence[ScriptRun[tuple[int, ...]]])
     stiff = [id for task in tasks for id in task.result or ()]
     loop.stops.begun |= not stiff and all(task.error is None for task in tasks)
     if stiff:
-        loop.say.event("error", "DAMP", f"ids {stiff} did not confirm that they are damped")
+        loop.say.event("error", EventCode.DAMP, f"ids {stiff} did not confirm that they are damped")
     for task in tasks:
         if task.error is not None:
-            loop.say.event("error", "DAMP", f"not damped: {task.error}")
+            loop.say.event("error", EventCode.DAMP, f"not damped: {task.error}")

@@ -5,6 +5,7 @@ Used at start only.
 
 import resource
 
+from twind.exceptions import InvalidInput
 from twind.loop.front_process import ABOVE, HANDED
 
 _STANDING = (
@@ -12,16 +13,6 @@ _STANDING = (
 )
 _PASSING = 8  # open for a short time: a front that is started, files
 _OF_A_BUS = 2
-
-
-class TooFewDescriptors(Exception):
-    """Exception: the limit of open descriptors is below the need and may not be raised so far."""
-
-    def __init__(self, limit: int, needed: int) -> None:
-        remedy = f"`ulimit -n {needed}`, LimitNOFILE={needed} in the unit, or `nofile` in limits.conf(5)"
-        super().__init__(
-            f"open files: {needed} are needed, and the hard limit is {limit}; raise it as root: {remedy}"
-        )
 
 
 def needed(buses: int, front: int) -> int:
@@ -34,12 +25,14 @@ def needed(buses: int, front: int) -> int:
 
 
 def ensure(count: int) -> str:
-    """Allow `count` descriptors; return a text on the change, "" without one. Raises TooFewDescriptors."""
+    """Allow `count` descriptors; return a text on the change, "" without one. Raises OperationFailed."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if _enough(soft, count):
         return ""
     if not _enough(hard, count):
-        raise TooFewDescriptors(hard, count)
+        remedy = f"`ulimit -n {count}`, LimitNOFILE={count} in the unit, or `nofile` in limits.conf(5)"
+        reason = f"{count} are needed, and the hard limit is {hard}; raise it as root: {remedy}"
+        raise InvalidInput(reason, where="open files")
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     return f"open files: the soft limit was {soft}, below the {count} needed; raised to the hard limit {hard}"
 

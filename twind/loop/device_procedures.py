@@ -9,9 +9,11 @@ from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from twind import link
+from twind.exceptions import InvalidInput
 from twind.loop.procedures import Procedure, all_of
+from twind.robot.event_codes import EventCode
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult, UnknownRegister
+from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult
 
 if TYPE_CHECKING:
     from twind.loop.bus_port import BusPort, ScriptRun
@@ -85,9 +87,9 @@ def _answer(
     """Wait for the task, then reply with `render` of its result, or with the error."""
     try:
         yield from all_of([task])
-    except KeyError as error:
-        known = list(error.near) if isinstance(error, UnknownRegister) else []
-        loop.say.error(command, "NotFound", what="register", name=name, known=known)
+    except (InvalidInput, KeyError) as error:
+        near = error.near if isinstance(error, InvalidInput) else ()
+        loop.say.error(command, "NotFound", what="register", name=name, known=list(near))
     except (BusError, ValueError) as error:
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
@@ -136,7 +138,7 @@ def _is_eeprom(port: BusPort, command: link.WriteRegister) -> bool:
     """
     try:
         return port.reader is not None and port.reader.keeps(command.id, command.name)
-    except KeyError:
+    except (InvalidInput, KeyError):
         return False
 
 
@@ -156,7 +158,7 @@ def _write_register(loop: Loop, command: link.WriteRegister, port: BusPort) -> P
     yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
     message = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
-    loop.say.event("info", "REGISTER", message)
+    loop.say.event("info", EventCode.REGISTER, message)
     if task.result is not None and task.result.eeprom:
         port.identify()  # the device may no longer match the robot file, which identification reports at once
 
@@ -194,7 +196,7 @@ def _reboot(loop: Loop, command: link.Reboot, port: BusPort, task: ScriptRun[Res
     message = (
         f"{command.holder}: {port.name}/{command.id} restarted; {'; '.join(words) or 'nothing to restore'}"
     )
-    loop.say.event(level, "REBOOT", message)
+    loop.say.event(level, EventCode.REBOOT, message)
     port.identify()
 
 

@@ -30,6 +30,7 @@ from twind.loop.procedures import Priority, Procedure
 from twind.loop.torque import beyond_hard_limit, joint_names
 from twind.loop.torque_release import LETTING_GO, SettleProfile, release
 from twind.robot.arrays import Bools, every, some
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.safety.state_machine import RobotEvent
@@ -93,9 +94,9 @@ class FailsafeRun:
                 break  # nothing is left that could be lowered
         self.left = "" if loop.torque_off else why or _afterwards(loop)
         if self.left:
-            loop.say.event("error", "FAILSAFE", self.left)
+            loop.say.event("error", EventCode.FAILSAFE, self.left)
         else:
-            loop.say.event("info", "FAILSAFE", "torque was read back off everywhere")
+            loop.say.event("info", EventCode.FAILSAFE, "torque was read back off everywhere")
         loop.finished = True
 
     def _wait_for_devices(self, until: float) -> Generator[None, float, None]:
@@ -112,7 +113,9 @@ class FailsafeRun:
         whole = loop.support not in CARRIED
         manner = SettleProfile(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
         loop.say.event(
-            "warning", "FAILSAFE", f"the robot is lowered, then torque goes off (support: {loop.support})"
+            "warning",
+            EventCode.FAILSAFE,
+            f"the robot is lowered, then torque goes off (support: {loop.support})",
         )
         loop.change_if(RobotEvent.SETTLE, loop.clock.now())
         try:

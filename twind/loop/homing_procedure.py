@@ -23,10 +23,11 @@ from twind.loop.pending_restore import (
     release,
     report_pending_restore,
 )
-from twind.loop.procedures import Priority, Procedure
+from twind.loop.procedures import Priority, Procedure, ProcedureFailed
 from twind.loop.torque import switch_torque_off
 from twind.motion.endstop_search import AGREE, LOST, EndstopSearch, HomingSample, StandstillCheck
 from twind.robot.arrays import some
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
 from twind.safety.device_rules import TRIPPED
@@ -44,14 +45,6 @@ SWINGS = 5  # attempts of goal := present on a joint that moves; without a bound
 READ = 3  # ticks until readings are newer than the last write; an older one shows the state before it
 # divisor of a turn: difference from a whole turn that a mode change may cause; more is a wrong offset
 OFF_TURN = 16
-
-
-class HomingEnded(Exception):
-    """Exception that ends the search; torque goes off and the finding gives the reason."""
-
-    def __init__(self, finding: Finding) -> None:
-        super().__init__(finding.message)
-        self.finding = finding
 
 
 class HomingProcedure:
@@ -130,7 +123,7 @@ class HomingProcedure:
         joint = debt.sought.joint
         try:
             yield from self._run_search(debt)
-        except HomingEnded as ended:
+        except ProcedureFailed as ended:
             return (self._attach_joint(debt, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so small a current
             return (Finding(ReasonCode.STOP_NOT_FOUND, joint, message=str(error)),)
@@ -174,14 +167,14 @@ class HomingProcedure:
             answer(self._loop, debt)
 
     def _run_search(self, debt: PendingRestore) -> Generator[None, float, None]:
-        """Run all steps from first reading to last capture. Raises HomingEnded, BusError, ValueError."""
+        """Run all steps from first reading to last capture. Raises ProcedureFailed, BusError, ValueError."""
         loop = self._loop
         aim = debt.sought
         writer = aim.port.writer
         command = debt.command
         assert writer is not None
         name = loop.joints.names[aim.joint]
-        loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
+        loop.say.event("info", EventCode.HOMING, f"{command.holder}: {name} goes to its {command.side} stop")
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
         loop.hardware.clear()  # no queued request may reach the servo between its checks and torque
@@ -204,13 +197,13 @@ class HomingProcedure:
         quiet = StandstillCheck(now)
         while (answer := quiet.step(self._sample(debt), now)) is not True:
             if isinstance(answer, Finding):
-                raise HomingEnded(answer)
+                raise ProcedureFailed(answer)
             now = yield
             self._require(debt, now)
         debt.looked_after = True
 
     def _newer(self, debt: PendingRestore) -> Generator[None, float, float]:
-        """Wait for a reading newer than all writes so far; return the time. Raises HomingEnded."""
+        """Wait for a reading newer than all writes so far; return the time. Raises ProcedureFailed."""
         since = self._loop.clock.now()
         passed = 0
         now = 0.0
@@ -245,7 +238,7 @@ class HomingProcedure:
                 return held
         moved = float(abs(self._count(debt) - before_raw - debt.shift))
         message = "still moving (counts): let it hang still, then try again"
-        raise HomingEnded(
+        raise ProcedureFailed(
             Finding(ReasonCode.STOP_NOT_FOUND, value=moved, bound=float(AGREE), message=message)
         )
 
@@ -263,7 +256,9 @@ class HomingProcedure:
         jump = float(abs(self._count(debt) - held))
         if not jump <= aim.jump:
             message = "counts: it jumped when torque came on"
-            raise HomingEnded(Finding(ReasonCode.STOP_NOT_FOUND, value=jump, bound=aim.jump, message=message))
+            raise ProcedureFailed(
+                Finding(ReasonCode.STOP_NOT_FOUND, value=jump, bound=aim.jump, message=message)
+            )
         return now
 
     def _course(
@@ -274,7 +269,7 @@ class HomingProcedure:
             self._require(debt, now)
             goal = course.step(self._sample(debt), now)
             if course.failed is not None:
-                raise HomingEnded(course.failed)
+                raise ProcedureFailed(course.failed)
             if course.done:
                 debt.captures = course.captures
                 return
@@ -285,9 +280,9 @@ class HomingProcedure:
     # ------------------------------------------------------------------------------- what ends it
 
     def _require(self, debt: PendingRestore, now: float) -> None:
-        """Raises HomingEnded where a condition forbids to continue."""
+        """Raises ProcedureFailed where a condition forbids to continue."""
         for finding in self._against(debt, now):
-            raise HomingEnded(finding)
+            raise ProcedureFailed(finding)
 
     def _against(self, debt: PendingRestore, now: float) -> Generator[Finding, None, None]:
         loop = self._loop
@@ -332,7 +327,7 @@ class HomingProcedure:
             yield Finding(ReasonCode.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
 
     def _done(self, debt: PendingRestore, script: Script[T]) -> Generator[None, float, T]:
-        """Return a script's result, while all conditions hold. Raises its errors and HomingEnded."""
+        """Return a script's result, while all conditions hold. Raises its errors and ProcedureFailed."""
         task = debt.sought.port.run(script, urgent=True)
         while not task.done:
             now = yield
@@ -366,13 +361,13 @@ class HomingProcedure:
 def _frame(before: int, raw: int, turn: int) -> int:
     """Return the whole turns (counts) between the calibrated count before and the raw one in the other mode.
 
-    Raises HomingEnded.
+    Raises ProcedureFailed.
     """
     shift = turn * round((before - raw) / turn)
     off = abs(before - raw - shift)
     if off > turn / OFF_TURN:
         message = "counts that are no whole turn, when its mode changed: a homing offset beyond 1024?"
-        raise HomingEnded(
+        raise ProcedureFailed(
             Finding(ReasonCode.CALIB_MISMATCH, value=float(off), bound=turn / OFF_TURN, message=message)
         )
     return shift

@@ -18,6 +18,7 @@ from twind.loop.bus_port import IDENTIFY_AGAIN, BusPort, PortState
 from twind.loop.joint_verification import JointVerification
 from twind.loop.procedures import Priority
 from twind.robot.arrays import Bools, some
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joints import JointBusMap
 from twind.robot.modes import Mode, RobotState
@@ -130,7 +131,7 @@ class IdentificationState:
         if self._reported.get(port.name, "") != warning:
             self._reported[port.name] = warning
             if warning:
-                loop.say.event("warning", "PORT_WARNING", f"{port.name}: {warning}")
+                loop.say.event("warning", EventCode.PORT_WARNING, f"{port.name}: {warning}")
         if port.link is PortState.CONNECTED:
             self._listen(port, loop.hardware.silence(bus, now))
         if port.link is PortState.IDENTIFYING:

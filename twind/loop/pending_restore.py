@@ -14,6 +14,7 @@ from twind import link
 from twind.loop.homing_request import HomingRequest
 from twind.loop.procedures import Priority, Procedure, ticks
 from twind.motion.endstop_search import HomingPhase
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireClamp
 
@@ -164,7 +165,7 @@ def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
         loop.say.reply(debt.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
         return
     counts = [round(count) for count in debt.captures]
-    loop.say.event("info", "HOMING", f"{name}: its stop is at {counts}; torque is off")
+    loop.say.event("info", EventCode.HOMING, f"{name}: its stop is at {counts}; torque is off")
     loop.say.reply(debt.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
@@ -174,7 +175,7 @@ def _report_restore(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) 
     for finding in why:
         loop.say.event("error", finding.code, f"{name}: {finding.message}", (finding,))
     if debt.answered and not why:
-        loop.say.event("info", "HOMING", f"{name}: its mode and settings are as they were")
+        loop.say.event("info", EventCode.HOMING, f"{name}: its mode and settings are as they were")
 
 
 def unrestored(debt: PendingRestore, why: str) -> Finding:

@@ -8,9 +8,19 @@ from collections.abc import Callable, Generator, Iterable
 from enum import IntEnum
 from typing import Any
 
+from twind.exceptions import TwindError
 from twind.loop.bus_port import ScriptRun
+from twind.robot.finding import Finding
 
 Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
+
+
+class ProcedureFailed(TwindError):
+    """Early end of arming or homing: torque goes off, and the finding gives the reason."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(finding.message)
+        self.finding = finding
 
 
 class Priority(IntEnum):

@@ -12,6 +12,7 @@ from twind.loop import damping, torque_release
 from twind.loop.blocking_contacts import with_contact
 from twind.loop.procedures import Priority
 from twind.robot.arrays import Floats, spread_over_groups
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference
@@ -94,7 +95,7 @@ def _slow(loop: Loop, judgement: GuardDecision) -> None:
     loop.executor.pace = judgement.pace if loop.procedures.rank is None else 1.0
     if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
         because = f": {judgement.findings[0].code}" if judgement.findings else ""
-        loop.say.event("info", "PACE", f"the motion is slowed to {loop.executor.pace:.0%}{because}")
+        loop.say.event("info", EventCode.PACE, f"the motion is slowed to {loop.executor.pace:.0%}{because}")
 
 
 def _of_many(findings: tuple[Finding, ...]) -> Finding:

@@ -19,11 +19,11 @@ from twind.config import hot_changes
 from twind.config.hot_keys import of_robot
 from twind.loop.bound_robot import BoundRobot
 from twind.robot.arrays import Bools, Floats
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.modes import Mode, Motion
 from twind.safety.gate import GateThresholds
-from twind.twin.binding import BindingError
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -75,7 +75,7 @@ class ReloadCoordinator:
 
     def failed(self, why: str) -> None:
         """Keep the old values in force, and report the reason `why` to all clients."""
-        self._loop.say.event("error", "RELOAD_REFUSED", why)
+        self._loop.say.event("error", EventCode.RELOAD_REFUSED, why)
         self._end(f"the last reload was refused: {why}")
 
     def front_lost(self) -> None:
@@ -100,7 +100,7 @@ class ReloadCoordinator:
         """
         try:
             kept = self._adopt(command, briefing, now)
-        except (ValueError, BindingError) as error:  # NotHot, or a gain that a driver's field does not hold
+        except ValueError as error:  # InvalidInput, or a gain that a driver's field does not hold
             kept = False
             self._refuse(command, (Finding(ReasonCode.CONFIG_REFUSED, message=str(error)),))
         if briefing is not None and not kept:
@@ -109,7 +109,7 @@ class ReloadCoordinator:
     def _adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> bool:
         """Put changes in force; True: `briefing` is kept.
 
-        Raises ValueError, BindingError without any change.
+        Raises ValueError, InvalidInput without any change.
         """
         loop = self._loop
         if command.reread and self._until == inf:  # the reload was reported as failed, so nothing may change
@@ -154,7 +154,7 @@ class ReloadCoordinator:
         loop.say.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"
         left = f"; for a restart: {listed(waiting)}" if waiting else ""
-        loop.say.event("warning" if waiting else "info", "RELOADED", made + left)
+        loop.say.event("warning" if waiting else "info", EventCode.RELOADED, made + left)
         if command.reread:
             self._end(f"restart for {listed(waiting)}" if waiting else "")
 

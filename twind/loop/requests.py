@@ -10,6 +10,7 @@ from twind.loop import arming, device_procedures, torque_release
 from twind.loop.front_link import ReceivedCommand
 from twind.loop.procedures import Priority, Procedure
 from twind.loop.submission_tracker import SubmissionTracker
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.state_machine import RobotEvent, mode_change
@@ -43,7 +44,9 @@ def serve(loop: Loop, now: float) -> None:
     if loop.stop_wanted and loop.procedures.own(
         Priority.SHUTDOWN, lambda: torque_release.shutdown(loop, now)
     ):
-        loop.say.event("info", "STOPPING", "the daemon ends" + (": lowering the robot" if loop.armed else ""))
+        loop.say.event(
+            "info", EventCode.STOPPING, "the daemon ends" + (": lowering the robot" if loop.armed else "")
+        )
 
 
 def begin(loop: Loop, incoming: ReceivedCommand, now: float) -> None:
@@ -267,7 +270,7 @@ def _calibrate(loop: Loop, command: link.Calibrate, now: float) -> None:
 
 # ------------------------------------------------------------------------------------------- marks
 
-MARKS = {"begin": "EPISODE_BEGIN", "end": "EPISODE_END", "note": "NOTE"}
+MARKS = {"begin": EventCode.EPISODE_BEGIN, "end": EventCode.EPISODE_END, "note": EventCode.NOTE}
 ENDED = {True: "succeeded", False: "failed", None: "ended"}
 
 

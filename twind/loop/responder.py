@@ -6,6 +6,7 @@ from typing import Any
 
 from twind import link
 from twind.loop.front_link import ControlLink
+from twind.robot.event_codes import AnyEventCode, EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.safety.latency_alarm import CALM, CALM_FOR, LatencyAlert
 from twind_drivers.clock import Clock
@@ -33,7 +34,7 @@ class Responder:
     def event(
         self,
         level: str,
-        code: str,
+        code: AnyEventCode,
         message: str,
         findings: Sequence[Finding] = (),
         *,
@@ -68,7 +69,7 @@ class Responder:
             )
             if isnan(alert.value):
                 message = f"{alert.hop} is not measured any longer: no robot is read"
-            self.event("info", "LATENCY_CALM", message)
+            self.event("info", EventCode.LATENCY_CALM, message)
             return
         finding = Finding(
             ReasonCode.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}"
@@ -83,7 +84,7 @@ class Responder:
                 time=self._clock.now(),
                 sequence=sequence,
                 level="info",
-                code=code,
+                code=str(code),
                 message=message,
                 annotation=command.annotation,
                 holder=command.holder,

@@ -14,6 +14,7 @@ from twind.loop.procedures import Procedure
 from twind.motion.goal_options import led_in
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances
 from twind.robot.arrays import Bools, Ints
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
@@ -223,7 +224,7 @@ class SubmissionTracker:
         if taken is not None:
             loop.way.judge(taken, loop.clock.now())
             self._send_verdict(command.id, verdict, now)
-            codes = sorted({finding.code.value for finding in verdict.refusals})
+            codes = sorted({finding.code for finding in verdict.refusals})
             message = f"refused {command.id}: {', '.join(codes)}"
             loop.say.event("warning", codes[0], message, verdict.refusals[:8], id=command.id)
         loop.say.refuse(command, verdict.refusals)
@@ -311,7 +312,7 @@ class SubmissionTracker:
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
         findings = tuple(with_contact(loop, finding) for finding in outcome.findings)
         message = f"{outcome.id} {outcome.phase}"
-        loop.say.event(level, "MOTION", message, findings, id=outcome.id, phase=outcome.phase)
+        loop.say.event(level, EventCode.MOTION, message, findings, id=outcome.id, phase=outcome.phase)
         loop.publisher.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:

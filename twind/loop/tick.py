@@ -27,6 +27,7 @@ from twind.loop.reload_coordinator import ReloadCoordinator
 from twind.loop.responder import Responder
 from twind.loop.state_publisher import StatePublisher
 from twind.robot.arrays import Floats
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
@@ -224,7 +225,7 @@ class Loop:
             self.publisher.urgent = True
             message = f"{before.value} → {self.state.value} ({event.value})"
             cause = event.name.lower()
-            self.say.event("info", self.state.value, message, before=before.value, cause=cause, stop=stop)
+            self.say.event("info", self.state, message, before=before.value, cause=cause, stop=stop)
 
     def change_if(self, event: RobotEvent, now: float) -> None:
         """Apply an event where the state allows it; torque off must not depend on the state."""
@@ -303,7 +304,7 @@ class Loop:
 
     def close(self) -> None:
         """Close the ports, and end the front."""
-        self.say.event("info", "END", f"torque {_torque_text(self.torque_off)}")
+        self.say.event("info", EventCode.END, f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
         self.hardware.close()
         self.link.close()

@@ -26,6 +26,7 @@ from twind.loop.torque import (
 )
 from twind.motion.settle import SPEED, settle
 from twind.robot.arrays import every, some
+from twind.robot.event_codes import EventCode
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.safety.state_machine import RobotEvent
@@ -329,7 +330,7 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
             return False
         lasts = float(way.time[-1])
         if lasts > manner.within:
-            loop.say.event("warning", "SETTLE", f"the way to the rest pose takes {lasts:.1f} s")
+            loop.say.event("warning", EventCode.SETTLE, f"the way to the rest pose takes {lasts:.1f} s")
             # a service manager that waits for the end of the daemon
             loop.parts.notifier.extend(lasts + LETTING_GO)
             until = until if free else now + lasts + LATE
@@ -338,7 +339,7 @@ def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
         if reference is not None and (np.abs(reference.position - loop.rest) <= ARRIVED).all():
             return not free or (yield from _rests(loop, until))
     if loop.soft_since is None:
-        loop.say.event("error", "SETTLE", "the way to the rest pose came to no end")
+        loop.say.event("error", EventCode.SETTLE, "the way to the rest pose came to no end")
     return False
 
 
@@ -380,5 +381,5 @@ def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
         if now - quiet_since >= SLOW_FOR:
             return True
         now = yield
-    loop.say.event("error", "SETTLE", "not at rest in the rest pose")
+    loop.say.event("error", EventCode.SETTLE, "not at rest in the rest pose")
     return False

@@ -11,13 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from twind.exceptions import OperationFailed
 from twind.loop.front_process import child_environment
 
 START = 30.0  # s it may take to be ready
-
-
-class VirtualRobotError(Exception):
-    """Exception: the virtual robot did not start."""
 
 
 class VirtualRobotProcess:
@@ -56,7 +53,7 @@ class VirtualRobotProcess:
             ready, _, _ = select.select([output], [], [], START)
             more = output.read1(4096) if ready else b""  # type: ignore[attr-defined]
             if not more:
-                raise VirtualRobotError("the virtual robot did not start; its own messages are above")
+                raise OperationFailed("the virtual robot did not start; its own messages are above")
             text += more
         for line in text.decode().splitlines():
             word, _, rest = line.partition(" ")

@@ -13,7 +13,8 @@ from pathlib import Path
 from twind.client.clock_pair import ClockPair
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, show
-from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightError, FlightFile, load
+from twind.exceptions import InvalidInput
+from twind.flight import NO_BUS, EntryKind, FlightEntry, FlightFile, load
 from twind.link import Tick
 from twind.observe.recording.flight_messages import answers, news, wire
 from twind.observe.recording.flight_reader import wall_offset
@@ -51,7 +52,7 @@ def export(path: Path, out: Path, *, ros: bool = False) -> int:
         with open(path, "rb") as file:
             flight = file.read(5) == b"twind"
         return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
-    except FlightError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
         raise Rejected(f"{out}: is there already, and is never written over; name another file") from None

@@ -16,7 +16,8 @@ from mcap.writer import CompressionType, Writer
 
 from twind.command_line.progress import ProgressLine
 from twind.command_line.verb import DONE, Rejected, show
-from twind.observe.recording.mcap_records import McapContent, McapScanner, NotMcap
+from twind.exceptions import InvalidInput
+from twind.observe.recording.mcap_records import McapContent, McapScanner
 from twind.observe.recording.recording_topics import RECOVERED
 from twind.observe.writing.record_file import CHUNK, as_text
 from twind.ros import STRING, definition_text
@@ -92,7 +93,7 @@ def recover(
         if before.out is None and out is None:
             return before
         return _copy(path, target, ros, tell)
-    except NotMcap as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     except (KeyError, ValueError) as error:
         raise Rejected(f"{path}: it is not as MCAP files are ({type(error).__name__}: {error})") from None

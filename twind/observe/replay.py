@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
+from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
     from twind.flight import FlightFile
@@ -84,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _load(path: Path) -> "FlightFile":
-    from twind.flight import FlightError, load
+    from twind.flight import load
 
     if path.suffix == ".mcap":
         raise UsageError(
@@ -94,7 +95,7 @@ def _load(path: Path) -> "FlightFile":
         return load(path)
     except OSError as error:
         raise Rejected(f"{path}: {error.strerror}; `twindctl dump` prints where its file is") from None
-    except FlightError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
 
 
@@ -103,12 +104,11 @@ def _load(path: Path) -> "FlightFile":
 
 def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bool) -> "ReplayResult":
     """Raises Rejected."""
-    from twind.observe.replaying.device_timeline import IncompleteRecording
     from twind.observe.replaying.replay_client import ReplayClient
     from twind.observe.replaying.replay_daemon import ReplayDaemon
     from twind.observe.replaying.replay_files import lay_out
     from twind.observe.replaying.replay_ports import ReplayPorts
-    from twind.observe.replaying.replay_script import NotReplayable, score
+    from twind.observe.replaying.replay_script import score
     from twind.observe.replaying.replay_servos import ReplayPosition
     from twind_drivers.clock import MonotonicClock
 
@@ -136,17 +136,17 @@ def _play(flight: "FlightFile", robot: Path | None, last: float, *, realtime: bo
             ports.check()
             verbatim, made = (sum(getattr(bus, what) for bus in buses) for what in ("verbatim", "made"))
             return ReplayResult(asked, replayed, verbatim / max(1, verbatim + made), conductor.missed)
-    except (NotReplayable, IncompleteRecording) as error:
+    except OperationFailed as error:
         raise Rejected(f"this file cannot be played: {error}") from None
 
 
 def _require_serial(flight: "FlightFile") -> None:
-    """Raises Unplayable: a bus that is not serial."""
-    from twind.observe.replaying.replay_script import VIEW, NotReplayable
+    """Raises OperationFailed: a bus that is not serial."""
+    from twind.observe.replaying.replay_script import VIEW
 
     for bus in flight.briefing.description["buses"]:
         if bus["kind"] == "can":
-            raise NotReplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+            raise OperationFailed(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
 
 
 def _buses(
@@ -258,7 +258,7 @@ def _view(options: argparse.Namespace) -> int:
     from twind.observe.recording.recording_columns import open_recording
     from twind.observe.replaying.recorded_states import messages
     from twind.observe.viewing import show as show_in_browser
-    from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+    from twind.observe.viewing.robot_model import RobotModel
     from twind_drivers.clock import MonotonicClock
 
     recording = open_recording(Path(options.file))
@@ -269,7 +269,7 @@ def _view(options: argparse.Namespace) -> int:
     robot = {"robot": recording.robot, "calibration": recording.calibration, "mjcf": recording.mjcf}
     try:
         RobotModel(robot)
-    except (NoRobotModel, LookupError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise Rejected(f"{options.file}: the robot in it cannot be shown: {error!r}") from None
     paced = messages(recording, MonotonicClock(), options.speed or 1.0)
     return show_in_browser(robot, paced, title=f"{recording.path.name}")

@@ -1,6 +1,7 @@
 """The control interface: its IDL text, what it demands of a call, and strict JSON. Standard library only."""
 
-from twind.protocol.idl import IdlInterface, WrongParameter, parse
+from twind.exceptions import InvalidInput
+from twind.protocol.idl import IdlInterface, parse
 from twind.protocol.interfaces import CONTROL, SERVICE, load
 
-__all__ = ["CONTROL", "SERVICE", "IdlInterface", "WrongParameter", "load", "parse"]
+__all__ = ["CONTROL", "SERVICE", "IdlInterface", "InvalidInput", "load", "parse"]

@@ -8,24 +8,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from twind.exceptions import InvalidInput
+
 _TOKEN = re.compile(r"\s+|#[^\n]*|(?P<token>->|\[string\]|\[\]|[?:,()]|[A-Za-z][A-Za-z0-9_.-]*)")
 _INT = range(-(1 << 63), 1 << 63)
-
-
-class WrongParameter(Exception):
-    """A value that the interface does not allow. `where` names it: `trajectory.points[3].positions[0]`."""
-
-    def __init__(self, where: str, reason: str) -> None:
-        super().__init__(f"{where}: {reason}")
-        self.where = where
-        self.reason = reason
 
 
 class IdlType:
     """What a value may be."""
 
     def check(self, value: object, where: str) -> None:
-        """Nothing, if `value` is allowed here. Raises WrongParameter."""
+        """Nothing, if `value` is allowed here. Raises InvalidInput."""
         raise NotImplementedError
 
 
@@ -36,7 +29,7 @@ class ScalarType(IdlType):
     name: str
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         kind = type(value)
         if self.name == "float":
             good = kind is float or (kind is int and value in _INT)
@@ -47,7 +40,7 @@ class ScalarType(IdlType):
         else:
             good = kind is (bool if self.name == "bool" else str)
         if not good:
-            raise WrongParameter(where, f"expected {self.name}, got {_described(value)}")
+            raise InvalidInput(f"expected {self.name}, got {_described(value)}", where=where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +50,7 @@ class OptionalType(IdlType):
     of: IdlType
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         if value is not None:
             self.of.check(value, where)
 
@@ -69,9 +62,9 @@ class ListType(IdlType):
     of: IdlType
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         if type(value) is not list:
-            raise WrongParameter(where, f"expected an array, got {_described(value)}")
+            raise InvalidInput(f"expected an array, got {_described(value)}", where=where)
         if (
             isinstance(self.of, ScalarType)
             and self.of.name == "float"
@@ -89,9 +82,9 @@ class MapType(IdlType):
     of: IdlType
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         if type(value) is not dict:
-            raise WrongParameter(where, f"expected an object, got {_described(value)}")
+            raise InvalidInput(f"expected an object, got {_described(value)}", where=where)
         for key, item in value.items():
             self.of.check(item, f"{where}.{key}" if where else key)
 
@@ -103,9 +96,11 @@ class EnumType(IdlType):
     words: tuple[str, ...]
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         if value not in self.words:
-            raise WrongParameter(where, f"expected one of {', '.join(self.words)}, got {_described(value)}")
+            raise InvalidInput(
+                f"expected one of {', '.join(self.words)}, got {_described(value)}", where=where
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,19 +110,19 @@ class StructType(IdlType):
     fields: Mapping[str, IdlType]
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         if type(value) is not dict:
-            raise WrongParameter(where, f"expected an object, got {_described(value)}")
+            raise InvalidInput(f"expected an object, got {_described(value)}", where=where)
         prefix = f"{where}." if where else ""
         for name, kind in self.fields.items():
             if name in value:
                 kind.check(value[name], prefix + name)
             elif not isinstance(kind, OptionalType):
-                raise WrongParameter(prefix + name, "is missing")
+                raise InvalidInput("is missing", where=prefix + name)
         if len(value) > len(self.fields) or value.keys() - self.fields.keys():
             unknown = sorted(value.keys() - self.fields.keys())[0]
             known = ", ".join(self.fields) or "none"
-            raise WrongParameter(prefix + unknown, f"unknown field; known: {known}")
+            raise InvalidInput(f"unknown field; known: {known}", where=prefix + unknown)
 
 
 @dataclass(slots=True)
@@ -138,7 +133,7 @@ class NamedType(IdlType):
     types: Mapping[str, IdlType]
 
     def check(self, value: object, where: str) -> None:
-        """Raises WrongParameter."""
+        """Raises InvalidInput."""
         self.types[self.name].check(value, where)
 
 

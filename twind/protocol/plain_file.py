@@ -7,6 +7,8 @@ import os
 import stat
 from pathlib import Path
 
+from twind.exceptions import InvalidInput
+
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -16,27 +18,23 @@ _KINDS = {
 }
 
 
-class NotAFile(OSError):
-    """What stands there is no file, or one that is too large; `strerror` says which."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(0, reason, str(path))
-
-
 def read_plain(path: Path, most: int) -> bytes:
-    """All of a file of at most `most` bytes. Raises NotAFile, OSError, ValueError (a path with a NUL)."""
+    """All of a file of at most `most` bytes.
+
+    Raises InvalidInput (no file, or a larger one), OSError, ValueError (a path with a NUL).
+    """
     # Without O_NONBLOCK, opening a pipe waits for a writer. What was opened is looked at, not a name.
     fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     try:
         kind = stat.S_IFMT(os.fstat(fd).st_mode)
         if kind != stat.S_IFREG:
-            raise NotAFile(path, f"is {_KINDS.get(kind, 'something else')}, not a file")
+            raise InvalidInput(f"is {_KINDS.get(kind, 'something else')}, not a file", where=str(path))
         with open(fd, "rb", closefd=False) as file:
             data = file.read(most + 1)
     finally:
         os.close(fd)
     if len(data) > most:
-        raise NotAFile(path, f"larger than {_size(most)}: not a file of ours")
+        raise InvalidInput(f"larger than {_size(most)}: not a file of ours", where=str(path))
     return data
 
 

@@ -5,6 +5,8 @@ import re
 from math import isfinite
 from typing import Any, NoReturn
 
+from twind.exceptions import InvalidInput
+
 DEPTH = 16  # nested arrays and objects
 _NESTING = re.compile(
     r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
@@ -14,27 +16,19 @@ _LEAST = -(2**63)
 _MOST = 2**64 - 1
 
 
-class BadJson(ValueError):
-    """Not a JSON text, or one that two readers could take for two things. `position` in characters."""
-
-    def __init__(self, reason: str, position: int | None = None) -> None:
-        super().__init__(reason)
-        self.position = position
-
-
 def loads(data: bytes | bytearray | memoryview) -> Any:
-    """The value of one JSON text. Raises BadJson on invalid UTF-8, duplicate keys, NaN, Infinity,
+    """The value of one JSON text. Raises InvalidInput on invalid UTF-8, duplicate keys, NaN, Infinity,
     numbers beyond a double or 64 bits, nesting deeper than 16, lone surrogates and all that is no JSON.
     """
     try:
         text = str(data, "utf-8")
     except UnicodeDecodeError as error:
-        raise BadJson(f"invalid UTF-8 at byte {error.start}") from None
+        raise InvalidInput(f"invalid UTF-8 at byte {error.start}") from None
     _check_depth(text)
     try:
         value = _DECODER.decode(text)
     except json.JSONDecodeError as error:
-        raise BadJson(f"{error.msg} at character {error.pos}", error.pos) from None
+        raise InvalidInput(f"{error.msg} at character {error.pos}", position=error.pos) from None
     if "\\u" in text:
         _check_surrogates(value)
     return value
@@ -49,7 +43,8 @@ def _check_depth(text: str) -> None:
         if mark in ("[", "{"):
             depth += 1
             if depth > DEPTH:
-                raise BadJson(f"nested deeper than {DEPTH} at character {match.start()}", match.start())
+                reason = f"nested deeper than {DEPTH} at character {match.start()}"
+                raise InvalidInput(reason, position=match.start())
         elif mark in ("]", "}"):
             depth -= 1
 
@@ -58,7 +53,7 @@ def _check_surrogates(value: Any) -> None:
     try:
         json.dumps(value, ensure_ascii=False).encode("utf-8")
     except UnicodeEncodeError:
-        raise BadJson("half of a surrogate pair in a string") from None
+        raise InvalidInput("half of a surrogate pair in a string") from None
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -67,7 +62,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         seen: set[str] = set()
         for key, _ in pairs:
             if key in seen:
-                raise BadJson(f"key {key[:40]!r} stands twice in one object")
+                raise InvalidInput(f"key {key[:40]!r} stands twice in one object")
             seen.add(key)
     return table
 
@@ -75,19 +70,19 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _finite(text: str) -> float:
     number = float(text)
     if not isfinite(number):
-        raise BadJson(f"{text[:40]} is beyond a double")
+        raise InvalidInput(f"{text[:40]} is beyond a double")
     return number
 
 
 def _int(text: str) -> int:
     number = int(text) if len(text.lstrip("-")) <= _DIGITS else None
     if number is None or not _LEAST <= number <= _MOST:
-        raise BadJson(f"{text[:40]} is beyond 64 bits")
+        raise InvalidInput(f"{text[:40]} is beyond 64 bits")
     return number
 
 
 def _constant(text: str) -> NoReturn:
-    raise BadJson(f"{text} is not JSON")
+    raise InvalidInput(f"{text} is not JSON")
 
 
 _DECODER = json.JSONDecoder(

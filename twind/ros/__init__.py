@@ -4,7 +4,7 @@ For whoever writes recordings or speaks to ROS: `encode` and `decode` know every
 `JointStateBuffer` writes one kind of message at the loop's rate.
 """
 
-from twind.ros.cdr import CdrError, decode, encode
+from twind.ros.cdr import decode, encode
 from twind.ros.imu_message import ImuBuffer
 from twind.ros.joint_state_message import JointStateBuffer, JointStateLayout, stamp
 from twind.ros.message_definitions import (
@@ -18,7 +18,6 @@ from twind.ros.message_definitions import (
     SET_BOOL,
     STRING,
     TRIGGER,
-    DefinitionError,
     MessageDefinitions,
     definition_text,
     participant_entities,
@@ -36,8 +35,6 @@ __all__ = [
     "SET_BOOL",
     "STRING",
     "TRIGGER",
-    "CdrError",
-    "DefinitionError",
     "ImuBuffer",
     "JointStateBuffer",
     "JointStateLayout",

@@ -8,6 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from twind.exceptions import InvalidInput
 from twind.ros.message_definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
 
 HEAD = b"\x00\x01\x00\x00"  # XCDR1, little endian
@@ -19,12 +20,8 @@ _LOOSE = 15
 Message = dict[str, Any]
 
 
-class CdrError(ValueError):
-    """A message that does not fit its definition, or bytes that do not. The text names type and field."""
-
-
 def encode(kind: str | MessageDefinitions, message: Mapping[str, Any]) -> bytes:
-    """The bytes of `message`, header included. Raises CdrError."""
+    """The bytes of `message`, header included. Raises InvalidInput."""
     definitions = definitions_of(kind)
     out = bytearray(HEAD)
     _put(out, definitions, definitions.name, message)
@@ -32,17 +29,19 @@ def encode(kind: str | MessageDefinitions, message: Mapping[str, Any]) -> bytes:
 
 
 def decode(kind: str | MessageDefinitions, data: bytes) -> Message:
-    """The message whose bytes, header included, are `data`. Raises CdrError."""
+    """The message whose bytes, header included, are `data`. Raises InvalidInput."""
     if data[:2] != HEAD[:2]:
-        raise CdrError(f"bytes begin with {data[:4].hex(' ')!r}: only XCDR1, little endian (00 01) is read")
+        raise InvalidInput(
+            f"bytes begin with {data[:4].hex(' ')!r}: only XCDR1, little endian (00 01) is read"
+        )
     definitions = definitions_of(kind)
     source = CdrReader(data)
     try:
         message = source.message(definitions, definitions.name)
     except (struct.error, UnicodeDecodeError) as error:
-        raise CdrError(f"{definitions.name}: {error}, at byte {source.place} of {len(data)}") from None
+        raise InvalidInput(f"{definitions.name}: {error}, at byte {source.place} of {len(data)}") from None
     if len(data) - source.place > _LOOSE:
-        raise CdrError(f"{definitions.name}: ends at byte {source.place}, but there are {len(data)}")
+        raise InvalidInput(f"{definitions.name}: ends at byte {source.place}, but there are {len(data)}")
     return message
 
 
@@ -58,12 +57,12 @@ def _put(out: bytearray, definitions: MessageDefinitions, name: str, message: Ma
     unknown = set(message) - {field.name for field in fields}
     if unknown:
         known = ", ".join(field.name for field in fields)
-        raise CdrError(f"{name}: no field {sorted(unknown)[0]!r}; known: {known}")
+        raise InvalidInput(f"{name}: no field {sorted(unknown)[0]!r}; known: {known}")
     for field in fields:
         try:
             _put_field(out, definitions, field, message.get(field.name))
         except (struct.error, TypeError, AttributeError) as error:
-            raise CdrError(f"{name}: {field.name}: {error}") from None
+            raise InvalidInput(f"{name}: {field.name}: {error}") from None
 
 
 def _put_field(out: bytearray, definitions: MessageDefinitions, field: MessageField, value: Any) -> None:

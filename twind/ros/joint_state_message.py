@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from twind.ros.cdr import HEAD, CdrError, CdrReader, encode
+from twind.exceptions import InvalidInput
+from twind.ros.cdr import HEAD, CdrReader, encode
 from twind.ros.message_definitions import JOINT_STATE
 
 SECOND = 1_000_000_000  # ns
@@ -34,7 +35,7 @@ class JointStateLayout:
 
     @classmethod
     def from_message(cls, data: bytes) -> "JointStateLayout":
-        """Read the layout of one JointState message. Raises CdrError."""
+        """Read the layout of one JointState message. Raises InvalidInput."""
         source = CdrReader(data)
         fixed = []
         columns = []
@@ -53,7 +54,7 @@ class JointStateLayout:
                 columns.append((first, count))
                 after = source.place
         except (struct.error, UnicodeDecodeError) as error:
-            raise CdrError(f"{JOINT_STATE}: {error}, at byte {source.place} of {len(data)}") from None
+            raise InvalidInput(f"{JOINT_STATE}: {error}, at byte {source.place} of {len(data)}") from None
         return cls(names, tuple(columns), len(data), tuple(fixed))
 
     def fits(self, data: bytes) -> bool:

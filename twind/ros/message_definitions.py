@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from twind.exceptions import InvalidInput
+
 TIME = "builtin_interfaces/msg/Time"
 DURATION = "builtin_interfaces/msg/Duration"
 HEADER = "std_msgs/msg/Header"
@@ -114,10 +116,6 @@ _CONSTANT = re.compile(r"\s*\S+\s+\w+\s*=")
 _TYPE = re.compile(r"([\w/]+)(?:<=(\d+))?(?:(\[)(<=)?(\d*)\])?$")
 
 
-class DefinitionError(ValueError):
-    """A definition that says nothing usable. The text names the type and the line."""
-
-
 @dataclass(frozen=True, slots=True)
 class MessageField:
     """One field. `kind`: a primitive, `string`, or a full type name.
@@ -138,19 +136,19 @@ class MessageDefinitions:
     """The fields of each type of one `ros2msg` text: the type's own lines, then those of what it contains."""
 
     def __init__(self, name: str, text: str) -> None:
-        """`name` is the type that `text` begins with. Raises DefinitionError."""
+        """`name` is the type that `text` begins with. Raises InvalidInput."""
         self.name = _full(name, name)
         self._fields = {each: tuple(_fields(each, lines)) for each, lines in _sections(self.name, text)}
 
     def fields(self, name: str) -> tuple[MessageField, ...]:
-        """Fields of a type, in the order of the bytes. Raises DefinitionError where it is not defined."""
+        """Fields of a type, in the order of the bytes. Raises InvalidInput where it is not defined."""
         try:
             found = self._fields[name]
         except KeyError:
             known = ", ".join(sorted(self._fields))
-            raise DefinitionError(f"{name}: not defined beside {self.name}; there are {known}") from None
+            raise InvalidInput(f"{name}: not defined beside {self.name}; there are {known}") from None
         if not found:
-            raise DefinitionError(f"{name}: has no fields; such messages are not supported")
+            raise InvalidInput(f"{name}: has no fields; such messages are not supported")
         return found
 
 
@@ -163,11 +161,11 @@ def definition_text(name: str) -> str:
 
 
 def definitions_of(kind: str | MessageDefinitions) -> MessageDefinitions:
-    """The fields of a known type, or those that are given. Raises DefinitionError."""
+    """The fields of a known type, or those that are given. Raises InvalidInput."""
     if isinstance(kind, MessageDefinitions):
         return kind
     if kind not in KNOWN:
-        raise DefinitionError(f"no message {kind!r}; known: {', '.join(KNOWN)}")
+        raise InvalidInput(f"no message {kind!r}; known: {', '.join(KNOWN)}")
     return MessageDefinitions(kind, definition_text(kind))
 
 
@@ -191,7 +189,7 @@ def _sections(name: str, text: str) -> Iterator[tuple[str, str]]:
     for other in others:
         head, _, lines = other.partition("\n")
         if not head.startswith("MSG:"):
-            raise DefinitionError(f"{name}: expected `MSG: package/Type`, got {head[:60]!r}")
+            raise InvalidInput(f"{name}: expected `MSG: package/Type`, got {head[:60]!r}")
         yield _full(head[4:].strip(), name), lines
 
 
@@ -202,7 +200,7 @@ def _fields(name: str, lines: str) -> Iterator[MessageField]:
             continue  # a comment or nothing; a constant, which is not in the bytes
         found = _TYPE.match(words[0])
         if found is None or len(words) < 2:
-            raise DefinitionError(f"{name}: no field: {line.strip()[:60]!r}")
+            raise InvalidInput(f"{name}: no field: {line.strip()[:60]!r}")
         kind, longest, row, at_most, count = found.groups()
         kind = kind if kind in PRIMITIVES or kind == TEXT else _full(kind, name)
         fixed = int(count) if count and not at_most else None

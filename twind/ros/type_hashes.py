@@ -8,14 +8,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from twind.ros.message_definitions import (
-    PRIMITIVES,
-    TEXT,
-    DefinitionError,
-    MessageDefinitions,
-    MessageField,
-    definitions_of,
-)
+from twind.exceptions import InvalidInput
+from twind.ros.message_definitions import PRIMITIVES, TEXT, MessageDefinitions, MessageField, definitions_of
 
 # type_description_interfaces/msg/FieldType. A `char` of ROS 2 is hashed as the uint8 it becomes in IDL: only
 # so have services the hashes that ROS gives them (rosbags 0.11.9 takes 13, which is a character of IDL).
@@ -36,12 +30,12 @@ def dds_type(kind: str) -> str:
     try:
         package, folder, name = kind.split("/")
     except ValueError:
-        raise DefinitionError(f"type {kind!r}: must be package/msg/Name or package/srv/Name") from None
+        raise InvalidInput(f"type {kind!r}: must be package/msg/Name or package/srv/Name") from None
     return f"{package}::{folder}::dds_::{name}_"
 
 
 def type_hash(kind: str | MessageDefinitions) -> str:
-    """`RIHS01_` and 64 hexadecimal digits, of a message or a service. Raises DefinitionError."""
+    """`RIHS01_` and 64 hexadecimal digits, of a message or a service. Raises InvalidInput."""
     definitions = definitions_of(kind)
     name = definitions.name
     others = sorted(set(_contained(definitions, name)) - {name})

@@ -31,17 +31,6 @@ class RobotEvent(StrEnum):
     INHIBIT = "inhibit"
 
 
-class EventNotAllowed(Exception):
-    """An event that the state does not allow; names the states that do."""
-
-    def __init__(self, state: RobotState, event: RobotEvent, allowed: tuple[RobotState, ...]) -> None:
-        names = ", ".join(allowed)
-        super().__init__(f"{event.value} is not possible while {state.value}; allowed while {names}")
-        self.state = state
-        self.event = event
-        self.allowed = allowed
-
-
 LATCHED = (RobotState.FAULT, RobotState.ESTOP)
 
 _S = RobotState
@@ -103,11 +92,16 @@ TABLE: Mapping[RobotEvent, Mapping[RobotState, RobotState]] = MappingProxyType(
 
 
 def step(state: RobotState, event: RobotEvent) -> RobotState:
-    """Return the state after `event`. Raises EventNotAllowed, which lists the states that allow it."""
+    """Return the state after `event`. Raises InvalidInput, which lists the states that allow it."""
     follows = TABLE[event]
     if state not in follows:
-        raise EventNotAllowed(state, event, tuple(follows))
+        raise _not_allowed(state, event)
     return follows[state]
+
+
+def _not_allowed(state: RobotState, event: RobotEvent) -> RuntimeError:
+    names = ", ".join(TABLE[event])
+    return RuntimeError(f"{event.value} is not possible while {state.value}; allowed while {names}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +113,10 @@ class StateLatch:
     identified: bool = False  # the bus is open and all its devices are identified
 
     def after(self, event: RobotEvent) -> "StateLatch":
-        """Return the state after `event`. Raises EventNotAllowed."""
+        """Return the state after `event`. Raises InvalidInput."""
         state = step(self.state, event)
         if event is RobotEvent.CALIBRATE and self.latched:  # from before the port was lost
-            raise EventNotAllowed(RobotState.FAULT, event, tuple(TABLE[event]))
+            raise _not_allowed(RobotState.FAULT, event)
         latched = (
             self.latched or event in (RobotEvent.FAULT, RobotEvent.ESTOP)
         ) and event is not RobotEvent.RESET

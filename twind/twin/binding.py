@@ -15,6 +15,7 @@ from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.config.yaml_tree import place
+from twind.exceptions import InvalidInput
 from twind.robot.actuator_ratings import ActuatorRatings
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.attitude import Quaternion
@@ -23,7 +24,7 @@ from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.transmission import MappedTransmission
 from twind.robot.turn_range import TurnRange
 from twind.twin.imu_model import feel, mount, require_site
-from twind.twin.joint_range import BindingError, JointRange, reaches, turn_begin
+from twind.twin.joint_range import JointRange, reaches, turn_begin
 from twind.twin.pinning import free_joints, pin
 from twind.twin.transmission_range import strength
 
@@ -52,7 +53,7 @@ class Binding:
 def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
     """Compile the model (base pinned unless `support: free`) and map every joint.
 
-    Without calibration zero is the middle of the encoder and no joint calibrated. Raises BindingError.
+    Without calibration zero is the middle of the encoder and no joint calibrated. Raises InvalidInput.
     """
     spec, model, imu = _compile(robot)
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
@@ -83,7 +84,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
 def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None) -> Binding:
     """Bind a robot file that differs in limits and gains only; nothing is compiled.
 
-    `calibration`: the one of `binding`. Raises BindingError.
+    `calibration`: the one of `binding`. Raises InvalidInput.
     """
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(binding.model, joint, robot) for joint in robot.joints]
@@ -110,14 +111,14 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
         base = spec.body(robot.base)
         if base is None:
             names = ", ".join(body.name for body in spec.bodies if body.name)
-            raise BindingError(
+            raise InvalidInput(
                 f"{robot.path}: model.base: no body {robot.base!r} in {robot.mjcf_path}: {names}"
             )
         spec.compiler.fusestatic = False  # bodies that `collision` may name stay bodies, whatever the support
         if robot.support != "free":
             pin(spec, base)
         elif not free_joints(base):
-            raise BindingError(
+            raise InvalidInput(
                 f"{robot.path}: support: free needs a free joint on body {robot.base!r} of {robot.mjcf_path}"
             )
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
@@ -127,7 +128,7 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
         model = spec.compile()
         return spec, model, None if robot.imu is None else mount(model, robot.imu)
     except ValueError as error:  # errors of the parser and the compiler
-        raise BindingError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
+        raise InvalidInput(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
 
 
 def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
@@ -135,9 +136,9 @@ def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
     where = f"{robot.path}: joints.{joint.name}"
     if number < 0:
         names = ", ".join(_names(model))
-        raise BindingError(f"{where}: the model has no joint {joint.model_joint!r}; it has {names}")
+        raise InvalidInput(f"{where}: the model has no joint {joint.model_joint!r}; it has {names}")
     if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
-        raise BindingError(
+        raise InvalidInput(
             f"{where}: model joint {joint.model_joint!r} is no hinge: only hinges can be driven"
         )
     if model.jnt_limited[number]:
@@ -145,7 +146,7 @@ def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
         if joint.lower < low - TOLERANCE or joint.upper > high + TOLERANCE:
             limits = f"limits {joint.lower:g}..{joint.upper:g} rad"
             at = place(robot.path, robot.text_sha256, ("joints", joint.name, "limits_rad"))
-            raise BindingError(f"{at}: {limits} are outside the model's range {low:g}..{high:g}")
+            raise InvalidInput(f"{at}: {limits} are outside the model's range {low:g}..{high:g}")
     return int(number)
 
 
@@ -161,14 +162,14 @@ def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
     names = _names(model)
     for name in robot.passive:
         if name not in names:
-            raise BindingError(
+            raise InvalidInput(
                 f"{robot.path}: passive: the model has no joint {name!r}; it has {', '.join(names)}"
             )
     base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, robot.base)
     for number, name in enumerate(names):
         carried = model.jnt_type[number] == mujoco.mjtJoint.mjJNT_FREE and model.jnt_bodyid[number] == base
         if number not in mapped and name not in robot.passive and not carried:
-            raise BindingError(
+            raise InvalidInput(
                 f"{robot.path}: model joint {name or number!r} stands neither in `joints` nor in `passive`"
             )
 
@@ -180,14 +181,14 @@ def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
     )
     where = f"{robot.mjcf_path}: joint {model.joint(number).name!r}"
     if len(driving) != 1:
-        raise BindingError(
+        raise InvalidInput(
             f"{where} has {len(driving)} actuators, needs one: <position joint=.../> for {name}"
         )
     actuator = int(driving[0])
     pull = model.actuator_gainprm[actuator, 0]
     back = model.actuator_biasprm[actuator, 1]
     if not (pull > 0.0 and math.isclose(pull, -back) and model.actuator_ctrlnum[actuator] == 1):
-        raise BindingError(f"{where}: its actuator is no position servo: use <position joint=.../>")
+        raise InvalidInput(f"{where}: its actuator is no position servo: use <position joint=.../>")
     return int(model.actuator_ctrladr[actuator])
 
 
@@ -314,4 +315,4 @@ def _link(spec: TransmissionSpec, names: list[str], reach: Mapping[str, JointRan
     )
 
 
-__all__ = ["Binding", "BindingError", "bind", "rebound"]
+__all__ = ["Binding", "InvalidInput", "bind", "rebound"]

@@ -29,7 +29,7 @@ def unpacked(data: bytes) -> Binding:
 
 
 def foresight(data: bytes, period: float) -> TrajectoryPrecheck:
-    """Return the precheck for the robot in `data`; `period` in s. Raises ValueError, BindingError."""
+    """Return the precheck for the robot in `data`; `period` in s. Raises ValueError, InvalidInput."""
     hush()
     binding = unpacked(data)
     return TrajectoryPrecheck(binding, period, Dynamics(binding))

@@ -63,7 +63,7 @@ class ClearanceSurvey:
 
 
 def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurvey:
-    """Survey every pose of the robot file, and `motions` by name, from the rest pose. Raises BindingError."""
+    """Survey every pose of the robot file, and `motions` by name, from the rest pose. Raises InvalidInput."""
     bodies = CollisionModel(binding)
     found: dict[tuple[str, str], NearBodies] = {}
     for name, pose in binding.robot.poses.items():

@@ -18,9 +18,9 @@ import numpy as np
 
 from twind.config.collision_config import Clearance
 from twind.config.robot_spec import GateSettings
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import ReasonCode
-from twind.twin.binding import BindingError
 from twind.twin.lever_bounds import levers
 from twind.twin.mirror import index
 
@@ -80,7 +80,7 @@ class CollisionModel:
     """The robot's bodies. Poses are (n,) rad in joint order; distances (p,) m in the order of `pairs`."""
 
     def __init__(self, binding: JointBinding, reach: float = REACH) -> None:
-        """`reach`: m. Raises BindingError: a name that the model lacks, a pair that cannot be judged."""
+        """`reach`: m. Raises InvalidInput: a name that the model lacks, a pair that cannot be judged."""
         clearance = binding.robot.gate.collision
         self.model = model = copy.copy(binding.model)
         self.pairs = judged(model, binding.robot)
@@ -163,7 +163,7 @@ class CollisionModel:
 
 
 def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, ...]:
-    """Return the pairs that are judged. Raises BindingError where the robot file names a missing body."""
+    """Return the pairs that are judged. Raises InvalidInput where the robot file names a missing body."""
     clearance = robot.gate.collision
     where = f"{robot.path}: collision"
     world = strangers(model, robot.base)
@@ -175,7 +175,7 @@ def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, .
         for names, named in zip(clearance.pairs, only, strict=True):
             if not any(named(pair) for pair in pairs):
                 message = f"the model never lets [{', '.join(names)}] collide, or `allow` does"
-                raise BindingError(f"{where}.pairs: {message}")
+                raise InvalidInput(f"{where}.pairs: {message}")
         pairs = [pair for pair in pairs if any(named(pair) for named in only)]
     return tuple(_pair(model, pair, world, clearance, where) for pair in pairs)
 
@@ -232,7 +232,7 @@ def _pair(
 ) -> GeomPair:
     names = tuple(body_name(model, geom) for geom in pair)
     if any(int(model.geom_type[geom]) in _UNMEASURED for geom in pair):
-        raise BindingError(f"{where}: [{', '.join(names)}]: a height field or SDF cannot be judged; allow it")
+        raise InvalidInput(f"{where}: [{', '.join(names)}]: a height field or SDF cannot be judged; allow it")
     if not world & set(pair):
         return GeomPair(pair, (names[0], names[1]), ReasonCode.SELF_COLLISION, clearance.block)
     ground = any(g in world and model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE for g in pair)
@@ -268,7 +268,7 @@ def _geom_pair_names(
 
 
 def _geoms(model: mujoco.MjModel, name: str, where: str) -> frozenset[int]:
-    """Return the geom and the geoms of the body of that name. Raises BindingError with the nearest name."""
+    """Return the geom and the geoms of the body of that name. Raises InvalidInput with the nearest name."""
     geoms = {g for g in range(model.ngeom) if model.geom(g).name == name}
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if body >= 0:
@@ -278,5 +278,5 @@ def _geoms(model: mujoco.MjModel, name: str, where: str) -> frozenset[int]:
         known += [model.geom(g).name for g in range(model.ngeom)]
         near = difflib.get_close_matches(name, list(filter(None, known)), 1)
         hint = f"; nearest: {near[0]}" if near else ""
-        raise BindingError(f"{where}: the model has no body and no geom {name!r}{hint}")
+        raise InvalidInput(f"{where}: the model has no body and no geom {name!r}{hint}")
     return frozenset(geoms)

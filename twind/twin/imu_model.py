@@ -10,10 +10,10 @@ import numpy as np
 
 from twind.config.robot_spec import ImuSpec, RobotFile
 from twind.config.yaml_tree import place
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.attitude import UPRIGHT, G, Quaternion, conjugate, matrix, product, tilted, unit
 from twind.robot.state import Imu
-from twind.twin.joint_range import BindingError
 
 GYRO = "twind gyro"
 ACCELERATION = "twind acceleration"
@@ -40,12 +40,12 @@ def _of_site(model: Any, name: str) -> Quaternion:
 
 
 def require_site(spec: mujoco.MjSpec, robot: RobotFile, site: str) -> None:
-    """Check that the base has such a site. Raises BindingError."""
+    """Check that the base has such a site. Raises InvalidInput."""
     sites = [each.name for each in spec.body(robot.base).sites if each.name]
     if site not in sites:
         at = place(robot.path, robot.text_sha256, ("sensors", "imu", "site"))
         where = f"{at}: body {robot.base!r} of {robot.mjcf_path}"
-        raise BindingError(f"{where} has no site {site!r}; it has {', '.join(sites) or 'none'}")
+        raise InvalidInput(f"{where} has no site {site!r}; it has {', '.join(sites) or 'none'}")
 
 
 def feel(spec: mujoco.MjSpec, site: str) -> None:

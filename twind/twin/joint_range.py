@@ -13,16 +13,13 @@ import numpy as np
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, ticks_of, turn_start
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
 from twind.robot.transmission import span
-from twind.twin.transmission_range import TransmissionRangeError, box
+from twind.twin.transmission_range import ActuatorExcess, box
 
 BEYOND = 0.05  # rad, hard limits past the robot file's (docs/reason-codes.md)
 ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
-
-
-class BindingError(Exception):
-    """Exception: a robot file, its model and its calibration contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +52,7 @@ def _direct(
     first = max(first, least)
     last = min(last, most)
     if first >= last:
-        raise BindingError(
+        raise InvalidInput(
             f"{joint.name}: no count is inside its limits, its travel and the servo's own {least}..{most} "
             f"(zero {zero}): remount the horn, or correct those (of a servo registers 48 and 52), then "
             "calibrate again"
@@ -131,26 +128,25 @@ def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRan
     law = spec.law
     ranges = [(-math.inf, math.inf) if seat.model_range is None else seat.model_range for seat in seats]
     limits = np.array([[joint.lower, joint.upper] for joint in specs]).T
-    try:
-        found = box(
-            law,
-            (limits[0], limits[1]),
-            (np.array([low for low, _ in ranges]), np.array([high for _, high in ranges])),
-            (np.array([seat.angles[0] for seat in seats]), np.array([seat.angles[1] for seat in seats])),
-            BEYOND,
-        )
-    except TransmissionRangeError as error:
-        seat = seats[error.place]
+    found = box(
+        law,
+        (limits[0], limits[1]),
+        (np.array([low for low, _ in ranges]), np.array([high for _, high in ranges])),
+        (np.array([seat.angles[0] for seat in seats]), np.array([seat.angles[1] for seat in seats])),
+        BEYOND,
+    )
+    if isinstance(found, ActuatorExcess):
+        seat = seats[found.place]
         counts = sorted(
             ticks_of(seat.joint, seat.zero, angle) if math.isfinite(angle) else 0
-            for angle in (error.least, error.most)
+            for angle in (found.least, found.most)
         )
         demand = f"limits of {', '.join(spec.joints)} ask actuator {seat.joint.actuator} for counts"
-        raise BindingError(
+        raise InvalidInput(
             f"{seat.joint.name}: transmission {spec.name}: {demand} {counts[0]}..{counts[1]}; in its travel "
             f"and its own limits are {seat.allowed[0]}..{seat.allowed[1]} alone (zero {seat.zero}): narrow "
             "limits_rad, or remount the horn and calibrate again"
-        ) from None
+        )
     low, high = span(law, found.hard_lower, found.hard_upper)
     reaches = []
     for place, seat in enumerate(seats):

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_spec import RobotFile
+from twind.exceptions import OperationFailed
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
@@ -22,14 +23,10 @@ from twind.twin.pinning import pin
 from twind.twin.servo_motor import STEP, MotorControlLoops, MotorDrive, Places, ServoMotor
 from twind.twin.tendon_coupling import PREFIX, MotorGroup, strung
 
-__all__ = ["BusPhysics", "MujocoPhysics", "PhysicsDiverged", "ServoMotor", "body_of"]
+__all__ = ["BusPhysics", "MujocoPhysics", "OperationFailed", "ServoMotor", "body_of"]
 # s without torque before time begins, at most; rad/s that count as rest
 SETTLE = 20.0
 STILL = 1e-3
-
-
-class PhysicsDiverged(RuntimeError):
-    """Exception: the physics became non-finite; MuJoCo has reset its state, so nothing may go on."""
 
 
 class MujocoPhysics:
@@ -112,7 +109,7 @@ class MujocoPhysics:
         self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
 
     def advance(self, now: float) -> None:
-        """Step the body until `now` (s), to 2 ms. Raises PhysicsDiverged."""
+        """Step the body until `now` (s), to 2 ms. Raises OperationFailed."""
         steps = int((now - self._time) / STEP + 1e-6)
         if steps < 1:
             return
@@ -131,7 +128,7 @@ class MujocoPhysics:
             data.qfrc_applied[self._loops.v] = 0.0
             mujoco.mj_step(self.model, data, steps)
         if np.count_nonzero(data.warning.number):
-            raise PhysicsDiverged(
+            raise OperationFailed(
                 f"virtual body at {self._time:.3f} s: {self._warnings[:1] or 'a MuJoCo warning'}"
             )
         self._read()
@@ -225,7 +222,7 @@ class CanBusPhysics:
         self._whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
-        """Advance the whole body to `now` (s). Raises PhysicsDiverged.
+        """Advance the whole body to `now` (s). Raises OperationFailed.
 
         The other buses get its state with their own call.
         """

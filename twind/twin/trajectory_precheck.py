@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.motion.goal_options import led_in
 from twind.robot.arrays import Floats
 from twind.robot.finding import Finding, ReasonCode, Verdict
@@ -19,7 +20,7 @@ from twind.robot.splines import Spline, interpolate, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.curve_rules import GateThresholds
 from twind.safety.retime import with_stop
-from twind.twin.binding import Binding, BindingError
+from twind.twin.binding import Binding
 from twind.twin.collision_model import CollisionModel
 from twind.twin.curve_sweep import CloseGeoms, CurveSweep, SweepResult
 
@@ -41,14 +42,14 @@ class TrajectoryPrecheck:
     """One robot's paths, judged one at a time. Keeps models of its own."""
 
     def __init__(self, binding: Binding, period: float, strength: DynamicsCheck | None = None) -> None:
-        """`period`: s, of a tick. Raises BindingError where no two bodies could be judged."""
+        """`period`: s, of a tick. Raises InvalidInput where no two bodies could be judged."""
         self.bodies = CollisionModel(binding)
         self._limits = binding.limits
         self._period = period
         self._strength = strength
         if not self.bodies.pairs:
             file = binding.robot.path
-            raise BindingError(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
+            raise InvalidInput(f"{file}: no two bodies of the model can collide: contype, conaffinity, allow")
 
     def judging(
         self, path: Trajectory, reference: Reference, *, append_stop: bool = False

@@ -27,14 +27,13 @@ class JointBox:
     hard_upper: Floats
 
 
-class TransmissionRangeError(ValueError):
-    """Limits that lead an actuator beyond its range. `place`: its index in the transmission."""
+@dataclass(frozen=True, slots=True)
+class ActuatorExcess:
+    """Range that the limits demand of an actuator, beyond what it may do. `place`: its index, 0 to k - 1."""
 
-    def __init__(self, place: int, least: float, most: float) -> None:
-        super().__init__(f"{least:.4f}..{most:.4f} rad")
-        self.place = place
-        self.least = least
-        self.most = most
+    place: int
+    least: float  # rad
+    most: float  # rad
 
 
 def box(
@@ -43,11 +42,11 @@ def box(
     ranges: tuple[Floats, Floats],
     allowed: tuple[Floats, Floats],
     beyond: float,
-) -> JointBox:
+) -> JointBox | ActuatorExcess:
     """Return the joints' `limits` with `beyond` rad around them, or less where actuators end before.
 
     All arguments are lower and upper ends (k,), rad; `ranges` are the model's, `allowed` the actuators'.
-    Raises TransmissionRangeError where even limits a little narrower would lead an actuator beyond.
+    The result is an excess if even slightly narrower limits lead an actuator beyond its range.
     """
 
     def widened(by: float) -> tuple[Floats, Floats]:
@@ -66,7 +65,7 @@ def box(
     elif outside(fits).any():
         place = int(np.argmax(outside(fits)))
         low, high = span(law, *widened(0.0))
-        raise TransmissionRangeError(place, float(low[place]), float(high[place]))
+        return ActuatorExcess(place, float(low[place]), float(high[place]))
     else:
         fails = 0.0
     for _ in range(HALVINGS if fits < beyond else 0):

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from twind.config.can_type import MAX_ID, MAX_ODRIVE
+from twind.exceptions import InvalidInput
 from twind.virtual.can_node_setup import default_node, scattered
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.dynamixel.control_tables import number_of, table
@@ -37,10 +38,6 @@ USB = (
 )
 
 
-class VirtualRobotSpecError(Exception):
-    """The requested servos or nodes cannot be simulated."""
-
-
 @dataclass(frozen=True, slots=True)
 class BusTiming:
     """Timing of the buses, independent of the devices on them."""
@@ -53,49 +50,45 @@ class BusTiming:
 def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec | NodeSpec]:
     """Bus and servo, or CAN actuator, of `BUS:ID:MODEL[:FIRMWARE]`, as from the factory.
 
-    Raises SpecimenError.
+    Raises InvalidInput.
     """
     parts = text.split(":")
     if not 3 <= len(parts) <= 4 or not all(parts):
-        raise VirtualRobotSpecError(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
+        raise InvalidInput(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
     bus, id, model = parts[:3]
     if model in MODELS:
         return bus, _node(text, id, model, len(parts) == 4)
     version = parts[3] if len(parts) == 4 else str(firmware)
     if not (id.isascii() and id.isdigit() and int(id) <= LAST_ID):
-        raise VirtualRobotSpecError(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
+        raise InvalidInput(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
     if not (version.isascii() and version.isdigit() and int(version) <= 255):
-        raise VirtualRobotSpecError(f"--servo {text}: firmware {version} is not one of 0..255")
+        raise InvalidInput(f"--servo {text}: firmware {version} is not one of 0..255")
     try:
         table(number_of(model), int(version))
     except (KeyError, ValueError) as error:
-        raise VirtualRobotSpecError(f"--servo {text}: {error.args[0]}") from None
+        raise InvalidInput(f"--servo {text}: {error.args[0]}") from None
     return bus, ServoSpec(int(id), model, {}, int(version))
 
 
 def _node(text: str, id: str, model: str, versioned: bool) -> NodeSpec:
     most = MAX_ODRIVE if MODELS[model].family == "odrive" else MAX_ID
     if not (id.isascii() and id.isdigit() and int(id) <= most):
-        raise VirtualRobotSpecError(f"--servo {text}: id {id} is not one of 0..{most}")
+        raise InvalidInput(f"--servo {text}: id {id} is not one of 0..{most}")
     if versioned:
-        raise VirtualRobotSpecError(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
+        raise InvalidInput(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
     return default_node(int(id), model)
 
 
 def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
-    """The EEPROM registers that say so; None leaves the factory's. Raises SpecimenError."""
+    """The EEPROM registers that say so; None leaves the factory's. Raises InvalidInput."""
     made = {}
     if baud is not None:
         if baud not in BAUDS:
-            raise VirtualRobotSpecError(
-                f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}"
-            )
+            raise InvalidInput(f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}")
         made["baud_rate"] = BAUDS.index(baud)
     if return_delay_us is not None:
         if return_delay_us % 2 or not 0 <= return_delay_us <= 508:
-            raise VirtualRobotSpecError(
-                f"return delay {return_delay_us} us: servos do even numbers from 0 to 508"
-            )
+            raise InvalidInput(f"return delay {return_delay_us} us: servos do even numbers from 0 to 508")
         made["return_delay_time"] = return_delay_us // 2
     return made
 
@@ -109,16 +102,14 @@ def bench(
 ) -> dict[str, ServableBus]:
     """Buses with these servos alone, joints without load. `baud` is what their registers say; None: factory.
 
-    Raises SpecimenError for a model that cannot be simulated, and for servos and CAN actuators on one bus.
+    Raises InvalidInput for a model that cannot be simulated, and for servos and CAN actuators on one bus.
     """
     buses: dict[str, ServableBus] = {}
     for name, both in by_bus(servos).items():
         nodes = [spec for spec in both if isinstance(spec, NodeSpec)]
         specs = [spec for spec in both if isinstance(spec, ServoSpec)]
         if nodes and specs:
-            raise VirtualRobotSpecError(
-                f"bus {name}: {specs[0].model} and {nodes[0].model} cannot share a wire"
-            )
+            raise InvalidInput(f"bus {name}: {specs[0].model} and {nodes[0].model} cannot share a wire")
         if nodes:
             buses[name] = can_bus(name, nodes, scattered(len(nodes), line.seed, now), line, now=now)
             continue
@@ -151,7 +142,7 @@ def virtual_bus(
     now: float,
     sensor: VirtualSensor | None = None,
 ) -> VirtualBus:
-    """Build one bus; `sensor` is on it too. Raises VirtualRobotSpecError for a model that cannot be
+    """Build one bus; `sensor` is on it too. Raises InvalidInput for a model that cannot be
     simulated."""
     try:
         return VirtualBus(
@@ -166,7 +157,7 @@ def virtual_bus(
             sensor=sensor,
         )
     except (KeyError, ValueError) as error:
-        raise VirtualRobotSpecError(f"bus {name}: {error.args[0]}") from None
+        raise InvalidInput(f"bus {name}: {error.args[0]}") from None
 
 
 def can_bus(
@@ -178,7 +169,7 @@ def can_bus(
     bitrate: int = BITRATE,
     now: float = 0.0,
 ) -> VirtualCanBus:
-    """Build one CAN bus. Raises VirtualRobotSpecError for a family or model that is not simulated."""
+    """Build one CAN bus. Raises InvalidInput for a family or model that is not simulated."""
     try:
         return VirtualCanBus(
             name,
@@ -191,7 +182,7 @@ def can_bus(
             seed=line.seed,
         )
     except (KeyError, ValueError) as error:
-        raise VirtualRobotSpecError(f"bus {name}: {error.args[0]}") from None
+        raise InvalidInput(f"bus {name}: {error.args[0]}") from None
 
 
 Spec = TypeVar("Spec")

@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from twind.exceptions import InvalidInput
+
 LINE = 65536  # bytes, longest order
 NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count": 3} or {"query": "state"}'
 
@@ -102,29 +104,25 @@ BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
 }
 
 
-class FaultCommandError(ValueError):
-    """An order that cannot be carried out, and what would be right."""
-
-
 def arguments(
     order: Order, faults: Mapping[str, Mapping[str, type | tuple[type, ...]]] = FAULTS
 ) -> tuple[str, dict[str, Any]]:
-    """Fault and its arguments, of those of one kind of bus. Raises OrderError."""
+    """Fault and its arguments, of those of one kind of bus. Raises InvalidInput."""
     if "fault" not in order:
-        raise FaultCommandError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
+        raise InvalidInput('an order names a fault or a query, as {"fault": "drop", "count": 3}')
     name = order["fault"]
     if not isinstance(name, str) or name not in faults:
-        raise FaultCommandError(f"no fault {name!r}; there are {', '.join(faults)}")
+        raise InvalidInput(f"no fault {name!r}; there are {', '.join(faults)}")
     kinds = {key.rstrip("?"): kind for key, kind in faults[name].items()}
     given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
     for key, value in given.items():
         if key not in kinds:
-            raise FaultCommandError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
+            raise InvalidInput(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
         if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
-            raise FaultCommandError(f"{name}: {key} is {value!r}, of the wrong type")
+            raise InvalidInput(f"{name}: {key} is {value!r}, of the wrong type")
     missing = [key for key in faults[name] if key not in given and not key.endswith("?")]
     if missing:
-        raise FaultCommandError(f"{name} needs {', '.join(missing)}")
+        raise InvalidInput(f"{name} needs {', '.join(missing)}")
     return name, given
 
 
@@ -140,7 +138,7 @@ def _refuse_taken(path: Path) -> None:
 
 
 class FaultCommandSocket:
-    """The socket and its clients. `answer` carries out one order; OrderError and KeyError become answers."""
+    """The socket and its clients. `answer` executes one order; InvalidInput and KeyError become replies."""
 
     def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
         """Raises OSError: the path cannot be bound."""
@@ -201,13 +199,11 @@ class FaultCommandSocket:
             try:
                 order = json.loads(line)
             except ValueError:
-                raise FaultCommandError(NO_JSON) from None
+                raise InvalidInput(NO_JSON) from None
             if not isinstance(order, dict):
-                raise FaultCommandError(
-                    'an order is an object as {"fault": "drop", "bus": "main", "count": 3}'
-                )
+                raise InvalidInput('an order is an object as {"fault": "drop", "bus": "main", "count": 3}')
             return self._answer(order)
         except KeyError as error:
             return {"ok": False, "error": str(error.args[0])}
-        except ValueError as error:  # OrderError, a value out of bounds
+        except ValueError as error:  # InvalidInput, a value out of bounds
             return {"ok": False, "error": str(error)}

@@ -11,7 +11,7 @@ from twind.config.actuator_types import CanType, ServoType
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
-from twind.virtual.bench_servos import VirtualRobotSpecError
+from twind.exceptions import InvalidInput
 from twind.virtual.truth import JointTruth
 from twind_drivers.can.can_units import COUNT
 from twind_drivers.dynamixel.control_tables import number_of, table
@@ -44,7 +44,7 @@ def margined(joint: JointSpec) -> tuple[float, float]:
 def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     """Where its encoder is at joint angle 0: as the truth says, else the same for the same names.
 
-    That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises SpecimenError.
+    That keeps the travel on one turn, clear of the seam. `joint` as it is wired. Raises InvalidInput.
     """
     if truth.zero_ticks is not None:
         return truth.zero_ticks
@@ -54,9 +54,7 @@ def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     first = start + SEAM - low
     last = start + turn - 1 - SEAM - high
     if first > last:
-        raise VirtualRobotSpecError(
-            f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}"
-        )
+        raise InvalidInput(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
     middle = (first + last) // 2
     first = max(first, middle - SCATTER)
     last = min(last, middle + SCATTER)
@@ -90,12 +88,12 @@ def servo_of(
 
 
 def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> list[EncoderFrame]:
-    """How these servos show their encoders after a boot there. Raises SpecimenError."""
+    """How these servos show their encoders after a boot there. Raises InvalidInput."""
     asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
     try:
         servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))
     except (KeyError, ValueError) as error:
-        raise VirtualRobotSpecError(f"bus {bus}: {error.args[0]}") from None
+        raise InvalidInput(f"bus {bus}: {error.args[0]}") from None
     return [
         EncoderFrame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)
     ]

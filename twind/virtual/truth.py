@@ -19,8 +19,8 @@ from twind.config.counts import ticks_of, turn_start
 from twind.config.device_record import Byte, Tag, Ticks
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.yaml_tree import parse, read_text
+from twind.exceptions import InvalidInput
 from twind.twin.mujoco_physics import ranges_of
-from twind.virtual.bench_servos import VirtualRobotSpecError
 from twind_drivers.dynamixel.control_tables import number_of, table
 
 OF_CAN = ("zero_ticks", "sign", "stops_rad", "friction_nm")  # what a truth can say of a CAN actuator
@@ -111,28 +111,24 @@ def _joint(section: ConfigReader) -> JointTruth:
 
 
 def refuse_impossible(robot: RobotFile, truth: Truth) -> None:
-    """Raises SpecimenError: no such joint, what a CAN actuator has not, servos that cannot be exchanged."""
+    """Raises InvalidInput: no such joint, what a CAN actuator has not, servos that cannot be exchanged."""
     specs = {joint.name: joint for joint in robot.joints}
     for name, each in truth.joints.items():
         if name not in specs:
-            raise VirtualRobotSpecError(
-                f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}"
-            )
+            raise InvalidInput(f"truth: {robot.name} has no joint {name!r}; it has {', '.join(specs)}")
         strange = [key for key in each.non_default_keys() if key not in OF_CAN]
         if isinstance(specs[name].type, CanType) and strange:
             why = f"{strange[0]} is of serial servos; a CAN actuator has {', '.join(OF_CAN)}"
-            raise VirtualRobotSpecError(f"truth: {name}: {why}")
+            raise InvalidInput(f"truth: {name}: {why}")
         other = specs.get(each.swapped_with or name)
         if other is None or other.bus != specs[name].bus or each.swapped_with == name:
-            raise VirtualRobotSpecError(
+            raise InvalidInput(
                 f"truth: {name}: swapped_with {each.swapped_with!r} is no other joint of its bus"
             )
         if each.swapped_with and (
             truth.holder(each.swapped_with) != name or truth.holder(name) != other.name
         ):
-            raise VirtualRobotSpecError(
-                f"truth: {name}: swapped_with {other.name}, which is swapped with another one"
-            )
+            raise InvalidInput(f"truth: {name}: swapped_with {other.name}, which is swapped with another one")
         _refuse_registers(specs[name], each)
 
 
@@ -142,12 +138,10 @@ def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
     registers = table(number_of(joint.type.device))
     for key, value in each.eeprom().items():
         if key not in registers or not registers[key].eeprom:
-            raise VirtualRobotSpecError(
-                f"truth: {joint.name}: {registers.model} has no EEPROM register {key!r}"
-            )
+            raise InvalidInput(f"truth: {joint.name}: {registers.model} has no EEPROM register {key!r}")
         if not registers[key].takes(value):
             low, high = registers[key].bounds
-            raise VirtualRobotSpecError(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
+            raise InvalidInput(f"truth: {joint.name}: {key} {value} is outside {low}..{high}")
 
 
 def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float, float]]:

@@ -18,18 +18,11 @@ from pathlib import Path
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput
 from twind.loop import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.twin.base_support import BY_TORQUE, HOLDS, BaseSupport
-from twind.virtual.bench_servos import (
-    FIRMWARE,
-    BusTiming,
-    VirtualRobotSpecError,
-    bench,
-    by_bus,
-    servo,
-    settings,
-)
+from twind.virtual.bench_servos import FIRMWARE, BusTiming, bench, by_bus, servo, settings
 from twind.virtual.fault_commands import FaultCommandSocket
 from twind.virtual.pty_port import VirtualPtyPort
 from twind.virtual.truth import Truth, load_truth, random_truth
@@ -112,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
-    except (ConfigError, VirtualRobotSpecError, OSError) as error:
+    except (ConfigError, InvalidInput, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
     return 0
@@ -123,25 +116,23 @@ def _print_port(name: str, path: str) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raises SpecimenError: a number that no adapter or servo can have."""
+    """Raises InvalidInput: a number that no adapter or servo can have."""
     if not 0.0 <= options.latency_timer <= 255.0:
-        raise VirtualRobotSpecError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
+        raise InvalidInput(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
     if not 0 <= options.firmware <= 255:
-        raise VirtualRobotSpecError(f"--firmware {options.firmware}: it is 0..255")
+        raise InvalidInput(f"--firmware {options.firmware}: it is 0..255")
     if options.bus and options.robot is None and options.servo:
-        raise VirtualRobotSpecError("--bus needs --robot: servos alone have the buses that they name")
+        raise InvalidInput("--bus needs --robot: servos alone have the buses that they name")
     if options.seed < 0:
-        raise VirtualRobotSpecError(f"--seed {options.seed}: it is 0 or more")
+        raise InvalidInput(f"--seed {options.seed}: it is 0 or more")
     if options.truth is not None and options.truth_seed is not None:
-        raise VirtualRobotSpecError("--truth and --truth-seed: a truth is told or drawn, not both")
+        raise InvalidInput("--truth and --truth-seed: a truth is told or drawn, not both")
     if (options.truth_seed or 0) < 0:
-        raise VirtualRobotSpecError(f"--truth-seed {options.truth_seed}: it is 0 or more")
+        raise InvalidInput(f"--truth-seed {options.truth_seed}: it is 0 or more")
     if options.servo and options.robot is None:
         for name in ("calibration", "truth", "truth_seed"):
             if getattr(options, name) is not None:
-                raise VirtualRobotSpecError(
-                    f"--{name.replace('_', '-')} needs --robot: servos alone have no joints"
-                )
+                raise InvalidInput(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
 
 
 def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableBus], BaseSupport | None]:
@@ -184,21 +175,19 @@ def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
 
 
 def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dict[str, ServableBus]:
-    """The buses that are asked for; all, where none is. Raises SpecimenError."""
+    """The buses that are asked for; all, where none is. Raises InvalidInput."""
     unknown = [name for name in options.bus if name not in virtual]
     if unknown:
-        raise VirtualRobotSpecError(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
+        raise InvalidInput(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
     if options.bus and options.muscles == "mujoco" and set(options.bus) != set(virtual):
-        raise VirtualRobotSpecError("--bus: one body has one process; give --muscles first-order")
+        raise InvalidInput("--bus: one body has one process; give --muscles first-order")
     return {name: bus for name, bus in virtual.items() if not options.bus or name in options.bus}
 
 
 def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
-    """What hangs beside a robot's own servos. Raises SpecimenError for a CAN actuator."""
+    """What hangs beside a robot's own servos. Raises InvalidInput for a CAN actuator."""
     if isinstance(spec, NodeSpec):
-        raise VirtualRobotSpecError(
-            f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated"
-        )
+        raise InvalidInput(f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated")
     return spec
 
 

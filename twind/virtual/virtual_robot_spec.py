@@ -25,19 +25,12 @@ from twind.config.calibration_file import (
 )
 from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.exceptions import InvalidInput
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.base_support import BY_TORQUE
 from twind.twin.mujoco_physics import MujocoPhysics, body_of
 from twind.version import __version__
-from twind.virtual.bench_servos import (
-    FIRMWARE,
-    BusTiming,
-    VirtualRobotSpecError,
-    can_bus,
-    laid_out,
-    settings,
-    virtual_bus,
-)
+from twind.virtual.bench_servos import FIRMWARE, BusTiming, can_bus, laid_out, settings, virtual_bus
 from twind.virtual.can_node_setup import device, node, unloaded
 from twind.virtual.joint_actuators import (
     EncoderFrame,
@@ -101,7 +94,7 @@ def specimen(
     firmware: int = FIRMWARE,
     truth: Truth | None = None,
 ) -> VirtualRobotSpec:
-    """Servos that a robot file describes. Raises SpecimenError: rate, delay, travel or truth that cannot be.
+    """Servos that a robot file describes. Raises InvalidInput: rate, delay, travel or truth that cannot be.
 
     `truth`: what is not as described; with it every shaft has mechanical stops. None: as described.
     """
@@ -184,9 +177,9 @@ def _swept(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> Join
 
 
 def save(made: VirtualRobotSpec, path: Path) -> None:
-    """Write that file. Raises ConfigError, OSError, SpecimenError (not a `.yaml`)."""
+    """Write that file. Raises ConfigError, OSError, InvalidInput (not a `.yaml`)."""
     if path.suffix != ".yaml":
-        raise VirtualRobotSpecError(f"{path}: a calibration file is named NAME.yaml")
+        raise InvalidInput(f"{path}: a calibration file is named NAME.yaml")
     save_calibration(calibration(made), path.parent, path.stem)
 
 
@@ -212,7 +205,7 @@ def buses(
 
     `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
     `extra`: servos beside those of the robot, by serial bus.
-    Raises SpecimenError for a bus that the robot has not, and with `physics`: the body knows nothing of them.
+    Raises InvalidInput for a bus that the robot has not, and with `physics`: the body knows nothing of them.
     """
     extra = extra or {}
     strange = sorted(set(extra) - set(made.servos))
@@ -221,11 +214,11 @@ def buses(
             "is a CAN bus: only a serial one takes servos beside its own" if strange[0] in made.nodes else ""
         )
         known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
-        raise VirtualRobotSpecError(f"{strange[0]} {why}" if why else known)
+        raise InvalidInput(f"{strange[0]} {why}" if why else known)
     if physics and body is None:
         body = body_for(made, base=base, now=now)
     if extra and body is not None:
-        raise VirtualRobotSpecError("servos beside those of a robot have no body: say --muscles first-order")
+        raise InvalidInput("servos beside those of a robot have no body: say --muscles first-order")
     line = line or BusTiming()
     virtual: dict[str, ServableBus] = {}
     for spec in made.robot.buses:

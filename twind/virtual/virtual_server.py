@@ -12,16 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.twin.base_support import BaseSupport
-from twind.virtual.fault_commands import (
-    BODY_FAULTS,
-    CAN_FAULTS,
-    FAULTS,
-    FaultCommandError,
-    FaultCommandSocket,
-    Order,
-    arguments,
-)
+from twind.virtual.fault_commands import BODY_FAULTS, CAN_FAULTS, FAULTS, FaultCommandSocket, Order, arguments
 from twind.virtual.pty_port import VirtualPtyPort
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.servable_bus import ServableBus
@@ -137,13 +130,13 @@ class VirtualBusServer:
     # --------------------------------------------------------------------------------- faults
 
     def execute_fault_command(self, order: Order) -> Order:
-        """Execute one order of the faults socket. Raises FaultCommandError, KeyError, ValueError."""
+        """Execute one order of the faults socket. Raises InvalidInput, KeyError, ValueError."""
         if order.get("query") == "state":
             return self._state()
         if order.get("query") == "history":
             return self._history(order)
         if "query" in order:
-            raise FaultCommandError(f"no query {order['query']!r}; there are state, history")
+            raise InvalidInput(f"no query {order['query']!r}; there are state, history")
         if order.get("fault") == "hand" and "bus" not in order and len(self._pairs) > 1:
             return self._hands(order)
         if order.get("fault") in BODY_FAULTS:
@@ -168,7 +161,7 @@ class VirtualBusServer:
         known = {name: bus for bus, _ in self._pairs for name in bus.faults.hands.joints}
         strange = [name for name in pose if name not in known]
         if strange:
-            raise FaultCommandError(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
+            raise InvalidInput(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
         for bus, _ in self._pairs:
             own = {name: rad for name, rad in pose.items() if known[name] is bus}
             bus.advance(self._clock.now())
@@ -177,32 +170,30 @@ class VirtualBusServer:
         return {"ok": True}
 
     def _body(self, order: Order) -> Order:
-        """Apply an order that acts on the whole body and belongs to no bus. Raises FaultCommandError."""
+        """Apply an order that acts on the whole body and belongs to no bus. Raises InvalidInput."""
         name, given = arguments(order, BODY_FAULTS)
         for bus, _ in self._pairs:
             bus.advance(self._clock.now())
         if name == "imu":
             self._sensor().err(**given)
         elif self._crane is None:
-            raise FaultCommandError(
-                f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo"
-            )
+            raise InvalidInput(f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo")
         else:
             getattr(self._crane, name)(**given)
         return {"ok": True}
 
     def _sensor(self) -> VirtualSensor:
-        """Return the inertial sensor of the robot. Raises FaultCommandError: it has none."""
+        """Return the inertial sensor of the robot. Raises InvalidInput: it has none."""
         found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
         if not found:
-            raise FaultCommandError("imu: this robot has none: `sensors` in its robot file")
+            raise InvalidInput("imu: this robot has none: `sensors` in its robot file")
         return found[0]
 
     def _chosen(self, name: Any) -> tuple[ServableBus, VirtualPtyPort]:
         if name is None and len(self._pairs) == 1:
             return self._pairs[0]
         if not isinstance(name, str) or name not in self._buses:
-            raise FaultCommandError(f"no bus {name!r}; there are {', '.join(self._buses)}")
+            raise InvalidInput(f"no bus {name!r}; there are {', '.join(self._buses)}")
         return self._buses[name], self._ports[name]
 
     def _state(self) -> Order:
@@ -218,9 +209,9 @@ class VirtualBusServer:
         bus, port = self._chosen(order.get("bus"))
         since = order.get("since", -1.0)
         if not isinstance(since, int | float) or isinstance(since, bool):
-            raise FaultCommandError(f"history: since is {since!r}; it is a time in s")
+            raise InvalidInput(f"history: since is {since!r}; it is a time in s")
         if bus.history is None:
-            raise FaultCommandError(
+            raise InvalidInput(
                 f'bus {port.name}: nothing is recorded; order {{"fault": "record", "count": 1000}}'
             )
         times, positions = bus.history.readings()

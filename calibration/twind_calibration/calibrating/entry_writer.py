@@ -17,7 +17,8 @@ from twind.config.calibration_file import (
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
 from twind.ctl.instances import restart
-from twind.twin.binding import BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import slots
 from twind_calibration.calibrating.calibration_context import TOOL, CalibrationContext, now
@@ -82,7 +83,7 @@ def write_entries(
             text = dump_calibration(after)
             after = read_calibration(text, str(place.path), place.robot)
             bind(place.robot, after)
-        except (ConfigError, BindingError) as error:
+        except (ConfigError, InvalidInput) as error:
             raise Rejected(
                 f"the daemon would refuse this calibration, nothing was written: {error}"
             ) from None

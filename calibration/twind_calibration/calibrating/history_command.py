@@ -12,7 +12,8 @@ from twind.command_line.text_table import align_columns
 from twind.command_line.verb import DONE, Rejected, observer, show
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.ctl.command_hint import command_hint
-from twind.twin.binding import BindingError, bind
+from twind.exceptions import InvalidInput
+from twind.twin.binding import bind
 from twind_calibration.calibrating import file_ownership
 from twind_calibration.calibrating.calibration_actuators import CalibrationActuator, slots
 from twind_calibration.calibrating.calibration_archive import CURRENT, CalibrationArchive
@@ -136,7 +137,7 @@ def _rollback(options: argparse.Namespace) -> int:
     file = archive.file(options.which)
     try:
         bind(place.robot, earlier)
-    except BindingError as error:
+    except InvalidInput as error:
         raise Rejected(f"the daemon would refuse {file}: {error}") from None
     shown = _bytes(place)
     if not options.json:

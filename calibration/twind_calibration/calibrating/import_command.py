@@ -13,6 +13,7 @@ from twind.config.calibration_file import Calibration
 from twind.config.device_record import DeviceRecord
 from twind.config.yaml_tree import ConfigError, read_text
 from twind.ctl.command_hint import command_hint
+from twind.exceptions import InvalidInput
 from twind.protocol.plain_file import read_plain
 from twind_calibration.calibrating import calibration_draft as drafts
 from twind_calibration.calibrating import lerobot_file
@@ -77,7 +78,7 @@ def _motors(
         names = None if options.map is None else read_map(read_text(Path(options.map)), options.map)
     except OSError as error:
         raise Rejected(f"{options.file}: {error.strerror}") from None
-    except ConfigError as error:
+    except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
     return matched(motors, every, names)
 

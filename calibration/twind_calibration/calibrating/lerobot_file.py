@@ -11,7 +11,8 @@ from typing import Any
 
 from twind.command_line.verb import Rejected
 from twind.config.device_record import MAX_TICKS
-from twind.protocol.strict_json import BadJson, loads
+from twind.exceptions import InvalidInput
+from twind.protocol.strict_json import loads
 
 LARGEST = 256 << 10  # bytes
 FIELDS = {
@@ -41,7 +42,7 @@ def read(data: bytes, file: str) -> dict[str, LeRobotMotor]:
     """Name -> motor. Raises Rejected: no JSON, another shape, a field too many or too few."""
     try:
         told = loads(data)
-    except BadJson as error:
+    except InvalidInput as error:
         raise Rejected(f"{file}: {error}") from None
     if isinstance(told, dict) and (LISTS in told or any(isinstance(each, list) for each in told.values())):
         raise Rejected(

@@ -16,8 +16,8 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats
-from twind.twin.binding import BindingError
 from twind_calibration.proving.expected_loads import look_ahead, strained
 from twind_calibration.proving.proof_sweep import sweeps
 from twind_calibration.proving.sign_proof import LoadPrediction
@@ -98,7 +98,7 @@ def told_plan(options: argparse.Namespace) -> int:
     robot = _robot(options)
     try:
         body = PosedModel(robot)
-    except BindingError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     for name in options.joints:
         if name not in robot.names:

@@ -17,8 +17,8 @@ from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
 from twind.ctl.command_hint import command_hint
 from twind.ctl.instances import restart
+from twind.exceptions import InvalidInput
 from twind.twin.base_pose import BASES
-from twind.twin.binding import BindingError
 from twind_calibration.calibrating.calibration_context import CalibrationContext, ground, now
 from twind_calibration.calibrating.entry_writer import agreed, require_somebody
 from twind_calibration.calibrating.file_ownership import lock_folder, save
@@ -264,7 +264,7 @@ def _body(ground: CalibrationContext, mjcf: str, base: str) -> PosedModel:
     """Load the daemon's own model. Raises Rejected: the file on disk is another by now."""
     try:
         body = PosedModel(ground.robot, base)
-    except BindingError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     if mjcf != body.mjcf:
         raise Rejected(f"{ground.robot.mjcf_path} was changed since the daemon read it: restart the daemon")

@@ -8,6 +8,7 @@ from typing import Any
 from twind.client import CallError, Client, Refused
 from twind.client.errors import finding_text
 from twind.command_line.verb import lease
+from twind.robot.finding import ReasonCode
 from twind_drivers.clock import Clock
 
 # s: on each way, and until it leaves again
@@ -18,7 +19,15 @@ PATIENCE = 10.0
 AGAIN = 0.3
 NEAR = 1e-3  # rad: closer than that it is told to be home
 # What the other direction may be free of.
-ONE_SIDED = frozenset({"POS_LIMIT", "BRAKE_DISTANCE", "SELF_COLLISION", "KEEP_OUT", "FLOOR"})
+ONE_SIDED = frozenset(
+    {
+        ReasonCode.POS_LIMIT,
+        ReasonCode.BRAKE_DISTANCE,
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.KEEP_OUT,
+        ReasonCode.FLOOR,
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +168,6 @@ def _away(client: Client, joint: str, home: float) -> float:
 def _judged(client: Client, trajectory: dict[str, Any]) -> list[Mapping[str, Any]]:
     verdict = client.call("Check", trajectory=trajectory)["verdict"]
     refusals: list[Mapping[str, Any]] = [
-        each for each in verdict["refusals"] if each["code"] != "LEASE_MISSING"
+        each for each in verdict["refusals"] if each["code"] != ReasonCode.LEASE_MISSING
     ]
     return refusals

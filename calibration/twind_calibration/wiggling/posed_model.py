@@ -21,7 +21,7 @@ class PosedModel:
     """The twin's model of a robot, put into one pose after the other."""
 
     def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
-        """`base`: how it is held (`base_pose.BASES`). Raises BindingError, KeyError (no such base pose)."""
+        """`base`: how it is held (`base_pose.BASES`). Raises InvalidInput, KeyError (no such base pose)."""
         binding = bind(robot, None)
         self.robot = robot
         self.free = binding.floating

@@ -16,7 +16,7 @@ from twind.command_line.verb import DONE, REFUSED, Rejected, UsageError, observe
 from twind.config.robot_file import read_robot
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.command_hint import command_hint
-from twind.twin.binding import BindingError
+from twind.exceptions import InvalidInput
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.joint_move import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.move_evidence import (
@@ -198,7 +198,7 @@ def _body(told: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
             if robot.text_sha256 != told["text_sha256"]:
                 return None, f"{robot.path} was changed since the daemon read it"
             return PosedModel(robot), ""
-        except (ConfigError, BindingError) as error:
+        except (ConfigError, InvalidInput) as error:
             return None, str(error)
     return None, "the daemon does not say which robot file it read"
 

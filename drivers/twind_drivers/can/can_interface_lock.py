@@ -11,7 +11,7 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind_drivers.bus import PortError, PortInUse
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.dynamixel.port_holder import command
 
 NAME = "\0twind-can-"  # and the interface
@@ -24,14 +24,16 @@ class CanInterfaceLock:
     """That this process has the interface; until `close`."""
 
     def __init__(self, interface: str) -> None:
-        """Raises PortTaken naming who has it; PortError where no sign can be set."""
+        """Raises PortError: of kind IN_USE with the owner, or where no sign can be set."""
         self._sign = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             self._sign.bind(NAME + interface)
         except OSError as error:
             self._sign.close()
             if error.errno == errno.EADDRINUSE:
-                raise PortInUse(interface, f"in use by {_lock_name(interface)}; stop it first") from error
+                raise PortError(
+                    interface, f"in use by {_lock_name(interface)}; stop it first", PortFault.IN_USE
+                ) from error
             reason = f"its owner cannot be told: {os.strerror(error.errno or 0)}"
             raise PortError(interface, reason) from error
 

@@ -5,6 +5,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from twind.exceptions import InvalidInput
 from twind_drivers.bus import PortError
 from twind_drivers.can.can_interface import present as link_present
 from twind_drivers.can.channel import CanChannel
@@ -29,27 +30,19 @@ def is_can(port: str) -> bool:
     return port.startswith(PREFIX)
 
 
-class BadPortName(ValueError):
-    """The name of a CAN port that is not written as one. `reason`: how it is written."""
-
-    def __init__(self, port: str, reason: str) -> None:
-        super().__init__(f"{port}: {reason}")
-        self.reason = reason
-
-
 def parse(port: str) -> CanPort:
-    """The parts of a port's name. Raises BadPortName."""
+    """The parts of a port's name. Raises InvalidInput."""
     _, _, rest = port.partition(":")
     interface, colon, channel = rest.partition(":")
     if not is_can(port) or not interface or not colon or not channel:
-        raise BadPortName(port, FORM)
+        raise InvalidInput(FORM, where=port)
     if interface != "slcan":
         return CanPort(interface, channel)
     path, at, rate = channel.rpartition("@")
     if not at:
         return CanPort(interface, channel)
     if not (path and rate.isascii() and rate.isdigit() and int(rate)):
-        raise BadPortName(port, f"after @ stands the adapter's baud rate, such as {channel}@{BAUD}")
+        raise InvalidInput(f"after @ stands the adapter's baud rate, such as {channel}@{BAUD}", where=port)
     return CanPort(interface, path, int(rate))
 
 
@@ -65,7 +58,7 @@ def open_channel(port: str, bitrate: int) -> CanChannel:
     """Open a port by its name, at `bitrate` (bit/s). Raises PortError that says what to do."""
     try:
         interface, channel, baud = parse(port)
-    except BadPortName as error:
+    except InvalidInput as error:
         raise PortError(port, error.reason) from None
     if interface != "slcan":
         # python-can costs a tenth of a second: only who has such an adapter pays it.

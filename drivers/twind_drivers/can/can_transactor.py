@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Ints, OutputQueueFull, PortError
+from twind_drivers.bus import Bools, Ints, PortError, PortFault
 from twind_drivers.can import channel as wire
 from twind_drivers.can.actuator_group import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
@@ -154,8 +154,8 @@ class CanTransactor:
 
         `goals`: those that are pending go before it. `order`: it is sent on a dead line too.
 
-        Raises PortError; PortFull when the queue was still full: it is purged, goals are dropped, an urgent
-        order is sent later.
+        Raises PortError. Kind OUTPUT_FULL: the queue was still full. It is purged, goals are dropped, and an
+        urgent order is sent later.
         """
         self.exchange = None
         self._done = True
@@ -168,12 +168,12 @@ class CanTransactor:
         try:
             if len(lead) or len(exchange.frames):
                 self.channel.send(joined([lead, exchange.frames]), now)
-        except OutputQueueFull:
-            self._thrown_away()
-            self._excuse(now)
-            raise
-        except PortError:
-            self.void()
+        except PortError as error:
+            if error.kind is PortFault.OUTPUT_FULL:
+                self._thrown_away()
+                self._excuse(now)
+            else:
+                self.void()
             raise
         if len(self.urgent):
             self._leaving = self.urgent

@@ -40,12 +40,12 @@ class CanChannel(ArrivalSource, Protocol):
     def send(self, frames: Frames, now: float) -> None:
         """Send all of them, in this order, in one system call where the adapter has one.
 
-        Raises PortFull: the queue still holds earlier frames: it was purged and nothing was sent;
-        PortError(lost=True): the adapter went away, or has taken nothing for a second.
+        Raises PortError. Kind OUTPUT_FULL: the queue still held earlier frames. It is purged, none is sent.
+        Kind LOST: the adapter went away, or has taken nothing for a second.
         """
 
     def receive(self, now: float) -> Frames:
-        """All that has arrived, error frames not among them. Raises PortError(lost=True)."""
+        """All that has arrived, error frames not among them. Raises PortError of kind LOST."""
 
     def drive(self, owner: object) -> None:
         """Declare that motors are driven over the channel while `owner` lives.
@@ -55,7 +55,7 @@ class CanChannel(ArrivalSource, Protocol):
         """
 
     def purge(self) -> None:
-        """Throw away what has not left yet, in every queue that we can reach. Raises PortError(lost=True)."""
+        """Drop what has not left yet, in every reachable queue. Raises PortError of kind LOST."""
 
     def close(self) -> None:
         """Purge and let go. May be called twice; never raises."""

@@ -19,7 +19,7 @@ from math import inf
 import can
 import numpy as np
 
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.can.can_interface import interfaces, long_queue, restart
 from twind_drivers.can.can_interface_lock import CanInterfaceLock
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
@@ -33,7 +33,7 @@ from twind_drivers.can.frame import (
     STANDARD_MASK,
     Frames,
 )
-from twind_drivers.can.transmit_stall import DEAD, DEAF, ChannelStatusTracker, QueueFull, dead
+from twind_drivers.can.transmit_stall import DEAD, DEAF, ChannelStatusTracker, dead, queue_full
 
 RECORD = struct.Struct("<IB3x8s")  # one of FRAME
 MOST = 4096  # frames of one `receive`: a babbling line never runs dry
@@ -62,7 +62,7 @@ class PythonCanChannel:
     """
 
     def __init__(self, interface: str, channel: str, bitrate: int) -> None:
-        """Opens the bus. Raises PortError that says what is wrong and what to do; PortTaken."""
+        """Opens the bus. Raises PortError that says what is wrong and what to do."""
         self.interface = interface
         self.channel = channel
         self.bitrate = bitrate
@@ -109,7 +109,7 @@ class PythonCanChannel:
         return inf if self._early is None else -inf
 
     def send(self, frames: Frames, now: float) -> None:
-        """All, in this order. Raises PortFull, PortError(lost=True), ValueError for what is no frame."""
+        """All, in this order. Raises PortError, ValueError for what is no frame."""
         messages = [_message(frame) for frame in frames.tolist()]
         bus = self._require()
         self._now = now
@@ -126,7 +126,7 @@ class PythonCanChannel:
             self._standing.settle()
 
     def receive(self, now: float) -> Frames:
-        """All that has arrived; error frames become the condition. Raises PortError(lost=True)."""
+        """All that has arrived; error frames become the condition. Raises PortError of kind LOST."""
         bus = self._require()
         self._now = now
         records: list[bytes] = []
@@ -155,14 +155,14 @@ class PythonCanChannel:
         """Closes the bus and opens it again; a kernel interface where frames may wait goes down and up.
 
         That while somebody drives, at most once a second: it takes long. Where it is not permitted,
-        `warning` says so. Raises PortError(lost=True).
+        `warning` says so. Raises PortError of kind LOST.
         """
         self._shut(empties=self._now - self._restarted >= DEAD)
         self._standing.stall.emptied()
         try:
             self._bus = self._open_bus()
         except PortError as error:
-            raise PortError(self.name, error.reason, lost=True) from error
+            raise PortError(self.name, error.reason, kind=PortFault.LOST) from error
 
     def close(self) -> None:
         """Purge and let go. May be called twice; never raises."""
@@ -209,11 +209,11 @@ class PythonCanChannel:
 
     def _require(self) -> can.BusABC:
         if self._bus is None:
-            raise PortError(self.name, "the channel is closed", lost=True)
+            raise PortError(self.name, "the channel is closed", kind=PortFault.LOST)
         return self._bus
 
     def _refuse(self, taken: int, count: int, now: float) -> None:
-        """The queue was full. Raises PortFull; after a second PortError, with the queue emptied."""
+        """Raise the error for a full queue: OUTPUT_FULL, after a second LOST with the queue emptied."""
         self.condition.refused += count - taken
         stall = self._standing.stall
         if taken:
@@ -221,7 +221,7 @@ class PythonCanChannel:
         waited = stall.record_refusal(now)
         self._standing.settle()
         if waited < DEAD:
-            raise QueueFull(self.name, taken, count)
+            raise queue_full(self.name, taken, count)
         with suppress(PortError):
             self.purge()
         raise dead(self.name, waited)
@@ -248,7 +248,7 @@ class PythonCanChannel:
     def _make_lost_error(self, what: str, error: Exception) -> PortError:
         number = _number(error)
         hint = " (interface down, or adapter unplugged?)" if number in GONE else ""
-        return PortError(self.name, f"{what} failed: {error}{hint}", lost=True)
+        return PortError(self.name, f"{what} failed: {error}{hint}", kind=PortFault.LOST)
 
 
 def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:

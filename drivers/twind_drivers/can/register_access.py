@@ -20,8 +20,8 @@ from twind_drivers.bus import (
     Query,
     ReadRequest,
     RebootRequest,
-    UnknownRegister,
     WriteRequest,
+    unknown_register,
 )
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.actuator_group import ActuatorGroup, joined
@@ -57,7 +57,7 @@ def encode(parameter: FamilyRegister, value: float) -> bytes:
 
 
 def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
-    """A register by its name, in any spelling, or by its address. Raises UnknownRegister."""
+    """A register by its name, in any spelling, or by its address. Raises InvalidInput."""
     family, _ = fleet.family_of_row(row)
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     found = family.parameters.get(key)
@@ -65,7 +65,7 @@ def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
         found = by_address(family.parameters, int(key, 0))
     if found is None:
         near = get_close_matches(key, family.parameters, 3, 0.4) or list(family.parameters)[:3]
-        raise UnknownRegister(family.name, name, near)
+        raise unknown_register(family.name, name, near)
     return found
 
 

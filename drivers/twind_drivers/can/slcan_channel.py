@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import ByteTransport, OutputQueueFull, PortError
+from twind_drivers.bus import ByteTransport, PortError, PortFault, output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.can.slcan_codec import SlcanDecoder, encode
@@ -90,10 +90,10 @@ class SlcanChannel:
         return self._transport.arrival()
 
     def send(self, frames: Frames, now: float) -> None:
-        """All frames in one write. Raises PortFull, PortError(lost=True), ValueError for what is no frame.
+        """All frames in one write. Raises PortError, ValueError for what is no frame.
 
-        PortFull: more than the last write still waits in the port, or it took a part of this one: all of that
-        is thrown away.
+        Kind OUTPUT_FULL: more than the last write still waits in the port, or it took a part of this one. All
+        of that is dropped.
         """
         if not len(frames):
             return
@@ -104,17 +104,16 @@ class SlcanChannel:
             self._last = len(lines)
             self._transport.write(lines)
             self._flushed = False
-        except OutputQueueFull:
-            self._on_port_full(now, len(frames))
-            raise
         except PortError as error:
             if error.lost:
                 raise
             self._on_port_full(now, len(frames))
-            raise OutputQueueFull(self.name, len(lines), len(lines)) from error
+            if error.kind is PortFault.OUTPUT_FULL:
+                raise
+            raise output_full(self.name, len(lines), len(lines)) from error
 
     def receive(self, now: float) -> Frames:
-        """All frames that have arrived. Raises PortError(lost=True)."""
+        """All frames that have arrived. Raises PortError of kind LOST."""
         if self._since == inf:
             self._since = now
             self._answering = now + ANSWERS
@@ -129,7 +128,7 @@ class SlcanChannel:
     def purge(self) -> None:
         """Empties the port's output, and the adapter's queue by closing and opening its channel.
 
-        What a wedged port does not take is no failure here: `send` tells. Raises PortError(lost=True).
+        What a wedged port does not take is no failure here: `send` tells. Raises PortError of kind LOST.
         """
         self._transport.flush()
         self._reopen()
@@ -153,7 +152,7 @@ class SlcanChannel:
     def _require_room(self) -> None:
         waiting = self._transport.backlog()
         if waiting > self._last:
-            raise OutputQueueFull(self.name, waiting, self._last)
+            raise output_full(self.name, waiting, self._last)
         if not waiting and not self._flushed:
             self._port.record_acceptance()
 

@@ -6,7 +6,7 @@ nobody acknowledges, the controller is off the wire, or the adapter hangs. Short
 
 from math import inf
 
-from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 
 DEAF = 0.1  # s of refusals and of silence: nobody is there to acknowledge
@@ -14,17 +14,10 @@ DEAD = 1.0  # s of refusals
 REMEDY = "are the actuators powered, the wires right and terminated, the bit rate theirs?"
 
 
-class QueueFull(OutputQueueFull):
-    """The queue took `taken` of `count` frames; the rest was dropped, and nothing waits to be sent later."""
-
-    def __init__(self, port: str, taken: int, count: int) -> None:
-        PortError.__init__(
-            self,
-            port,
-            f"the queue was full after {taken} of {count} frames, the rest was dropped: {REMEDY}",
-        )
-        self.waiting = count - taken
-        self.most = count
+def queue_full(port: str, taken: int, count: int) -> PortError:
+    """Build the error for a queue that took `taken` of `count` frames. The rest was dropped."""
+    reason = f"the queue was full after {taken} of {count} frames, the rest was dropped: {REMEDY}"
+    return PortError(port, reason, PortFault.OUTPUT_FULL)
 
 
 class TransmitStall:
@@ -86,4 +79,4 @@ class ChannelStatusTracker:
 
 def dead(port: str, waited: float) -> PortError:
     """Lost: a way out that has taken nothing for `waited` s."""
-    return PortError(port, f"has taken nothing for {waited:.1f} s: {REMEDY}", lost=True)
+    return PortError(port, f"has taken nothing for {waited:.1f} s: {REMEDY}", kind=PortFault.LOST)

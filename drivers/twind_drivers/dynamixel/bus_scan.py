@@ -156,7 +156,7 @@ def scan_rate(
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
 ) -> BaudRateScan:
-    """Scan one baud rate. Raises PortError(lost=True)."""
+    """Scan one baud rate. Raises PortError of kind LOST."""
     troubles = list(_line(prober))
     call = prober.roll_call(max(ids))
     known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}

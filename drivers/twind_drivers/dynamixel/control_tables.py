@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 
-from twind_drivers.bus import UnknownRegister
+from twind_drivers.bus import unknown_register
 from twind_drivers.dynamixel.dynamixel_models import ModelCapabilities, facts
 from twind_drivers.dynamixel.register_rules import RegisterRule, rule
 
@@ -87,14 +87,14 @@ class ControlTable:
     writable: frozenset[int]
 
     def __getitem__(self, name: str) -> TableRegister:
-        """A register by its name, in either spelling, or its address: "11". Raises UnknownRegister."""
+        """A register by its name, in either spelling, or its address: "11". Raises InvalidInput."""
         key = snake(name)
         if key in self.fields:
             return self.fields[key]
         for field in self.fields.values() if key.isdecimal() else ():
             if field.address == int(key):
                 return field
-        raise UnknownRegister(self.model, name, _nearest(key, self.fields))
+        raise unknown_register(self.model, name, _nearest(key, self.fields))
 
     @property
     def facts(self) -> ModelCapabilities:

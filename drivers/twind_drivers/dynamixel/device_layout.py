@@ -6,6 +6,7 @@ The X and MX-2.0 tables share one layout, the P series another; both kinds may s
 from dataclasses import dataclass
 from itertools import product
 
+from twind.exceptions import InvalidInput
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister
 
 
@@ -60,8 +61,8 @@ def layout_of(table: ControlTable) -> DeviceLayout:
             motion=_span(table, "profile_acceleration", "profile_velocity", "goal_position"),
             wider=_wider(table, effort),
         )
-    except KeyError as error:
-        raise ValueError(f"{table.model} cannot be driven: {error.args[0]}") from error
+    except InvalidInput as error:
+        raise ValueError(f"{table.model} cannot be driven: {error}") from error
     if any(getattr(layout, name).size != size for name, size in SIZES.items()):
         raise ValueError(
             f"{table.model} cannot be driven: its registers do not lie in the X or P series' order"

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.bus import ByteTransport, OutputQueueFull
+from twind_drivers.bus import ByteTransport, PortError, PortFault, output_full
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import PendingReply
 from twind_drivers.dynamixel.serial_cycle_budget import wire
@@ -93,11 +93,12 @@ class HalfDuplexTransactor:
         """
         try:
             self._send(exchange, now, goals=goals)
-        except OutputQueueFull:
-            self.exchange = None
-            self._done = True
-            self.urgent = self.urgent or self._leaving
-            self._busy = -inf
+        except PortError as error:
+            if error.kind is PortFault.OUTPUT_FULL:
+                self.exchange = None
+                self._done = True
+                self.urgent = self.urgent or self._leaving
+                self._busy = -inf
             raise
 
     def _send(self, exchange: SerialTransaction, now: float, *, goals: bool) -> None:
@@ -171,7 +172,7 @@ class HalfDuplexTransactor:
         most = len(self._out[0]) + len(self._out[1])
         if waiting > most:
             self.transport.flush()
-            raise OutputQueueFull(self.name, waiting, most)
+            raise output_full(self.name, waiting, most)
 
     def _look_back(self) -> None:
         """Classify bytes that came after the last transaction had ended."""

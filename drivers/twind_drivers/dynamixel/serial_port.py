@@ -17,7 +17,7 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import BaudRefused, OutputQueueFull, PortError, PortInUse
+from twind_drivers.bus import PortError, PortFault, output_full
 from twind_drivers.dynamixel.port_holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -65,8 +65,11 @@ class SerialTransport:
         return inf
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send all of `data` in one system call. Raises PortError(lost=True); PortFull when not all of it
-        was taken: the rest of a packet must not go out before the next one, so what waits is thrown away."""
+        """Send all of `data` in one system call. Raises PortError.
+
+        Kind OUTPUT_FULL: not all of it was taken. The rest of a packet must not leave before the next one, so
+        the output is dropped.
+        """
         try:
             taken = os.write(self._fd, data)
         except BlockingIOError:
@@ -76,10 +79,10 @@ class SerialTransport:
         if taken != len(data):
             waiting = max(self.backlog(), taken)
             self.flush()
-            raise OutputQueueFull(self.name, waiting, len(data))
+            raise output_full(self.name, waiting, len(data))
 
     def read_into(self, buffer: memoryview) -> int:
-        """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
+        """Bytes taken without blocking; 0 if none are there. Raises PortError of kind LOST."""
         try:
             count = os.readv(self._fd, (buffer,))
         except BlockingIOError:
@@ -87,15 +90,15 @@ class SerialTransport:
         except OSError as error:
             raise self._make_lost_error("read", error) from error
         if count == 0 and len(buffer):  # VMIN is 1, so nothing to read is EAGAIN and 0 is the end
-            raise PortError(self.name, "hung up (adapter unplugged?)", lost=True)
+            raise PortError(self.name, "hung up (adapter unplugged?)", kind=PortFault.LOST)
         return count
 
     def backlog(self) -> int:
-        """Bytes written that have not left yet (TIOCOUTQ). Raises PortError(lost=True)."""
+        """Bytes written that have not left yet (TIOCOUTQ). Raises PortError of kind LOST."""
         return self._ask(termios.TIOCOUTQ, "write")
 
     def flush(self) -> None:
-        """Throw away what has not left yet (TCOFLUSH). Raises PortError(lost=True)."""
+        """Throw away what has not left yet (TCOFLUSH). Raises PortError of kind LOST."""
         try:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         except termios.error as error:  # no OSError, but a number and a text as well
@@ -137,7 +140,9 @@ class SerialTransport:
     def _make_lost_error(self, what: str, error: OSError) -> PortError:
         gone = "closed" if self._fd < 0 else "adapter unplugged?"
         hint = f" ({gone})" if error.errno in GONE else ""
-        return PortError(self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", lost=True)
+        return PortError(
+            self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", kind=PortFault.LOST
+        )
 
     def _ask(self, question: int, what: str) -> int:
         try:
@@ -194,17 +199,19 @@ def _open(path: str, baud: int) -> serial.Serial:
     if not stat.S_ISCHR(node.st_mode):
         raise PortError(path, "is not a character device, so it is no serial port")
     if baud < 1:
-        raise BaudRefused(path, f"baud rate {baud} is not supported: it must be positive")
+        raise PortError(path, f"baud rate {baud} is not supported: it must be positive", PortFault.BAUD_RATE)
     try:
         # inter_byte_timeout=0 sets VMIN 1, VTIME 0: then a read of 0 bytes can only mean a hang-up
         return serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
     except (ValueError, OverflowError, termios.error) as error:
-        raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
+        raise PortError(path, f"baud rate {baud} is not supported: {error}", PortFault.BAUD_RATE) from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
-            raise PortInUse(path, f"in use by {holder(path)}; stop it first") from error
+            raise PortError(path, f"in use by {holder(path)}; stop it first", PortFault.IN_USE) from error
         if "baud" in str(error).lower():  # pyserial has no code for it
-            raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
+            raise PortError(
+                path, f"baud rate {baud} is not supported: {error}", PortFault.BAUD_RATE
+            ) from error
         raise PortError(path, _reason(path, node, error)) from error
 
 

@@ -1,6 +1,6 @@
 """The virtual bus as a transport in the same process: the mock bus of the tests, under a fake clock."""
 
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFault
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.faulty_byte_stream import MOST
 from twind_drivers.virtual.servable_bus import ServableBus
@@ -40,7 +40,7 @@ class Loopback:
         self._bus.receive(bytes(data), self._clock.now())
 
     def read_into(self, buffer: memoryview) -> int:
-        """Bytes whose time has come, as many as fit; 0 if there are none. Raises PortError(lost=True)."""
+        """Bytes whose time has come, as many as fit; 0 if there are none. Raises PortError of kind LOST."""
         self._check()
         self._left += self._bus.take(self._clock.now())
         count = min(len(self._left), len(buffer))
@@ -58,12 +58,12 @@ class Loopback:
         return len(gone)
 
     def backlog(self) -> int:
-        """Bytes written that have not left yet: those of a stalled adapter. Raises PortError(lost=True)."""
+        """Bytes written that have not left yet: those of a stalled adapter. Raises PortError of kind LOST."""
         self._check()
         return self._bus.backlog
 
     def flush(self) -> None:
-        """Throw those away. Raises PortError(lost=True)."""
+        """Throw those away. Raises PortError of kind LOST."""
         self._check()
         self._bus.flush()
 
@@ -73,6 +73,6 @@ class Loopback:
 
     def _check(self) -> None:
         if not self._open:
-            raise PortError(self.name, "the port is closed", lost=True)
+            raise PortError(self.name, "the port is closed", kind=PortFault.LOST)
         if not self._bus.is_plugged:
-            raise PortError(self.name, "the adapter was unplugged", lost=True)
+            raise PortError(self.name, "the adapter was unplugged", kind=PortFault.LOST)

@@ -14,7 +14,7 @@ from PIL import Image
 
 from tests.end_to_end.concurrent.test_stream_command import begun, run, streamer
 from twind.client import Client
-from twind.learn.environment.camera_renderer import RendererUnavailable
+from twind.exceptions import OperationFailed
 from twind.learn.streaming.picture_streamer import CameraScene
 from twind.learn.streaming.stream_samples import ROWS, StreamSample
 
@@ -31,7 +31,7 @@ def test_a_pose_is_drawn_and_another_pose_looks_otherwise(run: Path) -> None:
     names = [joint["name"] for joint in told["robot"]["joints"]]
     try:
         scene = CameraScene(told)
-    except RendererUnavailable as error:
+    except OperationFailed as error:
         pytest.skip(str(error))
     try:
         rest = StreamSample(0.0, 0, names, [[None] * len(names) for _ in ROWS], None)

@@ -9,7 +9,7 @@ from can.interfaces.socketcan import socketcan
 
 from tests.support.python_can_channel_rig import NOWHERE, Wire, opened
 from twind.doctor.host_inspector import HostInspector
-from twind_drivers.bus import PortInUse
+from twind_drivers.bus import PortError
 from twind_drivers.can.can_interface_lock import owners
 
 
@@ -34,7 +34,7 @@ def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
         assert other.stdout.readline() == "\n"
         assert list(owners(NOWHERE)) == [other.pid]
         assert [each.pid for each in HostInspector().owners(NOWHERE)] == [other.pid]
-        with pytest.raises(PortInUse, match=f"in use by pid {other.pid} "):
+        with pytest.raises(PortError, match=f"in use by pid {other.pid} "):
             opened()
         other.kill()
     opened().close()

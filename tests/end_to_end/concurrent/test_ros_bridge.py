@@ -36,7 +36,8 @@ from twind.bridge.ros.ros_endpoints import (
     RosService,
     RosTopic,
 )
-from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
+from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.exceptions import OperationFailed
 from twind.ros import JOINT_STATE, STRING, decode, encode
 
 
@@ -64,7 +65,7 @@ class Paper:
         self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
     ) -> None:
         if self.broken:
-            raise TransportError(self.broken)
+            raise OperationFailed(self.broken)
         self.topics = topics
         self.services = services
         self.heard = heard
@@ -73,7 +74,7 @@ class Paper:
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
         if self.broken:
-            raise TransportError(self.broken)
+            raise OperationFailed(self.broken)
         self.said.setdefault(topic.name, []).append(data)
 
     def close(self) -> None:

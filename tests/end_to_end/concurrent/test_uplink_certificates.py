@@ -14,7 +14,8 @@ from tests.support.certificates import Authority
 from tests.support.processes import Daemon, until
 from tests.support.uplink_rig import PATIENCE, Far, Uplink, ended, phases, up
 from tests.support.zenoh_router import Router
-from twind.bridge.zenoh.zenoh_session import NetworkConfig, SessionError, open_now
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
+from twind.client.errors import ClientError
 
 EXAMPLES = Path(__file__).parents[3] / "systemd" / "examples"
 # as the example of the router has them
@@ -188,9 +189,9 @@ def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Groun
         f'{{transport: {{link: {{tls: {{root_ca_certificate: "{ground.authority.certificate}"}}}}}}}}'
     )
     for file in (stranger, plain):
-        with pytest.raises(SessionError, match="localhost"):
+        with pytest.raises(ClientError, match="localhost"):
             open_now(NetworkConfig(connect=(ground.endpoint,), file=file), 2.0)
-    with pytest.raises(SessionError):
+    with pytest.raises(ClientError):
         open_now(NetworkConfig(connect=(ground.endpoint.replace("tls/", "tcp/"),)), 2.0)
 
 
@@ -204,5 +205,5 @@ def test_a_router_with_a_strangers_certificate_is_not_talked_to(ground: Ground, 
     (tmp_path / "router.json5").write_text(said)
     with Router(scheme="tls", file=tmp_path / "router.json5") as false:
         endpoint = false.endpoint.replace("127.0.0.1", "localhost")
-        with pytest.raises(SessionError):
+        with pytest.raises(ClientError):
             open_now(NetworkConfig(connect=(endpoint,), file=ground.file("operator")), 2.0)

@@ -16,7 +16,8 @@ from viser import _messages
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from twind.observe.viewing.viewer_access import ViewerAccess, ViewerServerError, ViewerSite, opened
+from twind.exceptions import OperationFailed
+from twind.observe.viewing.viewer_access import ViewerAccess, ViewerSite, opened
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +123,7 @@ def test_it_listens_on_this_machine_alone_and_no_variable_moves_it(site: ViewerS
 
 
 def test_a_port_that_is_taken_is_said(site: ViewerSite) -> None:
-    with pytest.raises(ViewerServerError, match="is taken"), opened(urlsplit(site.url).port, "second"):
+    with pytest.raises(OperationFailed, match="is taken"), opened(urlsplit(site.url).port, "second"):
         pass
 
 
@@ -145,5 +146,5 @@ def test_a_viser_that_does_not_come_by_is_not_started(monkeypatch: pytest.Monkey
         yield []
 
     monkeypatch.setattr(viewer_access, "_guarded", unguarded)
-    with pytest.raises(ViewerServerError, match="cannot be guarded"), opened(None, "test"):
+    with pytest.raises(OperationFailed, match="cannot be guarded"), opened(None, "test"):
         pass

@@ -10,7 +10,8 @@ import pytest
 
 from tests.support.zenoh_router import free_port
 from twind.bridge.zenoh import zenoh_session
-from twind.bridge.zenoh.zenoh_session import LOCAL, NetworkConfig, SessionError
+from twind.bridge.zenoh.zenoh_session import LOCAL, NetworkConfig
+from twind.client.errors import ClientError
 
 
 def given(*words: str, **environ: str) -> NetworkConfig:
@@ -54,7 +55,7 @@ def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> 
         "tcp/0.0.0.0:2",
     ]
     said.write_text("{")
-    with pytest.raises(SessionError, match=r"z\.json5"):
+    with pytest.raises(ClientError, match=r"z\.json5"):
         zenoh_session.readable(NetworkConfig(file=said))
 
 
@@ -80,7 +81,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
     "place", [NetworkConfig(connect=("nonsense",)), NetworkConfig(file=Path("/nowhere.json5"))]
 )
 def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: NetworkConfig) -> None:
-    with pytest.raises(SessionError, match=r"nonsense|nowhere") as told:
+    with pytest.raises(ClientError, match=r"nonsense|nowhere") as told:
         zenoh_session.open_session(place, threading.Event(), lambda line: None)
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
@@ -89,7 +90,7 @@ def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> 
     place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))
     stop = threading.Event()
     lines = list[str]()
-    with pytest.raises(SessionError, match=place.connect[0]):
+    with pytest.raises(ClientError, match=place.connect[0]):
         zenoh_session.open_now(place, 0.2)
     threading.Timer(2.5, stop.set).start()
     assert zenoh_session.open_session(place, stop, lines.append) is None

@@ -31,11 +31,11 @@ from twind.bridge.ros.ros_endpoints import (
     RosTopic,
 )
 from twind.bridge.ros.ros_trajectory import LONGEST
-from twind.bridge.ros.ros_transport import TransportError
 from twind.bridge.ros.zenoh import ZenohTransport
 from twind.bridge.ros.zenoh.zenoh_attachment import attachment
 from twind.bridge.ros.zenoh.zenoh_names import gid
 from twind.bridge.ros.zenoh.zenoh_node import ZenohWriter
+from twind.exceptions import OperationFailed
 from twind.ros import FLOATS, JOINT_TRAJECTORY, STRING, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
@@ -312,7 +312,7 @@ def test_who_leaves_is_gone_at_once_and_may_come_back(router: Router, peer: Peer
         us.node.close()
         us.node.close()
         until(lambda: not new(), PATIENCE, "it is gone")
-        with pytest.raises(TransportError, match="/bridge/status: the graph is not joined"):
+        with pytest.raises(OperationFailed, match="/bridge/status: the graph is not joined"):
             us.say(STATUS, "too late")
         us.join()
         until(lambda: len(new()) == 1, PATIENCE, "it is back")

@@ -16,7 +16,7 @@ import json, os, sys, time
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.ros_endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
 from twind.bridge.ros.rclpy_node import RclpyTransport
-from twind.bridge.ros.ros_transport import TransportError
+from twind.bridge.ros.ros_transport import OperationFailed
 from twind.ros import JOINT_STATE, STRING, encode
 
 heard, told = [], []
@@ -46,7 +46,7 @@ for line in sys.stdin:
         node.close()
         try:
             node.publish(HW_JOINTS, encode(JOINT_STATE, {}))
-        except TransportError as error:
+        except OperationFailed as error:
             print(json.dumps(str(error)), flush=True)
         begin(node)
     else:

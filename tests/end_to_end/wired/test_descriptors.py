@@ -13,9 +13,10 @@ import pytest
 
 from tests.support.processes import Virtual, arm, go, robot, until
 from twind.client import Client, NoDaemon
+from twind.exceptions import InvalidInput
 from twind.front import reserved_descriptors
 from twind.loop import descriptors
-from twind.loop.descriptors import TooFewDescriptors, ensure, needed
+from twind.loop.descriptors import ensure, needed
 
 NEEDED = needed(1, reserved_descriptors.NEEDED)
 
@@ -51,7 +52,7 @@ def test_a_soft_limit_that_is_too_low_is_raised_to_the_hard_one_and_said(
 def test_a_hard_limit_that_is_too_low_is_refused_with_both_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     limits = Limits(64, 69)
     monkeypatch.setattr(descriptors.resource, "getrlimit", limits.getrlimit)
-    with pytest.raises(TooFewDescriptors, match=r"70 are needed, and the hard limit is 69; .*ulimit -n 70"):
+    with pytest.raises(InvalidInput, match=r"70 are needed, and the hard limit is 69; .*ulimit -n 70"):
         ensure(70)
     assert limits.limits == (64, 69)
 

@@ -12,7 +12,8 @@ import pytest
 from tests.support.processes import until
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_robot_process import VirtualRobotError, VirtualRobotProcess
+from twind.exceptions import OperationFailed
+from twind.loop.virtual_robot_process import VirtualRobotProcess
 
 PARENT = """
 import sys, time
@@ -87,7 +88,7 @@ def test_a_robot_that_does_not_start_is_an_error_and_leaves_nothing(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     before = children()
-    with pytest.raises(VirtualRobotError, match="did not start"), VirtualRobotProcess("no-such-robot"):
+    with pytest.raises(OperationFailed, match="did not start"), VirtualRobotProcess("no-such-robot"):
         pass
     assert children() == before
     assert list(tmp_path.iterdir()) == []

@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING
 from twind.bridge.fleet.fleet_roster import FleetRoster
 from twind.bridge.fleet.local_daemons import LocalDaemonPoller
 from twind.bridge.fleet.remote import SharedSession, joining
-from twind.bridge.zenoh.zenoh_session import (
-    NetworkConfig,
-    SessionError,
-    close_session,
-    open_now,
-    open_session,
-)
+from twind.bridge.zenoh.zenoh_session import NetworkConfig, close_session, open_now, open_session
+from twind.client.errors import ClientError
 from twind.command_line.verb import UsageError
 
 if TYPE_CHECKING:
@@ -55,7 +50,7 @@ class FleetMonitor:
         self._here.ask()
         try:
             self._enter(open_now(self._place, joining(self._place)), tell)
-        except (SessionError, UsageError) as error:
+        except (ClientError, UsageError) as error:
             self.trouble = str(error)
         if self._elsewhere is not None:
             self._elsewhere.ask()
@@ -85,7 +80,7 @@ class FleetMonitor:
     def _join(self, tell: Callable[[str], None]) -> None:
         try:
             session = open_session(self._place, self._stop, self._make_error_callback(tell))
-        except (SessionError, UsageError) as error:
+        except (ClientError, UsageError) as error:
             self.trouble = str(error)
             tell(self.trouble)
             return

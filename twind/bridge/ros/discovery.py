@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from twind.exceptions import InvalidInput
+
 LAST_DOMAIN = 232  # the ports of a domain, 7400 + 250 each, end there
 DISTRO = "jazzy"  # taken where none is named: all from Iron on are alike in what depends on it
 _DISTRO = re.compile(r"[a-z]{2,32}")
 _PEER = re.compile(r"[A-Za-z0-9_.:%-]{1,253}")  # names, IPv4, IPv6 with a zone; no more gets into a config
-
-
-class DiscoveryError(ValueError):
-    """A variable or option that says nothing usable. The text names it, its value and what is allowed."""
 
 
 class DiscoveryRange(Enum):
@@ -53,13 +51,13 @@ class DiscoverySettings:
 def discovery(
     environment: Mapping[str, str], *, domain: int | None = None, distro: str | None = None
 ) -> DiscoverySettings:
-    """From an environment; `domain` and `distro` are options that come before it. Raises DiscoveryError."""
+    """From an environment; `domain` and `distro` are options that come before it. Raises InvalidInput."""
     number = _domain(environment.get("ROS_DOMAIN_ID", "")) if domain is None else domain
     if not 0 <= number <= LAST_DOMAIN:
-        raise DiscoveryError(f"domain {number}: must be 0 to {LAST_DOMAIN}")
+        raise InvalidInput(f"domain {number}: must be 0 to {LAST_DOMAIN}")
     name = (distro or environment.get("ROS_DISTRO", "") or DISTRO).strip().lower()
     if _DISTRO.fullmatch(name) is None:
-        raise DiscoveryError(f"ROS_DISTRO={name!r}: expected the name of a distribution, such as {DISTRO}")
+        raise InvalidInput(f"ROS_DISTRO={name!r}: expected the name of a distribution, such as {DISTRO}")
     if _localhost_only(environment.get("ROS_LOCALHOST_ONLY", "")):
         return DiscoverySettings(
             number, DiscoveryRange.LOCALHOST, (), name
@@ -71,13 +69,13 @@ def _domain(text: str) -> int:
     if not text:
         return 0
     if not (text.isascii() and text.isdigit()):
-        raise DiscoveryError(f"ROS_DOMAIN_ID={text!r}: must be a number, 0 to {LAST_DOMAIN}")
+        raise InvalidInput(f"ROS_DOMAIN_ID={text!r}: must be a number, 0 to {LAST_DOMAIN}")
     return int(text[:9])
 
 
 def _localhost_only(text: str) -> bool:
     if text not in ("", "0", "1"):
-        raise DiscoveryError(f"ROS_LOCALHOST_ONLY={text!r}: must be 0 or 1")
+        raise InvalidInput(f"ROS_LOCALHOST_ONLY={text!r}: must be 0 or 1")
     return text == "1"
 
 
@@ -87,7 +85,7 @@ def _range(environment: Mapping[str, str]) -> DiscoveryRange:
         return DiscoveryRange(text)
     except ValueError:
         known = ", ".join(each.value for each in DiscoveryRange)
-        raise DiscoveryError(f"ROS_AUTOMATIC_DISCOVERY_RANGE={text!r}: must be one of {known}") from None
+        raise InvalidInput(f"ROS_AUTOMATIC_DISCOVERY_RANGE={text!r}: must be one of {known}") from None
 
 
 def _peers(environment: Mapping[str, str]) -> tuple[str, ...]:
@@ -95,5 +93,5 @@ def _peers(environment: Mapping[str, str]) -> tuple[str, ...]:
     peers = tuple(dict.fromkeys(each for each in names if each))
     for peer in peers:
         if _PEER.fullmatch(peer) is None:
-            raise DiscoveryError(f"ROS_STATIC_PEERS: {peer!r} is no address; several are parted by `;`")
+            raise InvalidInput(f"ROS_STATIC_PEERS: {peer!r} is no address; several are parted by `;`")
     return peers

@@ -12,7 +12,7 @@ import time
 import uuid
 from collections.abc import Callable
 
-from twind.ros import STRING, CdrError, decode
+from twind.ros import STRING, decode
 
 SILENT = 5.0  # s without a status after which one is gone; each says something twice a second
 MOST = 16  # that are kept
@@ -37,7 +37,7 @@ class PeerBridges:
             name = str(bridge.get("id"))[:64]
             robot = str(said.get("robot") or "unknown")[:64]
             takes = bool(bridge.get("commands"))
-        except (CdrError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return
         with self._lock:
             self._others.pop(name, None)

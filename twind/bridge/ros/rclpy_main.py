@@ -10,8 +10,8 @@ from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import RclpyTransport, check
 from twind.bridge.ros.ros_bridge import RosBridge
 from twind.bridge.ros.ros_command import print_line
-from twind.bridge.ros.ros_transport import TransportError
 from twind.command_line.stop_signals import catch_stop_signals
+from twind.exceptions import OperationFailed
 
 
 def main(words: Sequence[str]) -> int:
@@ -43,7 +43,7 @@ def _checked() -> int:
     """0; 2 and a line on standard error: a message package is missing."""
     try:
         check()
-    except TransportError as error:
+    except OperationFailed as error:
         print_line(str(error))
         return 2
     return 0

@@ -25,7 +25,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.rclpy_action_server import GoalConsumer, TrajectoryActionServer
 from twind.bridge.ros.ros_endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
+from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.exceptions import OperationFailed
 from twind.ros import STRING, decode
 
 WAKE = 0.25  # s after which the node's thread looks whether it is to end
@@ -35,14 +36,14 @@ SPARE = 8  # threads beside one for each service and each topic that is read: pa
 
 
 def message_type(kind: str) -> Any:
-    """The class of `package/msg/Name`, from the distribution's packages. Raises TransportError."""
+    """The class of `package/msg/Name`, from the distribution's packages. Raises OperationFailed."""
     package, folder, name = kind.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{folder}"), name)
     except (ImportError, AttributeError) as error:
         distro = os.environ.get("ROS_DISTRO", "DISTRO")
         remedy = f"install ros-{distro}-{package.replace('_', '-')}"
-        raise TransportError(f"rclpy: no {kind} ({error}); {remedy}") from None
+        raise OperationFailed(f"rclpy: no {kind} ({error}); {remedy}") from None
 
 
 def _kinds(topics: Sequence[RosTopic], services: Sequence[RosService]) -> set[str]:
@@ -50,7 +51,7 @@ def _kinds(topics: Sequence[RosTopic], services: Sequence[RosService]) -> set[st
 
 
 def check() -> None:
-    """Load every message type. Raises TransportError: one is missing.
+    """Load every message type. Raises OperationFailed: one is missing.
 
     The middleware needs no check: where RMW_IMPLEMENTATION is not installed, `import rclpy` ends the process.
     """
@@ -86,7 +87,7 @@ class RclpyTransport:
     def open(
         self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
     ) -> None:
-        """Join the graph with these endpoints. Raises TransportError."""
+        """Join the graph with these endpoints. Raises OperationFailed."""
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
         read = sum(not topic.out for topic in topics)
         graph = _Graph(self._discovery.domain, len(services) + read + SPARE, self._tell)
@@ -99,18 +100,18 @@ class RclpyTransport:
             graph.begin(ModeParameter(graph.node, asked, offered), self.goals, self._sockets)
         except RuntimeError as error:
             graph.close()
-            raise TransportError(f"rclpy: {error}") from None
+            raise OperationFailed(f"rclpy: {error}") from None
         self._graph = graph
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
-        """Send CDR bytes. How long a reader may hold this up is the middleware's. Raises TransportError."""
+        """Send CDR bytes. How long a reader may hold this up is the middleware's. Raises OperationFailed."""
         graph = self._graph
         if graph is None or not graph.alive:
-            raise TransportError("rclpy: the node has left the graph; it is made anew")
+            raise OperationFailed("rclpy: the node has left the graph; it is made anew")
         try:
             graph.publishers[topic.name].publish(data)
         except RuntimeError as error:
-            raise TransportError(f"rclpy: {topic.name}: {error}") from None
+            raise OperationFailed(f"rclpy: {topic.name}: {error}") from None
         if topic is STATUS and graph.mode is not None:
             graph.mode.on_status(data)
 
@@ -135,7 +136,7 @@ class _Graph:
             self.node = Node(NODE, context=self._context)
         except RuntimeError as error:
             self._context.try_shutdown()
-            raise TransportError(f"rclpy: cannot join domain {domain}: {error}") from None
+            raise OperationFailed(f"rclpy: cannot join domain {domain}: {error}") from None
         self._executor = MultiThreadedExecutor(num_threads=threads, context=self._context)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)

@@ -33,11 +33,12 @@ from twind.bridge.ros.ros_endpoints import (
 from twind.bridge.ros.ros_service_calls import RosServiceCalls, denied
 from twind.bridge.ros.ros_state_messages import Message, RosStateMessages
 from twind.bridge.ros.ros_subscriber import RosSubscriber
-from twind.bridge.ros.ros_transport import RosTransport, TransportError
+from twind.bridge.ros.ros_transport import RosTransport
 from twind.bridge.ros.trajectory_dispatcher import TrajectoryDispatcher
 from twind.client import Client, NoDaemon
 from twind.client.clock_pair import clocks
 from twind.client.transition_reporter import TransitionReporter
+from twind.exceptions import OperationFailed
 
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
@@ -154,7 +155,7 @@ class RosBridge:
         self._transport.close()
         try:
             self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._on_message, self._handle_request)
-        except TransportError as error:
+        except OperationFailed as error:
             self._wrong = str(error)
         else:
             self._joined = True
@@ -168,7 +169,7 @@ class RosBridge:
             return
         try:
             self._transport.publish(topic, data)
-        except TransportError as error:
+        except OperationFailed as error:
             if self._stop.is_set():
                 return  # it is being left, by us
             self._joined = False

@@ -24,6 +24,7 @@ from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
 from twind.command_line.extras import how_to_add
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import Rejected, UsageError, harmless
+from twind.exceptions import InvalidInput, OperationFailed
 
 if TYPE_CHECKING:
     from twind.bridge.ros.discovery import DiscoverySettings
@@ -68,21 +69,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the bridge until it is stopped, then return 0; 2 for a graph that the settings cannot name."""
-    from twind.bridge.ros.discovery import DiscoveryError, discovery
-    from twind.bridge.ros.ros_transport import TransportError
+    from twind.bridge.ros.discovery import discovery
 
     if options.rate is not None and not (isfinite(options.rate) and options.rate > 0.0):
         raise UsageError(f"--rate {options.rate:g}: must be above 0 Hz")
     try:
         graph = discovery(os.environ, domain=options.domain, distro=options.distro)
-    except DiscoveryError as error:
+    except InvalidInput as error:
         raise UsageError(str(error)) from None
     options.backend = options.backend or usual(os.environ, options.distro, print_line)
     _sensible(options, graph)
     with catch_stop_signals() as stop:
         try:
             return _bridge(options, graph, stop)
-        except TransportError as error:
+        except OperationFailed as error:
             raise Rejected(str(error)) from None
 
 

@@ -26,7 +26,8 @@ from twind.bridge.ros.ros_endpoints import (
     RosTopic,
 )
 from twind.client import CallError, Client, ClientError, NoDaemon
-from twind.ros import STRING, CdrError, decode
+from twind.exceptions import InvalidInput
+from twind.ros import STRING, decode
 
 PATIENCE = 35.0  # s for an answer; an e-stop answers when its first effect is confirmed, within 30
 SOON = 2.0  # s for an answer that waits for nothing
@@ -125,7 +126,7 @@ class RosServiceCalls:
         """A message of one of our topics. One that makes no sense changes no mode, but a stop is a stop."""
         try:
             text = str(decode(STRING, data)["data"]).strip()
-        except CdrError:
+        except InvalidInput:
             text = ""
         if topic is E_STOP:
             self._e_stops[text if text in LEVELS else LEVELS[0]].ask("")

@@ -14,7 +14,10 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from twind.ros import JOINT_TRAJECTORY, CdrError, MessageDefinitions, decode, definition_text
+from twind.client.errors import CallError, as_error
+from twind.exceptions import InvalidInput
+from twind.protocol import CONTROL
+from twind.ros import JOINT_TRAJECTORY, MessageDefinitions, decode, definition_text
 from twind.ros.cdr import CdrReader
 from twind.ros.joint_state_message import SECOND
 
@@ -30,12 +33,9 @@ MESSAGE = MessageDefinitions(JOINT_TRAJECTORY, definition_text(JOINT_TRAJECTORY)
 Finding = Mapping[str, Any]  # as the interface has it
 
 
-class InvalidRosCommand(Exception):
-    """A command that never reaches the gate. `findings` says why, as the gate does."""
-
-    def __init__(self, code: str, message: str, **more: Any) -> None:
-        super().__init__(message)
-        self.findings: Sequence[Finding] = ({"code": code, "message": message, **more},)
+def invalid_command(code: str, message: str, **more: Any) -> CallError:
+    """Build the Refused for a command that never reaches the gate, in the form of the gate's own."""
+    return as_error(f"{CONTROL}.Refused", {"findings": [{"code": code, "message": message, **more}]})
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,18 +78,18 @@ def _front(data: bytes) -> tuple[CommandHeader | None, int]:
 def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
     """Return the `Trajectory` of the interface from CDR bytes submitted at `now_ns` since 1970.
 
-    Raises InvalidRosCommand.
+    Raises Refused.
     """
     _bounded(data)
     try:
         message = decode(JOINT_TRAJECTORY, data)
-    except (CdrError, RecursionError) as error:
-        raise InvalidRosCommand("BAD_SCHEMA", f"malformed: {error}") from None
+    except (InvalidInput, RecursionError) as error:
+        raise invalid_command("BAD_SCHEMA", f"malformed: {error}") from None
     joints = message["joint_names"]
     points = [_point(place, point, joints) for place, point in enumerate(message["points"])]
     count = sum(len(point.get(key) or ()) for point in points for key in COLUMNS)
     if count > NUMBERS:
-        raise InvalidRosCommand(
+        raise invalid_command(
             "FRAME_TOO_LARGE", f"{count} numbers: must be at most {NUMBERS}; send fewer points"
         )
     start_in, points = _when(nanoseconds(message["header"]["stamp"]), now_ns, points)
@@ -102,19 +102,19 @@ def nanoseconds(time: Mapping[str, int]) -> int:
 
 
 def _bounded(data: bytes) -> None:
-    """Check by the counts in the bytes that decoding costs little. Raises InvalidRosCommand."""
+    """Check by the counts in the bytes that decoding costs little. Raises Refused."""
     if len(data) > LONGEST:
-        raise InvalidRosCommand("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
+        raise invalid_command("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
     place = _front(data)[1]
     if not place and len(data) > FRONT:
         why = f"frame and joint names take more than {FRONT} bytes, or are none: shorten them"
-        raise InvalidRosCommand("FRAME_TOO_LARGE", why)
+        raise invalid_command("FRAME_TOO_LARGE", why)
     if place:
         source = CdrReader(data)
         source.place = place
         count = _count(source)
         if count > POINTS:
-            raise InvalidRosCommand("FRAME_TOO_LARGE", f"{count} points: must be at most {POINTS}")
+            raise invalid_command("FRAME_TOO_LARGE", f"{count} points: must be at most {POINTS}")
 
 
 def _count(source: CdrReader) -> int:
@@ -127,9 +127,9 @@ def _count(source: CdrReader) -> int:
 
 
 def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-    """Return a point, time in s. Raises InvalidRosCommand for a non-finite number and for efforts."""
+    """Return a point, time in s. Raises Refused for a non-finite number and for efforts."""
     if point["effort"]:
-        raise InvalidRosCommand("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
+        raise invalid_command("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
     said: dict[str, Any] = {"positions": point["positions"]}
     for key in COLUMNS:
         row = point[key]
@@ -137,32 +137,30 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
             if not isfinite(value):
                 joint = joints[column] if column < len(joints) else None
                 text = f"{joint or 'a joint'}, point {place}: {key} is {value}"
-                raise InvalidRosCommand("NONFINITE", text, joint=joint, point=place)
+                raise invalid_command("NONFINITE", text, joint=joint, point=place)
         if row:
             said[key] = row
     return said | {"time_from_start": nanoseconds(point["time_from_start"]) / SECOND}
 
 
 def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[float, list[dict[str, Any]]]:
-    """Return the beginning, s from now, and the points that are still to come. Raises InvalidRosCommand."""
+    """Return the beginning, s from now, and the points that are still to come. Raises Refused."""
     if stamp_ns == 0:
         return 0.0, points
     ahead = (stamp_ns - now_ns) / SECOND
     if ahead > AHEAD:
         why = f"the stamp is {ahead:.3f} s ahead of the robot's clock: must be at most {AHEAD:g}"
-        raise InvalidRosCommand("TOO_DISTANT", f"{why}; stamp 0 means now", value=ahead, bound=AHEAD)
+        raise invalid_command("TOO_DISTANT", f"{why}; stamp 0 means now", value=ahead, bound=AHEAD)
     if ahead >= 0.0 or not points:
         return max(ahead, 0.0), points
     times = [point["time_from_start"] for point in points]
     if any(after <= before for before, after in pairwise(times)) or times[0] < 0.0:
-        raise InvalidRosCommand(
+        raise invalid_command(
             "TIME_ORDER", "times must increase from 0 on"
         )  # else which points are over is unknown
     left = [point | {"time_from_start": time + ahead} for point, time in zip(points, times, strict=True)]
     left = [point for point in left if point["time_from_start"] > 0.0]
     if not left:
         why = f"its end lies {-ahead - times[-1]:.3f} s in the past of the robot's clock"
-        raise InvalidRosCommand(
-            "CMD_EXPIRED", f"{why}; stamp 0 means now", value=ahead + times[-1], bound=0.0
-        )
+        raise invalid_command("CMD_EXPIRED", f"{why}; stamp 0 means now", value=ahead + times[-1], bound=0.0)
     return 0.0, left

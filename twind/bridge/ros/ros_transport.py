@@ -12,10 +12,6 @@ Heard = Callable[[RosTopic, bytes], None]  # CDR, header included; returns at on
 Asked = Callable[[RosService, "bool | None"], "tuple[bool, str]"]
 
 
-class TransportError(Exception):
-    """The graph cannot be joined, or was lost. The text names the back end, the setting and the remedy."""
-
-
 class RosTransport(Protocol):
     """One way into the ROS 2 graph. `publish` may be called by several threads."""
 
@@ -26,11 +22,11 @@ class RosTransport(Protocol):
     ) -> None:
         """Join the graph with these endpoints; with `refuses`, only with those that are written.
 
-        Raises TransportError.
+        Raises OperationFailed.
         """
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
-        """Send CDR bytes, header included, within milliseconds whoever is there. Raises TransportError."""
+        """Send CDR bytes, header included, within milliseconds whoever is there. Raises OperationFailed."""
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""

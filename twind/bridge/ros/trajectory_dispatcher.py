@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from twind.bridge.motion_session import LOST, MotionSession, reported_end
+from twind.bridge.motion_session import LEASE_LOST, LOST, MotionSession, reported_end
 from twind.bridge.ros.ros_command_queue import PACE, ROOM, RosCommand, RosCommandQueue, Told
 from twind.bridge.ros.ros_endpoints import TRAJECTORY
-from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, InvalidRosCommand, heading, trajectory
+from twind.bridge.ros.ros_trajectory import LONGEST, CommandHeader, heading, invalid_command, trajectory
 from twind.client import CallError, Client, ClientError, Refused
 
 PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
@@ -91,7 +91,7 @@ class TrajectoryDispatcher:
         if answer["topic"] == "events":
             ended = reported_end(answer)
             stopped = ended is not None and ended.stopped and ended.id not in self._let_go
-            if stopped or answer["event"]["code"] == "LEASE_LOST":
+            if stopped or answer["event"]["code"] == LEASE_LOST:
                 self._void(answer["time"])
         elif answer["topic"] == "status":
             mode = answer["status"]["mode"]
@@ -149,8 +149,6 @@ class TrajectoryDispatcher:
             return
         try:
             answer = self._driving.submit(self._make_request(command))
-        except InvalidRosCommand as unfit:
-            self._report_phase(command, "refused", message=str(unfit), findings=unfit.findings)
         except Refused as refusal:
             self._report_phase(command, "refused", message=str(refusal), findings=refusal.findings)
         except CallError as error:
@@ -165,19 +163,19 @@ class TrajectoryDispatcher:
             self._accepted(command, answer)
 
     def _make_request(self, command: RosCommand) -> dict[str, Any]:
-        """What the daemon is asked, if it is still wanted. Raises Unfit."""
+        """What the daemon is asked, if it is still wanted. Raises Refused."""
         # it may be long, and a motion too
         data = command.data
         command.data = b""
         waited = self._now() - command.came
         if command.came <= self._stopped:
-            raise InvalidRosCommand("BUSY", "the robot was stopped after this was sent: send it again")
+            raise invalid_command("BUSY", "the robot was stopped after this was sent: send it again")
         if waited > PATIENT:
             why = f"waited {waited:.1f} s here, at most {PATIENT:g}: send it again"
-            raise InvalidRosCommand("CMD_EXPIRED", why, value=waited, bound=PATIENT)
+            raise invalid_command("CMD_EXPIRED", why, value=waited, bound=PATIENT)
         size = len(json.dumps(command.more))
         if size > MORE:
-            raise InvalidRosCommand("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
+            raise invalid_command("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
         return {**trajectory(data, self._wall_ns()), **command.more}
 
     def _accepted(self, command: RosCommand, answer: Mapping[str, Any]) -> None:

@@ -17,16 +17,24 @@ from typing import Any
 
 from twind.bridge.motion_session import LOST, MotionEnd, MotionSession, reported_end
 from twind.bridge.uplink.planned_durations import PlannedDurations
-from twind.bridge.uplink.remote_contract import finding, invalid, make_refusal, no_daemon
+from twind.bridge.uplink.remote_contract import (
+    GoalQuery,
+    LeaseQuery,
+    finding,
+    invalid,
+    make_refusal,
+    no_daemon,
+)
 from twind.bridge.uplink.remote_lease import RemoteLease, missing
 from twind.bridge.uplink.uplink_goals import UplinkGoal, UplinkGoalTable, in_time
 from twind.bridge.zenoh.zenoh_keys import chunk
 from twind.client import CallError, ClientError, Refused
 from twind.client.errors import as_error
+from twind.robot.finding import ReasonCode
 
 PERIOD = 0.2  # s between two looks: a renewal, news of goals
 
-BUSY = "BUSY"  # what the daemon's gate says of a path that it throws away, as at a stop
+BUSY = ReasonCode.BUSY  # what the daemon's gate says of a path that it throws away, as at a stop
 
 Publish = Callable[[str, dict[str, Any]], None]  # what became of a goal, by its name
 
@@ -70,31 +78,30 @@ class LeaseKeeper:
 
     # ------------------------------------------------------------------------------------------ questions
 
-    def renew(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def renew(self, query: LeaseQuery) -> dict[str, Any]:
         """Return the answer to `renew`. Raises CallError: refused."""
-        return self._tenancy.renew(asked.get("lease", ""), self._now())
+        return self._tenancy.renew(query.lease, self._now())
 
-    def lease(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+    def lease(self, query: LeaseQuery) -> dict[str, Any]:
         """Answer `acquire` and `release`. Raises ClientError (CallError: LeaseHeld, refused)."""
-        if asked["op"] == "release":
-            return self._release(asked.get("lease", ""))
+        if query.op == "release":
+            return self._release(query.lease)
         try:
-            return self._acquire(asked)
+            return self._acquire(query)
         except CallError as error:
             if error.name != "LeaseHeld":
                 raise
             now = {"now": self._now()}  # by which a deadline can be given to a `take`
             raise as_error(error.error, {**error.parameters, **now}) from None
 
-    def _acquire(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """From afar it is wrested from others afar alone: who holds it beside the robot sees what moves."""
-        take = bool(asked.get("take"))
-        holder = str(asked.get("holder") or "somebody")
-        if take and "deadline" not in asked:
+    def _acquire(self, query: LeaseQuery) -> dict[str, Any]:
+        """Take the lease, from other remote holders only: a local holder sees what moves."""
+        holder = query.holder or "somebody"
+        if query.take and query.deadline is None:
             raise invalid("deadline", "take is only for what has one: acquire without take tells `now`")
-        if "deadline" in asked:
-            in_time(asked["deadline"], self._now())
-        self._tenancy.admits(self._now(), take=take)
+        if query.deadline is not None:
+            in_time(query.deadline, self._now())
+        self._tenancy.admits(self._now(), take=query.take)
         if self._holder:
             self._let_go(f"{holder} takes the lease that {self._holder} had")
         self._driving.hold()
@@ -109,17 +116,17 @@ class LeaseKeeper:
         self._let_go(f"{self._holder} gave the lease back")
         return granted
 
-    def goal(self, asked: Mapping[str, Any], came: float) -> dict[str, Any]:
+    def goal(self, query: GoalQuery, came: float) -> dict[str, Any]:
         """Return the answer to a goal: accepted, or its known state. Raises ClientError (CallError: refused).
 
         `came`: s, monotonic, when it arrived here: a goal that is stopped after that does not begin.
         """
-        name = asked["goal"]
-        lease = asked["lease"]
+        name = query.goal
+        lease = query.lease
         known = self._goals.find_repeated(name, lease)
         if known is not None:
             return known.latest_reply()
-        if "trajectory" not in asked or "deadline" not in asked:
+        if query.trajectory is None or query.deadline is None:
             raise invalid("goal", f"{name[:64]!r} is not known; a new one needs a deadline and a trajectory")
         try:
             chunk("goal", name)
@@ -127,13 +134,13 @@ class LeaseKeeper:
             raise invalid("goal", str(error)) from None
         if not self._tenancy.holds(lease, self._now()):
             raise missing()
-        goal = self._goals.begin(name, lease, asked["deadline"], self._now())
+        goal = self._goals.begin(name, lease, query.deadline, self._now())
         goal.refusal = self._void(goal, came)
         if goal.refusal is None:
-            self._submit(goal, asked["trajectory"], came)
+            self._submit(goal, query.trajectory, came)
         return goal.latest_reply()
 
-    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
+    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, object], came: float) -> None:
         """Submit the goal to be judged and begun. Without an answer it is released: no state is left open."""
         self._judging = True
         try:
@@ -159,7 +166,7 @@ class LeaseKeeper:
             return missing()
         if now > goal.deadline:
             return make_refusal(
-                "CMD_EXPIRED", "its deadline passed before it began", now - goal.deadline, 0.0
+                ReasonCode.CMD_EXPIRED, "its deadline passed before it began", now - goal.deadline, 0.0
             )
         with self._lock:
             stopped = came <= self._stopped
@@ -221,7 +228,9 @@ class LeaseKeeper:
             if ended.phase == "succeeded":
                 goal.answer["progress"] = 1.0
             elif ended.phase == LOST:
-                said = finding("LEASE_LOST", "how it ended was not heard; nothing moves under it any more")
+                said = finding(
+                    ReasonCode.LEASE_LOST, "how it ended was not heard; nothing moves under it any more"
+                )
                 goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [said]}
         self._publish(goal.name, goal.answer)
 

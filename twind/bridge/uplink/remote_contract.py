@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from twind.client.errors import CallError, as_error
-from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
-from twind.protocol.strict_json import BadJson, loads
+from twind.exceptions import InvalidInput
+from twind.protocol import CONTROL, SERVICE, load, parse
+from twind.protocol.strict_json import loads
 
 UPLINK = "io.twind.Uplink"
 MOST = 4 << 20  # bytes of a trajectory's question, as the daemon's
@@ -54,15 +57,32 @@ error NoDaemon (message: string)
 _METHODS = load(CONTROL).methods | INTERFACE.methods
 
 
+class LeaseQuery(msgspec.Struct, frozen=True):
+    """Parameters of `Lease`. `deadline`: s of the robot's clock."""
+
+    op: str
+    holder: str = ""
+    take: bool = False
+    deadline: float | None = None
+    lease: str = ""
+
+
+class GoalQuery(msgspec.Struct, frozen=True):
+    """Parameters of `Goal`. `deadline`: s of the robot's clock."""
+
+    goal: str
+    lease: str
+    deadline: float | None = None
+    trajectory: dict[str, object] | None = None
+
+
 def check_query(method: str, data: bytes) -> dict[str, Any]:
     """Parameters of `method`, one of CONTROL's or ours. Raises CallError: they are none."""
     check_size(method, len(data))
     try:
         asked: dict[str, Any] = loads(data) if data else {}
         _METHODS[method].parameters.check(asked, "")
-    except BadJson as error:
-        raise invalid("parameters", str(error)) from None
-    except WrongParameter as error:
+    except InvalidInput as error:
         raise invalid(error.where or "parameters", error.reason) from None
     asked = {key: value for key, value in asked.items() if value is not None}
     if "holder" in asked:

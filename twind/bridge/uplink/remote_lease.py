@@ -13,6 +13,7 @@ from typing import Any
 from twind.bridge.uplink.remote_contract import lease_held_error, make_refusal
 from twind.bridge.zenoh.zenoh_keys import LEASE_S
 from twind.client.errors import CallError
+from twind.robot.finding import ReasonCode
 from twind.safety.lease import Lease
 
 HOLDER = 80  # characters of a holder's name that are kept
@@ -82,4 +83,4 @@ class RemoteLease:
 def missing() -> CallError:
     """Return the refusal of a client that does not hold the lease."""
     message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
-    return make_refusal("LEASE_MISSING", message)
+    return make_refusal(ReasonCode.LEASE_MISSING, message)

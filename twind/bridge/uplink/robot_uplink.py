@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any
 
 import zenoh
+from msgspec import convert
 
 from twind.bridge.motion_session import MotionSession
 from twind.bridge.uplink.coalesced_stop import CoalescedStop
@@ -23,6 +24,7 @@ from twind.bridge.uplink.lease_keeper import PERIOD, LeaseKeeper
 from twind.bridge.uplink.name_claim import NameClaim
 from twind.bridge.uplink.planned_durations import PlannedDurations
 from twind.bridge.uplink.query_server import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
+from twind.bridge.uplink.remote_contract import GoalQuery, LeaseQuery
 from twind.bridge.uplink.remote_lease import RemoteLease
 from twind.bridge.uplink.robot_name import robot_name
 from twind.bridge.uplink.topic_outlets import MonitorRelay
@@ -178,13 +180,15 @@ class RobotUplink:
 
         def goal(one: RemoteQuery) -> bool:
             came = time.monotonic()
-            return goals.put(lambda: one.answer(lambda asked: self._reins.goal(asked, came)))
+            return goals.put(
+                lambda: one.answer(lambda asked: self._reins.goal(convert(asked, GoalQuery), came))
+            )
 
         def lease(one: RemoteQuery) -> bool:
             if one.asked["op"] == "renew":  # asks nothing of the daemon, and waits for nothing
-                one.answer(self._reins.renew)
+                one.answer(lambda asked: self._reins.renew(convert(asked, LeaseQuery)))
                 return True
-            return goals.put(lambda: one.answer(self._reins.lease))
+            return goals.put(lambda: one.answer(lambda asked: self._reins.lease(convert(asked, LeaseQuery))))
 
         door.open("EStop", lambda one: stops[one.asked.get("level") == "cut"].put(one), "stop", "EStop")
         door.open("Cancel", cancelling.put, "stop", "Cancel")

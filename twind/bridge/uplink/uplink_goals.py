@@ -7,6 +7,7 @@ from typing import Any
 
 from twind.bridge.uplink.remote_contract import busy, invalid, make_refusal
 from twind.client.errors import CallError
+from twind.robot.finding import ReasonCode
 
 MOST = 256  # goals that are remembered
 AHEAD = 60.0  # s that a deadline may lie ahead
@@ -34,7 +35,7 @@ class UplinkGoal:
 def in_time(deadline: float, now: float) -> None:
     """Nothing, if it may still begin. Raises CallError: too late, or too far ahead."""
     if not now <= deadline:
-        raise make_refusal("CMD_EXPIRED", "it came after its deadline", now - deadline, 0.0)
+        raise make_refusal(ReasonCode.CMD_EXPIRED, "it came after its deadline", now - deadline, 0.0)
     if not deadline - now <= AHEAD:
         raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
 

@@ -39,10 +39,6 @@ def missing() -> str:
     return f"the package eclipse-zenoh is not installed: {how_to_add('zenoh')}"
 
 
-class SessionError(ClientError):
-    """The network cannot be joined. The text names the endpoint or file, and what is wrong."""
-
-
 @dataclass(frozen=True, slots=True)
 class NetworkConfig:
     """Where a network is joined: endpoints as `tcp/HOST:PORT`, a file that says all else."""
@@ -97,7 +93,7 @@ def parse_config(text: str) -> NetworkConfig:
 def readable(place: NetworkConfig) -> list[str]:
     """Endpoints, also of its file, of which others on the way can read, and send, all there is.
 
-    Raises SessionError: the place itself is wrong.
+    Raises ClientError: the place itself is wrong.
     """
     made = _configuration(place, TRY)
     said = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
@@ -107,7 +103,7 @@ def readable(place: NetworkConfig) -> list[str]:
 def open_session(
     place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]
 ) -> zenoh.Session | None:
-    """Joined as soon as somebody answers there; None: told to stop before. Raises SessionError where the
+    """Joined as soon as somebody answers there; None: told to stop before. Raises ClientError where the
     place itself is wrong. `tell` hears once that nobody answers.
     """
     configuration = _configuration(place, TRY)
@@ -115,7 +111,7 @@ def open_session(
     while not stop.is_set():
         try:
             return _open(configuration)
-        except SessionError as error:
+        except ClientError as error:
             if not told:
                 tell(f"{place}: {error}; trying on")
             told = True
@@ -124,11 +120,11 @@ def open_session(
 
 
 def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
-    """Joined within `patience` s. Raises SessionError."""
+    """Joined within `patience` s. Raises ClientError."""
     try:
         return _open(_configuration(place, patience))
-    except SessionError as error:
-        raise SessionError(f"{place}: {error}") from None
+    except ClientError as error:
+        raise ClientError(f"{place}: {error}") from None
 
 
 def close_session(session: zenoh.Session) -> None:
@@ -148,17 +144,17 @@ def _open(configuration: zenoh.Config) -> zenoh.Session:
     try:
         session: zenoh.Session = _engine().open(configuration)
     except Exception as error:  # noqa: BLE001  whatever the engine raises is told in its words
-        raise SessionError(_words(error)) from None
+        raise ClientError(_words(error)) from None
     return session
 
 
 def _configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
-    """Raises SessionError."""
+    """Raises ClientError."""
     engine = _engine()
     try:
         made: zenoh.Config = engine.Config() if place.file is None else engine.Config.from_file(place.file)
     except Exception as error:  # noqa: BLE001  as above
-        raise SessionError(f"{place.file}: {_words(error)}") from None
+        raise ClientError(f"{place.file}: {_words(error)}") from None
     if place.connect:
         _put(made, "connect/endpoints", list(place.connect))
     if place.listen:
@@ -193,7 +189,7 @@ def _put(configuration: zenoh.Config, key: str, value: Any) -> None:
     try:
         configuration.insert_json5(key, json.dumps(value))
     except Exception as error:  # noqa: BLE001  as above
-        raise SessionError(_words(error)) from None
+        raise ClientError(_words(error)) from None
 
 
 def _engine() -> Any:

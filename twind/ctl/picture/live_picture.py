@@ -16,10 +16,10 @@ from twind.ctl.picture.picture_layout import PAGES, PageSelection, picture
 from twind.ctl.picture.picture_renderer import Palette, plain
 from twind.ctl.picture.picture_state import MonitorCollector, PictureState
 from twind.ctl.picture.terminal_screen import TerminalScreen
+from twind.robot.event_codes import EventCode
 
 FASTEST = 15.0  # pictures a second
 STEP = 5  # joints that an arrow key moves by
-CHANGED = "RELOADED"  # the event after which limits may be others
 PLAIN_WIDTH = 120  # columns where there is no terminal; COLUMNS says otherwise
 
 
@@ -74,7 +74,7 @@ class MonitorFeed:
             if self._ended.is_set():
                 return
             watched.take(news, time.monotonic())
-            if news["topic"] == "events" and news["event"]["code"] == CHANGED:
+            if news["topic"] == "events" and news["event"]["code"] == EventCode.RELOADED:
                 self._greet().close()  # on a connection of its own: this one streams
 
 

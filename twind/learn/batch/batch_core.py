@@ -55,7 +55,7 @@ class BatchCore:
     ) -> None:
         """As `env.RobotEnv`. `episode_steps`: None, as the task says; `threads`: None, every core.
 
-        Raises KeyError, ConfigError, BindingError, ValueError.
+        Raises KeyError, ConfigError, InvalidInput, ValueError.
         """
         if count < 1:
             raise ValueError(f"{count} environments: at least one is needed")

@@ -8,16 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from twind.exceptions import OperationFailed
+
 SIZE = (480, 640)  # pixels, high and wide
 WAYS = ("egl", "osmesa")
 # m from the robot; degrees around it, and seen from above
 AWAY = 1.6
 ASIDE = 130.0
 ABOVE = -12.0
-
-
-class RendererUnavailable(RuntimeError):
-    """Nothing here can draw without a display."""
 
 
 class CameraRenderer:
@@ -85,7 +83,7 @@ def _context() -> Any:
             refusals.append(f"{way}: {error}")
             if before is not None:
                 os.environ["PYOPENGL_PLATFORM"] = before
-    raise RendererUnavailable(
+    raise OperationFailed(
         f"no picture without a display ({'; '.join(refusals)}): install libegl1 or libosmesa6"
     )
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from twind.client import Client, Refused
+from twind.exceptions import OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.control_timing import RateTimer, SystemClock, in_step
 from twind.learn.live.daemon_robot import require_armed, require_mode, require_same
@@ -15,15 +16,11 @@ from twind.learn.task.plant_model import Plant
 from twind.robot.arrays import Floats
 
 
-class StaleState(Exception):
-    """The robot is not heard as it must be. The gate holds it, as nothing is sent."""
-
-
 class DaemonBody:
     """Keeps the protocol `env.Body`: what it is told arrives at the robot if the gate lets it."""
 
     def __init__(self, plant: Plant, shaping: ActionShaping, socket: str | None) -> None:
-        """`socket`: the daemon's folder, None: the usual one. Raises WrongRobot, ClientError."""
+        """`socket`: the daemon's folder, None: the usual one. Raises InvalidInput, ClientError."""
         self.plant = plant
         self._period = shaping.period
         self._clock = SystemClock()
@@ -64,13 +61,13 @@ class DaemonBody:
     def reset(self, rng: np.random.Generator) -> BodyReading:
         """Go to the default pose, through the gate: nothing is drawn, and who has fallen stays where it lies.
 
-        Raises NotThere, Stale, ClientError.
+        Raises OperationFailed, ClientError.
         """
         self._session.take()
         self._session.go(self.plant.default)
         states = self._subscriber.next_states()
         if not states:
-            raise StaleState(self._subscriber.ended or "no states are heard")
+            raise OperationFailed(self._subscriber.ended or "no states are heard")
         self._timer = in_step(states, self._clock.now(), self._period, self._loop)
         self.refused = self.missed = self.held = 0
         return self._read(self._timer)
@@ -78,7 +75,7 @@ class DaemonBody:
     def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """Send, and wait for the end of the period. A refusal is counted in the next, and moves nothing.
 
-        Raises Stale, ClientError.
+        Raises OperationFailed, ClientError.
         """
         assert self._timer is not None, "reset first"
         try:
@@ -104,5 +101,5 @@ class DaemonBody:
             "no state has come" if heard is None else heard.stale(self._clock.now(), STALE, self._joints)
         )
         if heard is None or why:
-            raise StaleState(str(why))
+            raise OperationFailed(str(why))
         return self._estimate.reading(heard)

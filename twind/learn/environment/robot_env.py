@@ -77,7 +77,7 @@ class RobotEnv(gymnasium.Env):
         """`robot`: name or path of a robot file; `backend`: sim or daemon (at `socket`, None: the usual one).
 
         `randomise`: a profile of the ranges, or a file of them; `episode_steps`: None, as the task says.
-        Raises KeyError, ConfigError, BindingError, ValueError.
+        Raises KeyError, ConfigError, InvalidInput, ValueError.
         """
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r}: None or 'rgb_array', which `render()` returns")

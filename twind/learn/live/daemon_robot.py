@@ -6,6 +6,7 @@ from typing import Any
 
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.yaml_tree import ConfigError
+from twind.exceptions import InvalidInput
 from twind.learn.task.plant_model import Plant, plant_of
 from twind.robot.modes import RobotState
 
@@ -22,38 +23,34 @@ WAYS: Mapping[str, str] = {
 ELSE = "twindctl status says what it waits for; then twindctl arm"
 
 
-class RobotMismatch(Exception):
-    """The daemon's robot is not, or is not surely, the one that is meant."""
-
-
 def plant_told(told: Mapping[str, Any], period: float) -> Plant:
-    """Build the plant of the robot in an answer of `GetRobot`. Raises RobotMismatch, BindingError."""
+    """Build the plant of the robot in an answer of `GetRobot`. Raises InvalidInput."""
     path = Path(told["robot"]["path"])
     try:
         robot = load_robot(str(path))
     except (ConfigError, OSError) as error:
-        raise RobotMismatch(f"the daemon's robot file cannot be read here: {error}") from None
+        raise InvalidInput(f"the daemon's robot file cannot be read here: {error}") from None
     require_same(told, robot)
     return plant_of(robot, period=period)
 
 
 def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
-    """Raises RobotMismatch unless the daemon runs this very robot file and model."""
+    """Raises InvalidInput unless the daemon runs this very robot file and model."""
     theirs = told["robot"]
     if theirs["text_sha256"] != robot.text_sha256:
-        raise RobotMismatch(
+        raise InvalidInput(
             f"the daemon runs {theirs['name']} from {theirs['path']}, not as {robot.path} says now: "
             "name that robot, or restart or reload the daemon"
         )
     if theirs["mjcf"] != robot.mjcf:
-        raise RobotMismatch(f"the model {robot.mjcf_path} has changed since the daemon read it: restart it")
+        raise InvalidInput(f"the model {robot.mjcf_path} has changed since the daemon read it: restart it")
 
 
 def require_armed(status: Mapping[str, Any]) -> None:
-    """Raises RobotMismatch where goals would move no robot, with the steps from there to an armed robot."""
+    """Raises InvalidInput where goals would move no robot, with the steps from there to an armed robot."""
     if status["mode"] == "live" and not (status["armed"] and status["state"] == RobotState.ARMED):
         said = f"the robot is {status['state']}{latched(status)}, not armed"
-        raise RobotMismatch(f"{said}: {WAYS.get(status['state'], ELSE)}")
+        raise InvalidInput(f"{said}: {WAYS.get(status['state'], ELSE)}")
 
 
 def latched(status: Mapping[str, Any]) -> str:
@@ -63,9 +60,9 @@ def latched(status: Mapping[str, Any]) -> str:
 
 
 def require_mode(mode: str) -> None:
-    """Raises RobotMismatch where a policy would read one robot and move another."""
+    """Raises InvalidInput where a policy would read one robot and move another."""
     if mode not in MODES:
-        raise RobotMismatch(
+        raise InvalidInput(
             f"mode {mode} shows the robot and moves the simulation: a policy would see the one and move the "
             f"other; use {' or '.join(MODES)}"
         )

@@ -9,6 +9,7 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.client.errors import finding_text
+from twind.exceptions import OperationFailed
 from twind.robot.arrays import Floats
 
 PATIENCE = 1.0  # s for an answer to a setpoint: the loop gives it within a tick
@@ -19,10 +20,6 @@ PACE = 2.0
 PERIODS = 3.0  # that a setpoint may be followed without the next
 LONGEST = 0.1  # s, the gate's bound for that
 ROUNDING = 1e-6  # s
-
-
-class PoseNotReached(Exception):
-    """Error: the motion to a pose did not end there. The text gives the reason."""
 
 
 class SetpointSession:
@@ -41,10 +38,10 @@ class SetpointSession:
         """Take the lease, if it is free or this session's own. Raises ClientError: another holds it."""
         self._client.call("AcquireLease", take=by_force or None)
 
-    def go(self, pose: Floats, tell: Callable[[Mapping[str, Any]], None] = lambda report: None) -> None:
-        """Move to `pose` (n,), rad, and stop there.
+    def go(self, pose: Floats, is_stopped: Callable[[], bool] = lambda: False) -> bool:
+        """Move to `pose` (n,), rad, and stop there. False: `is_stopped` ended the wait on the way.
 
-        Raises PoseNotReached, ClientError (Refused: by the gate).
+        Raises OperationFailed, ClientError (Refused: by the gate).
         """
         rows = self._client.call("GetStatus", joints=True)["joints"]
         now = [row["position"] if row["goal"] is None else row["goal"] for row in rows]
@@ -57,14 +54,17 @@ class SetpointSession:
         last: Mapping[str, Any] = {}
         self._client.timeout = WAY
         trajectory = {"joint_names": self._joints, "points": [point], "policy": "retime"}
-        for last in self._client.stream("SubmitTrajectory", trajectory=trajectory):
-            tell(last)
+        for report in self._client.stream("SubmitTrajectory", trajectory=trajectory):
+            last = report
+            if is_stopped():
+                return False
         self._client.timeout = PATIENCE
         if last.get("phase") != "succeeded":
             why = "; ".join(map(finding_text, last.get("findings") or ()))
-            raise PoseNotReached(
+            raise OperationFailed(
                 f"the way to the default pose {last.get('phase')}: {why or 'no reason given'}"
             )
+        return True
 
     def send(self, position: Floats, velocity: Floats, *, wait: bool = False) -> None:
         """Send the current positions of the joints, rad, and the velocities that follow, rad/s, (n,).

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.policy.policy_card import PolicyError
+from twind.exceptions import InvalidInput
 
 Rows = NDArray[np.float32]
 INPUT = "observation"
@@ -37,7 +37,7 @@ class OnnxSession:
     """A model that gives `action` (batch, n) for `observation` (batch, N). For one thread at a time."""
 
     def __init__(self, data: bytes) -> None:
-        """Load a model; no operation of it runs. Raises PolicyError where onnxruntime cannot load it."""
+        """Load a model; no operation of it runs. Raises InvalidInput where onnxruntime cannot load it."""
         import onnxruntime
 
         try:
@@ -52,20 +52,20 @@ class OnnxSession:
                 _TensorEnd(each.name, each.type, each.shape) for each in self._session.get_outputs()
             ]
         except Exception as error:  # noqa: BLE001  the exceptions of onnxruntime have no common class
-            raise PolicyError(f"is no ONNX model that can be run: {_reason(error)}") from None
+            raise InvalidInput(f"is no ONNX model that can be run: {_reason(error)}") from None
         self._run_options = onnxruntime.RunOptions()
         self._run_options.log_severity_level = _FATAL
         self._began: float | None = None  # s, monotonic: start of the inference that runs now
 
     def require_shapes(self, observations: int, actions: int) -> None:
-        """Raises PolicyError unless the model maps (batch, `observations`) to (batch, `actions`), float32."""
+        """Require (batch, `observations`) to (batch, `actions`), float32. Raises InvalidInput."""
         _require_end("input", INPUT, observations, self._inputs)
         _require_end("output", OUTPUT, actions, self._outputs)
 
     def run(self, observation: Rows) -> Rows:
         """Return the actions (batch, n) for observations (batch, N), NaN where the network makes NaN.
 
-        Raises PolicyError where an operation fails or the inference is ended.
+        Raises InvalidInput where an operation fails or the inference is ended.
         """
         if len(observation) > 1 and self._inputs[0].shape[0] == 1:
             return np.concatenate([self.run(row) for row in observation[:, None]])
@@ -78,7 +78,7 @@ class OnnxSession:
                 reason = f"took more than {LONGEST:g} s, the bound of a policy"
             else:
                 reason = f"failed: {_reason(error)}"
-            raise PolicyError(f"its inference {reason}") from None
+            raise InvalidInput(f"its inference {reason}") from None
         finally:
             self._began = None
         return action
@@ -131,13 +131,13 @@ def _require_end(what: str, name: str, count: int, ends: list[_TensorEnd]) -> No
     names = [end.name for end in ends]
     if names != [name]:
         found = ", ".join(each[:40] for each in names[:4]) or "none"
-        raise PolicyError(f"its {what} is {found}, {name} alone is needed: name it so in the export")
+        raise InvalidInput(f"its {what} is {found}, {name} alone is needed: name it so in the export")
     if ends[0].type != "tensor(float)":
-        raise PolicyError(f"its {what} {name} is a {ends[0].type}, float32 is needed: cast it in the export")
+        raise InvalidInput(f"its {what} {name} is a {ends[0].type}, float32 is needed: cast it in the export")
     shape = ends[0].shape
     batch = shape[0] if shape else 0
     if len(shape) != 2 or shape[1] != count or not (batch == 1 or batch is None or isinstance(batch, str)):
-        raise PolicyError(
+        raise InvalidInput(
             f"its {what} {name} has the shape {shape}, its card says (batch, {count}): "
             "export it with that shape, the batch 1 or dynamic"
         )

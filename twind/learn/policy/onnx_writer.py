@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.policy.onnx_session import INPUT, OUTPUT, Rows
-from twind.learn.policy.policy_card import PolicyError
 
 # Old enough for every runtime in use.
 OPSET = 17
@@ -25,7 +25,7 @@ class NetworkLayer:
 
 
 def build_graph(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> Any:
-    """The graph: clip((observation - mean) / std, ±clip), the layers, clip(±1). Raises PolicyError."""
+    """The graph: clip((observation - mean) / std, ±clip), the layers, clip(±1). Raises InvalidInput."""
     from onnx import TensorProto, helper
 
     _require_network(layers, mean, std, clip)
@@ -65,17 +65,19 @@ def _tensor(name: str, array: Any) -> Any:
 
 def _require_network(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> None:
     if not layers or mean.shape != std.shape or mean.ndim != 1:
-        raise PolicyError(f"{len(layers)} layers, mean {mean.shape}, std {std.shape}: mean and std are (N,)")
+        raise InvalidInput(f"{len(layers)} layers, mean {mean.shape}, std {std.shape}: mean and std are (N,)")
     if not ((std > 0.0).all() and np.isfinite(std).all() and np.isfinite(mean).all() and 0.0 < clip < np.inf):
-        raise PolicyError("mean, std and clip must be finite, std and clip above 0")
+        raise InvalidInput("mean, std and clip must be finite, std and clip above 0")
     width = len(mean)
     for at, layer in enumerate(layers):
         if layer.activation not in ACTIVATIONS:
-            raise PolicyError(f"layer {at}: activation {layer.activation!r}; known: {', '.join(ACTIVATIONS)}")
+            raise InvalidInput(
+                f"layer {at}: activation {layer.activation!r}; known: {', '.join(ACTIVATIONS)}"
+            )
         if layer.weight.shape != (len(layer.bias), width):
-            raise PolicyError(
+            raise InvalidInput(
                 f"layer {at}: weight {layer.weight.shape}, expected ({len(layer.bias)}, {width})"
             )
         if not (np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all()):
-            raise PolicyError(f"layer {at}: a weight is not finite")
+            raise InvalidInput(f"layer {at}: a weight is not finite")
         width = len(layer.bias)

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.task.action_shaping import ActionShaping
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.protocol import strict_json
@@ -28,10 +29,6 @@ CLOSE = 1e-6  # rad, rad/s, rad/s²: figures nearer than this are the same
 
 Entries = Mapping[str, tuple[int, int]]  # name of a part -> its first and its last entry, in order
 _Entry = tuple[str, tuple[int, int]]
-
-
-class PolicyError(ValueError):
-    """A policy file that cannot be read, or that does not fit. The text names the file, or what differs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +103,7 @@ class PolicyCard:
         return JointLimits(lower, upper, lower, upper, velocity, acceleration, unknown)
 
     def text(self) -> str:
-        """Return the card as JSON. Raises PolicyError for a card that could not be read again."""
+        """Return the card as JSON. Raises InvalidInput for a card that could not be read again."""
         text = msgspec.json.encode(asdict(self)).decode()
         read(text)
         return text
@@ -119,23 +116,23 @@ def entries(layout: ObservationLayout) -> Entries:
 
 
 def read(text: str | bytes) -> PolicyCard:
-    """The card of a JSON text. Raises PolicyError saying what is wrong with it."""
+    """The card of a JSON text. Raises InvalidInput saying what is wrong with it."""
     if len(text) > LARGEST:
-        raise PolicyError(f"its card has {len(text)} characters, at most {LARGEST} are read")
+        raise InvalidInput(f"its card has {len(text)} characters, at most {LARGEST} are read")
     try:
         given = strict_json.loads(text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text)
-    except strict_json.BadJson as error:
-        raise PolicyError(f"its card is no JSON: {error}") from None
+    except InvalidInput as error:
+        raise InvalidInput(f"its card is no JSON: {error}") from None
     if not isinstance(given, dict) or given.get("format") != FORMAT:
         said = given.get("format") if isinstance(given, dict) else None
-        raise PolicyError(f"its format is {str(said)[:40]!r}, this twind reads {FORMAT!r}")
+        raise InvalidInput(f"its format is {str(said)[:40]!r}, this twind reads {FORMAT!r}")
     unknown = sorted(set(given) - set(PolicyCard.__dataclass_fields__))
     if unknown:
-        raise PolicyError(f"its card has an unknown key {str(unknown[0])[:40]!r}")
+        raise InvalidInput(f"its card has an unknown key {str(unknown[0])[:40]!r}")
     try:
         card = msgspec.convert(given, PolicyCard)
     except msgspec.ValidationError as error:
-        raise PolicyError(f"its card is not as {FORMAT} has it: {error}") from None
+        raise InvalidInput(f"its card is not as {FORMAT} has it: {error}") from None
     _check(card)
     return card
 
@@ -143,27 +140,29 @@ def read(text: str | bytes) -> PolicyCard:
 def _check(card: PolicyCard) -> None:
     count = len(card.joints)
     if not 0 < count <= MOST_JOINTS or len(set(card.joints)) != count:
-        raise PolicyError(f"its card names {count} joints: 1 to {MOST_JOINTS}, each once, are needed")
+        raise InvalidInput(f"its card names {count} joints: 1 to {MOST_JOINTS}, each once, are needed")
     for name in ("default", "lower", "upper", "velocity", "acceleration"):
         row = np.array(getattr(card, name))
         if row.shape != (count,):
-            raise PolicyError(f"its card has {len(row)} numbers as {name}, one per joint ({count}) is needed")
+            raise InvalidInput(
+                f"its card has {len(row)} numbers as {name}, one per joint ({count}) is needed"
+            )
         if name in ("velocity", "acceleration") and not (row > 0.0).all():
-            raise PolicyError(f"its card: {name} of {card.joints[int(np.argmin(row))]} is not above 0")
+            raise InvalidInput(f"its card: {name} of {card.joints[int(np.argmin(row))]} is not above 0")
     lower = np.array(card.lower)
     default = np.array(card.default)
     upper = np.array(card.upper)
     for at in np.flatnonzero(~((lower <= default) & (default <= upper))):
         reason = f"default {default[at]:g} rad of {card.joints[at]} is outside {lower[at]:g}..{upper[at]:g}"
-        raise PolicyError(f"its card: {reason}")
+        raise InvalidInput(f"its card: {reason}")
     slowest, fastest = RATES
     if not slowest - CLOSE <= card.rate_hz <= fastest + CLOSE:
         bounds = f"{slowest:g} to {fastest:g} are possible: a setpoint lapses after 0.1 s"
-        raise PolicyError(f"its card: {card.rate_hz:g} steps a second, {bounds}")
+        raise InvalidInput(f"its card: {card.rate_hz:g} steps a second, {bounds}")
     places = list(card.layout.values())
     ends = [-1, *(last for _, last in places)]
     if any(first != end + 1 or last < first for (first, last), end in zip(places, ends, strict=False)):
-        raise PolicyError("its card: the ranges of the layout do not follow each other from 0")
+        raise InvalidInput("its card: the ranges of the layout do not follow each other from 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,11 +196,11 @@ class PolicyRobot:
 
 
 def require_fit(card: PolicyCard, body: PolicyRobot) -> None:
-    """Raises PolicyError naming all that differs between what a policy was made for and a robot."""
+    """Raises InvalidInput naming all that differs between what a policy was made for and a robot."""
     wrong = differences(card, body)
     if wrong:
         shown = "; ".join(wrong[:6]) + (f"; and {len(wrong) - 6} more" if len(wrong) > 6 else "")
-        raise PolicyError(f"made for {card.robot}, it does not fit {body.name}: {shown}")
+        raise InvalidInput(f"made for {card.robot}, it does not fit {body.name}: {shown}")
 
 
 def differences(card: PolicyCard, body: PolicyRobot) -> list[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from twind.command_line.common_options import add_common_options
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import DONE, Rejected, UsageError, show
+from twind.exceptions import InvalidInput
 
 group = "learn"
 
@@ -50,11 +51,11 @@ def run(options: argparse.Namespace) -> int:
     """The exit code. Raises UsageError, Rejected, ClientError."""
     if find_spec("onnxruntime") is None:
         raise UsageError(f"policy needs onnxruntime: {how_to_add('policy')}")
-    from twind.learn.policy.policy_file import PolicyError, load
+    from twind.learn.policy.policy_file import load
 
     try:
         policy = load(options.file)
-    except PolicyError as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     if options.kind == "run":
         from twind.learn.policy.policy_run_command import run_policy

@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from twind.exceptions import InvalidInput
 from twind.learn.live.state_message import STALE, StateMessage
-from twind.learn.policy.policy_card import PolicyCard, PolicyError
+from twind.learn.policy.policy_card import PolicyCard
 from twind.learn.task.action_shaping import ActionShaper
 from twind.learn.task.observation import BodyReading, ObservationBuilder
 from twind.learn.task.observation_layout import ObservationLayout
@@ -33,7 +34,7 @@ class ActionSource(Protocol):
     card: PolicyCard
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the action (n,) in -1..1 for an observation (N,). Raises PolicyError."""
+        """Return the action (n,) in -1..1 for an observation (N,). Raises InvalidInput."""
 
 
 class ReadingSource(Protocol):
@@ -174,7 +175,7 @@ class PolicyController:
         began = self._clock()
         try:
             action = self._policy.act(seen)
-        except PolicyError as error:
+        except InvalidInput as error:
             return PolicyEnd(f"the policy gives no action: {error}")
         ended = self._clock()
         self.figures.inference = ended - began

@@ -16,18 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.learn.policy import onnx_writer
 from twind.learn.policy import policy_card as cards
 from twind.learn.policy.onnx_session import OUTPUT, OnnxSession, Rows, limit_memory
 from twind.learn.policy.onnx_writer import NetworkLayer
-from twind.learn.policy.policy_card import PolicyCard, PolicyError
+from twind.learn.policy.policy_card import PolicyCard
 
 LARGEST = 8 << 20  # bytes of a file; the network of 24 joints has half a megabyte
 KEY = "twind"  # of the card in `metadata_props`
 CHECKED = 20.0  # s of a check, the start of an interpreter and the import of onnxruntime included
 _REFUSED = 3  # exit code of a check, with the reason on stdout
 
-__all__ = ["NetworkLayer", "Policy", "PolicyCard", "PolicyError", "load", "read", "save", "save_model"]
+__all__ = ["InvalidInput", "NetworkLayer", "Policy", "PolicyCard", "load", "read", "save", "save_model"]
 
 
 class Policy:
@@ -40,7 +41,7 @@ class Policy:
     def act(self, observation: Rows) -> Rows:
         """Return the action (n,) for an observation (N,), or (batch, n) for (batch, N). A new array, float32.
 
-        NaN where the network makes NaN. Raises ValueError for another shape, PolicyError where the network
+        NaN where the network makes NaN. Raises ValueError for another shape, InvalidInput where the network
         fails.
         """
         count = self.card.observations
@@ -50,11 +51,11 @@ class Policy:
         action = self._session.run(rows)
         expected = (len(rows), len(self.card.joints))
         if action.shape != expected or action.dtype != np.float32:
-            raise PolicyError(f"its {OUTPUT} is {action.dtype} {action.shape}, float32 {expected} is needed")
+            raise InvalidInput(f"its {OUTPUT} is {action.dtype} {action.shape}, float32 {expected} is needed")
         return action[0] if observation.ndim == 1 else action
 
     def ending_long_inferences(self) -> AbstractContextManager[None]:
-        """End each inference that takes more than a second: `act` then raises PolicyError."""
+        """End each inference that takes more than a second: `act` then raises InvalidInput."""
         return self._session.ending_long_inferences()
 
 
@@ -66,7 +67,7 @@ def save(
     clip: float,
     card: PolicyCard,
 ) -> None:
-    """Write a network and what it was made for, whole or not at all. Raises PolicyError, OSError.
+    """Write a network and what it was made for, whole or not at all. Raises InvalidInput, OSError.
 
     The observation becomes clip((observation - mean) / std, -clip, clip) before the first layer; what the
     last one gives is clipped to -1..1.
@@ -76,7 +77,7 @@ def save(
     counts = len(mean), len(layers[-1].bias) if layers else 0
     if counts != (card.observations, len(card.joints)):
         expected = f"{card.observations} and {len(card.joints)}"
-        raise PolicyError(
+        raise InvalidInput(
             f"the network has {counts[0]} observations and {counts[1]} actions, its card {expected}"
         )
     model = helper.make_model(
@@ -89,7 +90,7 @@ def save(
 
 
 def save_model(path: str | os.PathLike[str], model: Any, card: PolicyCard) -> None:
-    """Write any `onnx.ModelProto` with its card, whole or not at all. Raises PolicyError, OSError.
+    """Write any `onnx.ModelProto` with its card, whole or not at all. Raises InvalidInput, OSError.
 
     The model maps `observation` (batch, N) to `action` (batch, n) in -1..1, both float32; `load` checks that.
     """
@@ -106,29 +107,29 @@ def save_model(path: str | os.PathLike[str], model: Any, card: PolicyCard) -> No
 
 
 def load(path: str | os.PathLike[str]) -> Policy:
-    """Return the policy of a file, tried in a process of its own. Raises PolicyError naming the file."""
+    """Return the policy of a file, tried in a process of its own. Raises InvalidInput naming the file."""
     try:
         data = _bytes(Path(path))
         _require_runnable(data)
         return read(data)
-    except PolicyError as error:
-        raise PolicyError(f"{path}: {error}") from None
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
 
 
 def read(data: bytes) -> Policy:
-    """Return the policy of the bytes of a file, run once in this process. Raises PolicyError."""
+    """Return the policy of the bytes of a file, run once in this process. Raises InvalidInput."""
     session = OnnxSession(data)
     text = session.metadata.get(KEY)
     if text is None:
         remedy = "write it with `twindctl train`, `save` or `save_model`"
-        raise PolicyError(f"has no card ({KEY!r} in its metadata): {remedy}")
+        raise InvalidInput(f"has no card ({KEY!r} in its metadata): {remedy}")
     card = cards.read(text)
     session.require_shapes(card.observations, len(card.joints))
     policy = Policy(card, session)
     action = policy.act(np.zeros(card.observations, np.float32))
     if not np.isfinite(action).all():
         joint = int(np.argmin(np.isfinite(action)))
-        raise PolicyError(
+        raise InvalidInput(
             f"its action of {card.joints[joint]} is {action[joint]} for an observation of zeros, "
             "finite numbers are needed: check its weights"
         )
@@ -140,27 +141,27 @@ def _bytes(path: Path) -> bytes:
         # Not blocking: a FIFO of that name would wait for ever.
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise PolicyError("is no regular file")
+                raise InvalidInput("is no regular file")
             data = file.read(LARGEST + 1)
     except OSError as error:
-        raise PolicyError(error.strerror or str(error)) from None
+        raise InvalidInput(error.strerror or str(error)) from None
     if len(data) > LARGEST:
-        raise PolicyError(f"has {os.path.getsize(path)} bytes, at most {LARGEST} are read")
+        raise InvalidInput(f"has {os.path.getsize(path)} bytes, at most {LARGEST} are read")
     return data
 
 
 def _require_runnable(data: bytes) -> None:
-    """Load the bytes of a file and run them once, in a process of its own. Raises PolicyError."""
+    """Load the bytes of a file and run them once, in a process of its own. Raises InvalidInput."""
     command = [sys.executable, "-m", "twind.learn.policy.policy_file"]
     try:
         done = subprocess.run(command, input=data, capture_output=True, timeout=CHECKED, check=False)
     except subprocess.TimeoutExpired:
-        raise PolicyError(f"its first inference was not done within {CHECKED:g} s") from None
+        raise InvalidInput(f"its first inference was not done within {CHECKED:g} s") from None
     if done.returncode == _REFUSED:
-        raise PolicyError(done.stdout.decode(errors="replace"))
+        raise InvalidInput(done.stdout.decode(errors="replace"))
     if done.returncode:
         reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise PolicyError(f"its check ended with exit code {done.returncode}: {reason[:200]}")
+        raise InvalidInput(f"its check ended with exit code {done.returncode}: {reason[:200]}")
 
 
 def _main() -> int:
@@ -171,7 +172,7 @@ def _main() -> int:
     limit_memory()
     try:
         read(data)
-    except PolicyError as error:
+    except InvalidInput as error:
         sys.stdout.buffer.write(str(error).encode(errors="replace"))
         return _REFUSED
     return 0

@@ -25,20 +25,14 @@ from twind.command_line.verb import (
     operator,
     show,
 )
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.learn.live.base_estimator import BaseEstimator
 from twind.learn.live.control_timing import SystemClock
-from twind.learn.live.daemon_robot import (
-    ANEW,
-    RobotMismatch,
-    latched,
-    plant_told,
-    require_armed,
-    require_mode,
-)
-from twind.learn.live.setpoint_session import PoseNotReached, SetpointSession
+from twind.learn.live.daemon_robot import ANEW, latched, plant_told, require_armed, require_mode
+from twind.learn.live.setpoint_session import SetpointSession
 from twind.learn.live.state_subscriber import StateSubscriber
 from twind.learn.policy.onnx_session import limit_memory
-from twind.learn.policy.policy_card import PolicyCard, PolicyError, PolicyRobot, require_fit
+from twind.learn.policy.policy_card import PolicyCard, PolicyRobot, require_fit
 from twind.learn.policy.policy_controller import PolicyController
 from twind.learn.policy.policy_file import Policy
 from twind.learn.policy.policy_run import RECENT, PolicyRun
@@ -46,7 +40,6 @@ from twind.learn.task.learning_tasks import LearningTask, task_of
 from twind.learn.task.plant_model import Plant
 from twind.learn.task.reward import RewardFunction
 from twind.robot.arrays import Floats
-from twind.twin.binding import BindingError
 
 AXES = ("forward", "left", "turn")
 MANY = 0.02  # of the periods: so many missed ones are told with a remedy
@@ -54,10 +47,6 @@ BUSY = (
     "busy     this machine had no time for every period: in a missed one no setpoint is sent, and the robot "
     "goes on by the last one, or holds; run less beside it, or `nice -n -10 twindctl policy run FILE`"
 )
-
-
-class _RunInterrupted(Exception):
-    """Stop request during the motion to the default pose."""
 
 
 def run_policy(options: argparse.Namespace, policy: Policy) -> int:
@@ -94,7 +83,7 @@ def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any
         require_armed(status)
         require_fit(card, PolicyRobot.from_get_robot(told["robot"], rate_hz))
         plant = plant_told(told, card.shaping.period)
-    except (RobotMismatch, PolicyError, BindingError) as error:
+    except InvalidInput as error:
         raise Rejected(str(error)) from None
     return plant
 
@@ -154,16 +143,10 @@ def _move_and_run(
 ) -> tuple[bool, str]:
     """Move to the default pose, then drive."""
     progress.update("to the default pose")
-
-    def check(_report: Mapping[str, Any]) -> None:
-        if stop.is_set():
-            raise _RunInterrupted
-
     try:
-        session.go(controller.shaper.default, check)
-    except _RunInterrupted:
-        return True, "stopped"
-    except PoseNotReached as error:
+        if not session.go(controller.shaper.default, stop.is_set):
+            return True, "stopped"
+    except OperationFailed as error:
         return False, str(error)
     limit_memory()  # after all that a drive loads
     gc.collect()

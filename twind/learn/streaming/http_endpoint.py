@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from urllib.parse import SplitResult, urlsplit
 
+from twind.exceptions import OperationFailed
+
 TIMEOUT = 10.0  # s without a byte
 READ = 1 << 16  # bytes of an answer's body; who has more to say is hung up on
 SHOWN = 160  # characters of an answer that are kept as a reason
@@ -21,10 +23,6 @@ class HttpReply:
     status: int
     retry_after: str | None
     said: str  # `422 Unprocessable Entity: no such robot`
-
-
-class HttpError(Exception):
-    """No answer, or none that is HTTP."""
 
 
 def parsed(url: str) -> SplitResult:
@@ -85,10 +83,10 @@ class HttpEndpoint:
             self.close()
             if kept and not self._aborted and isinstance(error, ConnectionError):
                 raise
-            raise HttpError(TOO_LATE if self._aborted else _explain_error(error)) from None
+            raise OperationFailed(TOO_LATE if self._aborted else _explain_error(error)) from None
         if self._aborted:  # an answer that is cut off in its head looks like a whole one
             self.close()
-            raise HttpError(TOO_LATE)
+            raise OperationFailed(TOO_LATE)
         return answer
 
     def _post(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:

@@ -16,10 +16,11 @@ import numpy as np
 from twind.client import ClientError
 from twind.client.clock_pair import ClockPair, clocks
 from twind.command_line.verb import observer
-from twind.learn.environment.camera_renderer import CameraRenderer, RendererUnavailable
+from twind.exceptions import OperationFailed
+from twind.learn.environment.camera_renderer import CameraRenderer
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.stream_samples import ROWS, StreamSample, picture
-from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_model import RobotModel
 
 QUALITY = 80  # of JPEG: 640x480 are 20 kB
 AGAIN = 5.0  # s until a robot that cannot be drawn is asked for anew
@@ -101,7 +102,7 @@ class PictureStreamer:
                 self._put(scene.jpeg(sample), sample)
                 drawn = sample.tick
                 wait = max(0.0, self._period - (time.monotonic() - begun))
-            except (NoRobotModel, RendererUnavailable, ClientError, ValueError) as error:
+            except (OperationFailed, ClientError, ValueError) as error:
                 self._complain(str(error))
                 wait = AGAIN
         if scene is not None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from twind.exceptions import OperationFailed
 from twind.learn.streaming.stream_samples import PostMessage
 
 FILE = "spool.sqlite"
@@ -33,10 +34,6 @@ CREATE TABLE IF NOT EXISTS tally (stream TEXT NOT NULL, run INTEGER NOT NULL, se
     dropped INTEGER NOT NULL);
 """
 KEPT = "sequence, headers, samples, reason, wall, body"
-
-
-class SpoolInUse(Exception):
-    """Another process streams from this folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +70,7 @@ class Spool:
     """A folder of one process, for several threads. Each call waits for the disk and raises sqlite3.Error."""
 
     def __init__(self, folder: Path, bounds: SpoolLimits, now: float, wall: float) -> None:
-        """Raises SpoolInUse, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
+        """Raises OperationFailed, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
         self.folder = folder
         self._bounds = bounds
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -255,7 +252,7 @@ def _hold(path: Path) -> int:
     except BlockingIOError:
         holder = os.read(held, 32).decode(errors="replace").strip()
         os.close(held)
-        raise SpoolInUse(
+        raise OperationFailed(
             f"{path.parent}: process {holder or '?'} streams from it; end that, or name another with --spool"
         ) from None
     os.ftruncate(held, 0)

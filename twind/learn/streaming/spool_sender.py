@@ -12,8 +12,9 @@ from collections import deque
 from collections.abc import Callable
 
 from twind.client.transition_reporter import TransitionReporter
+from twind.exceptions import OperationFailed
 from twind.learn.streaming.delivery_outcome import Backoff, DeliveryOutcome, fate, retry_after
-from twind.learn.streaming.http_endpoint import HttpEndpoint, HttpError, HttpReply
+from twind.learn.streaming.http_endpoint import HttpEndpoint, HttpReply
 from twind.learn.streaming.spool import Spool, SpooledMessage
 
 PERIOD = 1.0 / 30.0  # s between two sends at least
@@ -98,7 +99,7 @@ class SpoolSender:
         headers = {**kept.message.headers, "Idempotency-Key": f"{self._spool.tally.stream}-{kept.sequence}"}
         try:
             answer = self._endpoint.post(kept.message.body, headers)
-        except HttpError as failure:
+        except OperationFailed as failure:
             if not self._stopping.is_set():
                 self._schedule_retry(str(failure), 0.0)
         else:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 from twind.command_line.extras import how_to_add
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, Rejected, UsageError, harmless
+from twind.exceptions import OperationFailed
 
 if TYPE_CHECKING:
     from twind.learn.streaming.http_endpoint import HttpEndpoint
@@ -99,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Stream until told to stop; 0. A spool that cannot be had: 1."""
-    from twind.learn.streaming.spool import Spool, SpoolInUse, SpoolLimits
+    from twind.learn.streaming.spool import Spool, SpoolLimits
 
     folder = options.spool or usual_folder()
     if options.dead:
@@ -110,7 +111,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         with Spool(folder, bounds, time.monotonic(), time.time()) as spool:
             return _stream(options, spool, endpoint)
-    except SpoolInUse as error:
+    except OperationFailed as error:
         raise Rejected(str(error)) from None
     except (OSError, sqlite3.Error) as error:
         why = getattr(error, "strerror", None) or error

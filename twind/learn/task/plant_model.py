@@ -11,13 +11,14 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_file import RobotFile
+from twind.exceptions import InvalidInput
 from twind.learn.randomise.physics_randomiser import ModelAddresses
 from twind.learn.task.observation import BodyReading, height_of
 from twind.learn.task.observation_layout import ObservationLayout
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.twin.balance import Balance
 from twind.twin.base_pose import stand
-from twind.twin.binding import Binding, BindingError, bind
+from twind.twin.binding import Binding, bind
 from twind.twin.mirror import index
 from twind.twin.pinning import free_joints
 
@@ -96,7 +97,7 @@ def fill(reading: BodyReading, position: Floats, velocity: Floats, imu: Floats, 
 def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_delay: float = 0.0) -> Plant:
     """`period`: s, of control; the model's timestep is shortened to divide it.
 
-    Delays: s, the most that is ever wanted; the plant has none until somebody sets them. Raises BindingError:
+    Delays: s, the most that is ever wanted; the plant has none until somebody sets them. Raises InvalidInput:
     no free base, not two feet, or what `bind` finds.
     """
     binding = bind(_freed(robot), None)
@@ -139,10 +140,10 @@ def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_
 
 
 def _freed(robot: RobotFile) -> RobotFile:
-    """Return the robot without what holds it. Raises BindingError if nothing could let it move."""
+    """Return the robot without what holds it. Raises InvalidInput if nothing could let it move."""
     base = mujoco.MjSpec.from_file(str(robot.mjcf_path)).body(robot.base)
     if base is not None and not free_joints(base):
-        raise BindingError(
+        raise InvalidInput(
             f"{robot.mjcf_path}: body {robot.base!r} has no free joint, so the robot cannot stand or fall by "
             "itself: add <freejoint/> (a robot with support gantry or fixed has it removed by the daemon)"
         )
@@ -192,12 +193,12 @@ def _imu(spec: Any, robot: RobotFile) -> Any:
 
 
 def _soles(binding: Binding) -> list[tuple[int, Floats]]:
-    """Body and place of the left and the right sole. Raises BindingError: the robot has not two feet."""
+    """Body and place of the left and the right sole. Raises InvalidInput: the robot has not two feet."""
     data = mujoco.MjData(binding.model)
     found = Balance(binding, binding.model, data).soles()
     if len(found) != 2:
         names = ", ".join(binding.model.body(body).name for body, _ in found) or "nothing"
-        raise BindingError(
+        raise InvalidInput(
             f"{binding.robot.mjcf_path}: two feet are needed, lowest in the rest pose: {names} found lowest; "
             "give each foot one body with a box, capsule, cylinder, sphere or mesh that collides"
         )

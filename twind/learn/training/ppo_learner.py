@@ -203,7 +203,7 @@ def _layer(linear: Any, after: Any) -> NetworkLayer:
 def export(
     path: Path, model: Any, settings: TrainingSettings, core: BatchCore, figures: Mapping[str, float]
 ) -> None:
-    """Write the policy file of `model`, an SB3 PPO on a VecNormalize. Raises PolicyError, OSError."""
+    """Write the policy file of `model`, an SB3 PPO on a VecNormalize. Raises InvalidInput, OSError."""
     normal = model.get_vec_normalize_env()
     mean = normal.obs_rms.mean.astype(np.float32)
     std = np.sqrt(normal.obs_rms.var + normal.epsilon).astype(np.float32)

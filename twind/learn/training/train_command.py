@@ -16,6 +16,7 @@ from typing import Any
 
 from twind.command_line.extras import how_to_add
 from twind.command_line.verb import DONE, Rejected, UsageError
+from twind.exceptions import InvalidInput
 from twind.learn.training.training_settings import DEFAULTS, KINDS
 
 group = "learn"
@@ -96,7 +97,6 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
     from twind.config.yaml_tree import ConfigError
     from twind.learn.training.training_folder import lock_folder, require_fresh
-    from twind.twin.binding import BindingError
 
     given = _given(options)
     if options.resume is None and options.task is None:
@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
         with lock_folder(out) as folder:
             require_fresh(out)
             return _trained(options, settings, folder, None)
-    except (ConfigError, BindingError) as error:
+    except (ConfigError, InvalidInput) as error:
         raise Rejected(str(error)) from None
 
 

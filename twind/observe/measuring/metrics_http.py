@@ -20,14 +20,6 @@ Environ = dict[str, str]
 Application = Callable[[Environ, Any], Iterable[bytes]]
 
 
-class MalformedRequest(Exception):
-    """No request that we understand."""
-
-    def __init__(self, status: HTTPStatus) -> None:
-        super().__init__(status.phrase)
-        self.status = status
-
-
 class MetricsHttpHandler:
     """What to do with a connection, for `asyncio.start_server` and `start_unix_server` with limit=LONGEST."""
 
@@ -52,21 +44,21 @@ class MetricsHttpHandler:
 
     async def _answer(self, reader: asyncio.StreamReader) -> bytes:
         try:
-            return answered(self._application, environ(await reader.readuntil(b"\r\n\r\n")))
+            head = await reader.readuntil(b"\r\n\r\n")
         except asyncio.LimitOverrunError:
             return plain(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
-        except MalformedRequest as rubbish:
-            return plain(rubbish.status)
+        request = environ(head)
+        return plain(request) if isinstance(request, HTTPStatus) else answered(self._application, request)
 
 
-def environ(head: bytes) -> Environ:
-    """What a WSGI application wants to know of a request (to its empty line). Raises Rubbish."""
+def environ(head: bytes) -> Environ | HTTPStatus:
+    """WSGI environment of a request (up to its empty line), or the status of the refusal."""
     line, *fields = head.decode("latin-1").split("\r\n")
     words = line.split(" ")
     if len(words) != 3 or not words[0].isalpha() or not words[1].startswith("/"):
-        raise MalformedRequest(HTTPStatus.BAD_REQUEST)
+        return HTTPStatus.BAD_REQUEST
     if not words[2].startswith("HTTP/1."):
-        raise MalformedRequest(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
+        return HTTPStatus.HTTP_VERSION_NOT_SUPPORTED
     path, _, query = words[1].partition("?")
     found = {"REQUEST_METHOD": words[0].upper(), "PATH_INFO": path, "QUERY_STRING": query}
     for each in fields:
@@ -74,21 +66,21 @@ def environ(head: bytes) -> Environ:
         key = f"HTTP_{name.strip().upper().replace('-', '_')}"
         found[key] = f"{found[key]},{value.strip()}" if key in found else value.strip()
     if re.sub(r":[0-9]*$", "", found.get("HTTP_HOST", NAMES[0])).lower() not in NAMES:
-        raise MalformedRequest(HTTPStatus.MISDIRECTED_REQUEST)
+        return HTTPStatus.MISDIRECTED_REQUEST
     return found
 
 
 def answered(application: Application, asked: Environ) -> bytes:
-    """The application's whole answer. Raises Rubbish for another path, or fields that it cannot take."""
+    """Whole answer of the application, or a refusal for another path or fields that it cannot take."""
     if asked["PATH_INFO"] == "/":
         return plain(HTTPStatus.OK, "twindctl metrics: see /metrics")
     if asked["PATH_INFO"] != "/metrics":
-        raise MalformedRequest(HTTPStatus.NOT_FOUND)
+        return plain(HTTPStatus.NOT_FOUND)
     begun: list[tuple[str, list[tuple[str, str]]]] = []
     try:
         body = b"".join(application(asked, lambda status, fields: begun.append((status, fields))))
     except (ValueError, TypeError):  # prometheus_client 0.26 compares a version that is no number
-        raise MalformedRequest(HTTPStatus.BAD_REQUEST) from None
+        return plain(HTTPStatus.BAD_REQUEST)
     return _bytes(*begun[0], body)
 
 

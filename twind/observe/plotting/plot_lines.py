@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.observe.recording.recording_columns import Floats, RobotRecording
+from twind.robot.modes import RobotState
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.
@@ -90,7 +91,11 @@ def _mean(values: Floats) -> Floats:
     return mean
 
 
-STOPPED = ("fault", "estop", "inhibited")  # states that an operator must acknowledge: they are events too
+STOPPED = (
+    RobotState.FAULT,
+    RobotState.ESTOP,
+    RobotState.INHIBITED,
+)  # states that an operator must acknowledge: they are events too
 
 
 def marks(recording: RobotRecording, window: Window) -> tuple[PlotMark, ...]:

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from twind.flight import FlightError, FlightFile, load
+from twind.command_line.verb import Rejected
+from twind.exceptions import InvalidInput
+from twind.flight import FlightFile, load
 from twind.link import Tick
 from twind.observe.recording.flight_messages import answers, news
 from twind.observe.recording.mcap_reader import hops, slow
@@ -14,7 +16,6 @@ from twind.observe.recording.recording_columns import (
     ImuColumns,
     RecordedMessage,
     RobotRecording,
-    Unreadable,
     marked,
 )
 
@@ -24,15 +25,15 @@ SLOW_PERIOD = 0.5  # s between rows of `RobotRecording.slow`
 
 
 def read(path: Path) -> RobotRecording:
-    """The recording in a flight file. Raises Unreadable."""
+    """The recording in a flight file. Raises Rejected."""
     try:
         flight = load(path)
-    except (FlightError, OSError) as error:
-        raise Unreadable(str(error)) from None
+    except (InvalidInput, OSError) as error:
+        raise Rejected(str(error)) from None
     ticks = [each for each in news(flight) if isinstance(each, Tick)]
     entries = flight.contents.entries
     if not entries:
-        raise Unreadable(f"{path}: nothing was recorded yet")
+        raise Rejected(f"{path}: nothing was recorded yet")
     begin = ticks[0].time if ticks else entries[0].time
     topics: dict[str, list[RecordedMessage]] = {}
     for answer in answers(flight):

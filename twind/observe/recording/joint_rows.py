@@ -34,7 +34,7 @@ class JointRows:
         self._data: list[bytes] = []
 
     def add(self, time_ns: int, data: bytes) -> None:
-        """The next message. Raises CdrError."""
+        """The next message. Raises InvalidInput."""
         if self._layout is None or not self._layout.fits(data):
             self._settle()
             self._layout = JointStateLayout.from_message(data)

@@ -11,8 +11,10 @@ import numpy as np
 from mcap.records import Attachment, Message
 from numpy.typing import NDArray
 
+from twind.command_line.verb import Rejected
+from twind.exceptions import InvalidInput
 from twind.observe.recording.joint_rows import JointRows
-from twind.observe.recording.mcap_records import McapContent, McapScanner, NotMcap
+from twind.observe.recording.mcap_records import McapContent, McapScanner
 from twind.observe.recording.recording_columns import (
     Floats,
     ImuColumns,
@@ -20,7 +22,6 @@ from twind.observe.recording.recording_columns import (
     RecordedMessage,
     RobotRecording,
     SlowColumns,
-    Unreadable,
     marked,
 )
 from twind.observe.recording.recording_topics import (
@@ -40,7 +41,7 @@ from twind.observe.recording.recording_topics import (
     TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, decode
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, decode
 from twind.ros.cdr import HEAD
 from twind.ros.imu_message import felt
 
@@ -59,24 +60,22 @@ class TopicMessage(NamedTuple):
 
 
 def read(path: Path) -> RobotRecording:
-    """The recording in an .mcap file. Raises Unreadable."""
+    """The recording in an .mcap file. Raises Rejected."""
     file = McapScanner(path)
     taken = _McapContents(file)
     try:
         for each in file.contents():
             taken.take(each)
-    except (NotMcap, OSError) as error:
-        raise Unreadable(f"{path}: {error}") from None
-    except CdrError as error:
-        raise Unreadable(f"{path}: a JointState that is none: {error}") from None
+    except (InvalidInput, OSError) as error:
+        raise Rejected(f"{path}: {error}") from None
     except FOREIGN as error:
-        raise Unreadable(f"{path}: {_broken(error)}") from None
+        raise Rejected(f"{path}: {_broken(error)}") from None
     if taken.start is None:
-        raise Unreadable(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
+        raise Rejected(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
     try:
         return _recording(path, taken, taken.start)
     except FOREIGN as error:
-        raise Unreadable(f"{path}: {_broken(error)}") from None
+        raise Rejected(f"{path}: {_broken(error)}") from None
 
 
 def _broken(error: Exception) -> str:
@@ -113,7 +112,7 @@ class _McapContents:
         self.start: int | None = None  # ns, of the first message
 
     def take(self, each: McapContent) -> None:
-        """Store one message, attachment or metadata record. Raises CdrError, or one of FOREIGN."""
+        """Store one message, attachment or metadata record. Raises InvalidInput, or one of FOREIGN."""
         if isinstance(each, Message):
             topic = self.file.channels[each.channel_id].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
@@ -239,7 +238,7 @@ def _trajectories(kept: Sequence[TopicMessage], start: int) -> tuple[RecordedMes
     for each in kept:
         try:
             message = decode(JOINT_TRAJECTORY, each.data)
-        except CdrError:
+        except InvalidInput:
             continue
         points = [_point(point) for point in message["points"]]
         head = message["header"]

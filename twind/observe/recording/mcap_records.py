@@ -17,6 +17,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Metadata, Schema
 
+from twind.exceptions import InvalidInput
+
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST = 64 << 20  # bytes of a record, and of the content of a chunk
 _HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
@@ -32,13 +34,6 @@ _PARSERS: dict[int, Any] = {
 }
 
 McapContent: TypeAlias = Message | Attachment | Metadata
-
-
-class NotMcap(Exception):
-    """`path` is no MCAP file."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{path}: is no MCAP file: it does not begin with the bytes of one")
 
 
 class McapScanner:
@@ -63,10 +58,11 @@ class McapScanner:
         self.indexed = False
 
     def contents(self) -> Iterator[McapContent]:
-        """All that is whole, in the order of the file. Raises NotMcap, OSError."""
+        """All that is whole, in the order of the file. Raises InvalidInput, OSError."""
         with open(self.path, "rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise NotMcap(self.path)
+                reason = "is no MCAP file: it does not begin with the bytes of one"
+                raise InvalidInput(reason, where=str(self.path))
             self.kept = len(MAGIC)
             for code, data in self._records(file):
                 try:

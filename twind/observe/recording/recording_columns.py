@@ -20,10 +20,6 @@ Floats = NDArray[np.float64]
 Parameters = Mapping[str, Any]  # an object of the interface, as the daemon sent it
 
 
-class Unreadable(Rejected):
-    """A file that is no recording, or of which nothing can be read. The text names it and the remedy."""
-
-
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
     """One recorded message, as the daemon sent it: an event, a verdict, a status."""
@@ -132,14 +128,14 @@ class RobotRecording:
 def open_recording(path: Path | str) -> RobotRecording:
     """The recording at `path`, whatever there is of it (`damage` says what is missing).
 
-    Raises Unreadable: no such file, none of these kinds, or nothing of a robot in it.
+    Raises Rejected: no such file, none of these kinds, or nothing of a robot in it.
     """
     path = Path(path)
     try:
         with open(path, "rb") as file:
             head = file.read(5)
     except OSError as error:
-        raise Unreadable(f"{path}: {error.strerror}") from None
+        raise Rejected(f"{path}: {error.strerror}") from None
     if head == b"\x89MCAP":
         from twind.observe.recording.mcap_reader import read as read_mcap
 
@@ -148,7 +144,7 @@ def open_recording(path: Path | str) -> RobotRecording:
         from twind.observe.recording.flight_reader import read as read_flight
 
         return read_flight(path)
-    raise Unreadable(f"{path}: neither an .mcap nor a .flight file, by its first bytes")
+    raise Rejected(f"{path}: neither an .mcap nor a .flight file, by its first bytes")
 
 
 def marked(events: Sequence[RecordedMessage]) -> tuple[RecordedEpisode, ...]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from twind.exceptions import OperationFailed
 from twind.flight import LOST, OPENED, EntryKind, FlightContents, FlightEntry
 from twind.observe.replaying.recorded_exchanges import FIRMWARE, RecordedExchange, exchanges
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, table
@@ -18,10 +19,6 @@ from twind_drivers.dynamixel.packet import ALERT
 
 JUST = 1e-3  # s before what is first known
 SILENT, HEARD, READ, CHANGED, DAMAGED = range(5)
-
-
-class IncompleteRecording(Exception):
-    """The recording does not tell enough of a bus to play it."""
 
 
 class DeviceEvent(NamedTuple):
@@ -48,12 +45,12 @@ class BusTimeline:
     def tables(self) -> Mapping[int, ControlTable]:
         """Control table of each id that ever reported its model.
 
-        Raises IncompleteRecording: a model that has no control table.
+        Raises OperationFailed: a model that has no control table.
         """
         try:
             return {id: table(*each) for id, each in self.models.items()}
         except KeyError as error:
-            raise IncompleteRecording(f"bus {self.name}: {error.args[0]}") from None
+            raise OperationFailed(f"bus {self.name}: {error.args[0]}") from None
 
     @cached_property
     def models(self) -> Mapping[int, tuple[int, int]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 from twind import link
 from twind.client import CallError
+from twind.exceptions import OperationFailed
 from twind.observe.replaying.replay_calls import ReplayConnection, Reply, call, wait
 from twind.observe.replaying.replay_outcome import (
     CommandOutcome,
@@ -14,7 +15,7 @@ from twind.observe.replaying.replay_outcome import (
     StandingFaults,
     answer,
 )
-from twind.observe.replaying.replay_script import SIM, STAY, NotReplayable, RecordedCommand, ReplayScript
+from twind.observe.replaying.replay_script import SIM, STAY, RecordedCommand, ReplayScript
 from twind.observe.replaying.replay_servos import ReplayPosition
 from twind_drivers.clock import Clock
 
@@ -61,7 +62,7 @@ class ReplayClient:
     # ------------------------------------------------------------------------------------- before it
 
     def prepare(self) -> None:
-        """The daemon has found the robot, and it is as it was at the beginning. Raises Unplayable."""
+        """The daemon has found the robot, and it is as it was at the beginning. Raises OperationFailed."""
         score = self._score
         wanted = "disconnected" if score.mode == SIM else "connected"
         self._until(lambda: bool(self._status.get("state") == wanted), READY, f"it is not {wanted}")
@@ -83,7 +84,7 @@ class ReplayClient:
                 renewed = self._clock.now()
                 self._line(score.holder).send("RenewLease", {}, lambda _: None)
             if self._clock.now() > renewed + READY:
-                raise NotReplayable("the daemon does not ask what the recording begins with")
+                raise OperationFailed("the daemon does not ask what the recording begins with")
 
     def _arm(self) -> None:
         """Refused while nothing was read yet of heat and supply, or while a busy machine was late."""
@@ -92,7 +93,7 @@ class ReplayClient:
             try:
                 self._ask("AcquireLease")  # it may have lapsed meanwhile
                 self._ask("Arm")
-            except NotReplayable:
+            except OperationFailed:
                 if self._clock.now() > deadline:
                     raise
                 self._pump(0.2)
@@ -127,13 +128,13 @@ class ReplayClient:
         self._until(lambda: self._status["motion"] != "active", ANSWER, "it does not arrive where it was")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """A call of the one who had the lease, or of our own, and its answer. Raises Unplayable."""
+        """A call of the one who had the lease, or of our own, and its answer. Raises OperationFailed."""
         found: list[Reply] = []
         self._line(self._score.holder).send(method, parameters, found.append)
         self._until(lambda: bool(found), ANSWER, f"{method} is not answered")
         said, error, _ = found[-1]
         if error is not None:
-            raise NotReplayable(f"{method} is refused before the beginning: {CallError(error, said)}")
+            raise OperationFailed(f"{method} is refused before the beginning: {CallError(error, said)}")
         return said
 
     def _until(self, done: Callable[[], bool], seconds: float, why: str) -> None:
@@ -141,7 +142,7 @@ class ReplayClient:
         while not done():
             if self._clock.now() > deadline or not self._watch.open:
                 faults = ", ".join(f"{each['code']}" for each in self._status.get("faults", ()))
-                raise NotReplayable(
+                raise OperationFailed(
                     f"{why}: the daemon is {self._status.get('state', 'gone')} {faults}".rstrip()
                 )
             self._pump(0.02)

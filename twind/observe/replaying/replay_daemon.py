@@ -11,10 +11,10 @@ from pathlib import Path
 
 from twind.client import NoDaemon
 from twind.config.port_names import virtual_port
+from twind.exceptions import OperationFailed
 from twind.observe.replaying import priority
 from twind.observe.replaying.replay_calls import ReplayConnection
 from twind.observe.replaying.replay_files import ReplayFiles
-from twind.observe.replaying.replay_script import NotReplayable
 
 START = 60.0  # s until its sockets are there
 # s that it may take to end when told, and when killed
@@ -77,7 +77,7 @@ class ReplayDaemon:
         deadline = time.monotonic() + START
         while not self._listens():
             if self._process.poll() is not None or time.monotonic() > deadline:
-                raise NotReplayable(f"the daemon did not start: {self.words}")
+                raise OperationFailed(f"the daemon did not start: {self.words}")
             time.sleep(0.02)
 
     def _listens(self) -> bool:

@@ -14,7 +14,8 @@ from twind.config.calibration_file import FORMAT as CALIBRATION
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.config.yaml_tree import ConfigError
-from twind.observe.replaying.replay_script import VIEW, NotReplayable
+from twind.exceptions import OperationFailed
+from twind.observe.replaying.replay_script import VIEW
 
 SETTINGS = ("rate_hz", "log_level")  # of the daemon's parameters, those that a replay takes over
 THRESHOLDS = ("latency_warn_ms", "latency_block_ms")
@@ -34,12 +35,12 @@ class ReplayFiles:
 def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> ReplayFiles:
     """The files of a recording in `folder`. `robot`: a file to use instead of the recorded one.
 
-    Raises Unplayable: they are not in it, cannot be laid out, or have other buses than were recorded.
+    Raises OperationFailed: they are not in it, cannot be laid out, or have other buses than were recorded.
     """
     try:
         return _laid_out(briefing, folder, robot)
     except (OSError, ValueError) as error:  # names that are too long, hold a NUL, or are file and folder
-        raise NotReplayable(f"its files cannot be laid out: {error}") from None
+        raise OperationFailed(f"its files cannot be laid out: {error}") from None
 
 
 def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> ReplayFiles:
@@ -49,7 +50,7 @@ def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> ReplayFil
         path.write_text(text)
     own, _ = placed.get(_absolute(str(briefing.description.get("path", ""))), (Path(), ""))
     if not own.name and robot is None:
-        raise NotReplayable(
+        raise OperationFailed(
             f"the recording does not hold its robot file: name it with --robot FILE; or {VIEW}"
         )
     calibrations = [path for path, text in placed.values() if f"format: {json.dumps(CALIBRATION)}" in text]
@@ -66,11 +67,11 @@ def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> ReplayFil
 
 
 def _described(robot: Path) -> RobotFile:
-    """As the daemon will read it. Raises Unplayable."""
+    """As the daemon will read it. Raises OperationFailed."""
     try:
         return load_robot(str(robot))
     except ConfigError as error:
-        raise NotReplayable(
+        raise OperationFailed(
             f"its robot file is refused ({error}); another one: --robot FILE; or {VIEW}"
         ) from None
 
@@ -78,12 +79,12 @@ def _described(robot: Path) -> RobotFile:
 def _require_buses(robot: RobotFile, briefing: Briefing) -> None:
     """A bus of the file that was not recorded would keep the port of that file, which is of this machine.
 
-    Raises Unplayable.
+    Raises OperationFailed.
     """
     wanted = [f"{bus.get('name')} ({bus.get('kind')})" for bus in briefing.description.get("buses", ())]
     there = [f"{bus.name} ({bus.kind})" for bus in robot.buses]
     if wanted != there:
-        raise NotReplayable(
+        raise OperationFailed(
             f"{robot.path.name} has the buses {', '.join(there)}; recorded were "
             f"{', '.join(wanted) or 'none'}: name the file that was used then by --robot FILE; or {VIEW}"
         )

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from twind import link
+from twind.exceptions import OperationFailed
 from twind.flight import EntryKind, FlightFile
 from twind.front.joint_naming import JointNames
 from twind.link import (
@@ -35,10 +36,6 @@ FIT = ("connected", "armed")  # states of a robot that a replay can begin with; 
 VIEW = "`twindctl replay --view FILE` shows it all the same"
 
 Heard = Mapping[int, bool]  # ticket of a call that was answered -> that was all of it
-
-
-class NotReplayable(Exception):
-    """A recording that cannot be played into a daemon; says why, and what can be done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +93,11 @@ class ReplayScript:
 
 
 def score(flight: FlightFile, last: float = inf) -> ReplayScript:
-    """Build the replay script of the `last` seconds of a recording. Raises NotReplayable."""
+    """Build the replay script of the `last` seconds of a recording. Raises OperationFailed."""
     names = JointNames([joint.name for joint in flight.briefing.joints])
     heard = _news(flight)
     if not heard:
-        raise NotReplayable("the recording holds no states: nothing was recorded yet")
+        raise OperationFailed("the recording holds no states: nothing was recorded yet")
     wire = (each.time for each in flight.contents.entries if each.kind in (EntryKind.OUT, EntryKind.IN))
     end = flight.contents.entries[-1].time
     tick, overview = _beginning(heard, max(end - last, next(wire, -inf)))
@@ -181,7 +178,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     """Find the first moment of a robot at rest, all joints answering, nothing latched, and its messages.
 
     `first`: s, the earliest moment: the state of the buses before their first bytes is not known. Raises
-    NotReplayable.
+    OperationFailed.
     """
     overview: Overview | None = None
     why = "its robot is never at rest"
@@ -197,7 +194,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
         if fit and (not each.armed or (all(each.heard) and not overview.faults)):
             return each, overview
         why = f"at rest its robot is {each.state}" + (", with faults" if overview.faults else "")
-    raise NotReplayable(f"there is no moment to begin at: {why}; {VIEW}")
+    raise OperationFailed(f"there is no moment to begin at: {why}; {VIEW}")
 
 
 def _recorded_commands(flight: FlightFile, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
@@ -253,6 +250,8 @@ def _decoded(flight: FlightFile, data: bytes) -> Any:
         raise _foreign(flight, "commands", error) from None
 
 
-def _foreign(flight: FlightFile, what: str, error: Exception) -> NotReplayable:
+def _foreign(flight: FlightFile, what: str, error: Exception) -> OperationFailed:
     version = flight.briefing.version
-    return NotReplayable(f"this version does not read the {what} of twind {version} ({error}): use that one")
+    return OperationFailed(
+        f"this version does not read the {what} of twind {version} ({error}): use that one"
+    )

@@ -9,8 +9,9 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from twind.exceptions import OperationFailed
 from twind.observe.replaying import device_timeline as told
-from twind.observe.replaying.device_timeline import BusTimeline, DeviceEvent, IncompleteRecording
+from twind.observe.replaying.device_timeline import BusTimeline, DeviceEvent
 from twind_drivers.virtual.servo_physics import FirstOrderPhysics, ServoPhysics
 from twind_drivers.virtual.virtual_servos import BAUDS, TRIPPED, ServoSpec, VirtualServos
 
@@ -214,7 +215,7 @@ def specs(story: BusTimeline, baud: int) -> list[ServoSpec]:
     Raises Unknown: a model that no table has, or nobody at all.
     """
     if not story.tables:
-        raise IncompleteRecording(f"bus {story.name}: nobody there ever said what it is")
+        raise OperationFailed(f"bus {story.name}: nobody there ever said what it is")
     settings = {"baud_rate": BAUDS.index(baud)} if baud in BAUDS else {}
     return [
         ServoSpec(id, made.model, settings, firmware=story.models[id][1])

@@ -11,12 +11,12 @@ from typing import Any
 from twind.client import CallError, ClientError
 from twind.observe.viewing.robot_connections import RobotConnections, observer
 from twind.observe.viewing.viewer_state import DaemonLost, News, RobotAnnounced
+from twind.robot.event_codes import EventCode
 
 RATE = 30.0  # Hz of states: pictures a second
 SILENT = 5.0  # s without a word after which a daemon counts as gone
 AGAIN = 0.5  # s between two tries
 TOPICS = ("state", "status", "latency", "events", "verdicts")
-CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 
 
 def messages(
@@ -46,6 +46,6 @@ def _of_one_daemon(ways: RobotConnections, stream: Iterator[Any], ended: threadi
         if ended.is_set():
             return
         yield message
-        if message["topic"] == "events" and message["event"]["code"] == CHANGED:
+        if message["topic"] == "events" and message["event"]["code"] == EventCode.RELOADED:
             with closing(observer(ways, SILENT)) as other:
                 yield RobotAnnounced(other.call("GetRobot"))

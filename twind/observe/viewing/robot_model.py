@@ -16,16 +16,12 @@ import msgspec
 import numpy as np
 
 from twind.config.robot_spec import GateSettings
+from twind.exceptions import InvalidInput
 from twind.robot.arrays import Floats, Ints
-from twind.twin.binding import BindingError
 from twind.twin.collision_model import CollisionModel
 
 REACH = 0.1  # m: distances beyond are not shown
 STAND_IN = 0.03  # m, radius of what is drawn for a mesh that cannot be read
-
-
-class NoRobotModel(Exception):
-    """The description received of the robot gives no model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +78,7 @@ class RobotModel:
     """One robot. Arrays are (n,) in joint order, rad."""
 
     def __init__(self, told: Mapping[str, Any]) -> None:
-        """`told`: the answer of `GetRobot`. Raises NoRobotModel."""
+        """`told`: the answer of `GetRobot`. Raises InvalidInput."""
         import mujoco
 
         robot = told["robot"]
@@ -96,7 +92,7 @@ class RobotModel:
             numbers = [self.model.joint(joint["model_joint"]).id for joint in robot["joints"]]
             gate = msgspec.convert(robot["gate"], GateSettings)
         except (KeyError, msgspec.ValidationError) as error:
-            raise NoRobotModel(f"{self.name}: {error}") from None
+            raise InvalidInput(f"{self.name}: {error}") from None
         self.qpos = self.model.jnt_qposadr[numbers].astype(np.int64)
         self.bodies_of = self.model.jnt_bodyid[numbers].astype(np.int64)  # that each joint moves
         self.rest = np.array([float(robot["poses"]["rest"][name]) for name in self.joints])
@@ -105,7 +101,7 @@ class RobotModel:
             self._distances: CollisionModel | None = CollisionModel(
                 ViewerBinding(rules, self.model, self.qpos), REACH
             )
-        except BindingError:  # the daemon has said why; there is no distance to show
+        except InvalidInput:  # the daemon has said why; there is no distance to show
             self._distances = None
         self._data = mujoco.MjData(self.model)
         self._kinematics = mujoco.mj_kinematics
@@ -167,4 +163,4 @@ def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
                 spec.delete(each)
         return spec.compile(), True
     except ValueError as error:
-        raise NoRobotModel(f"the model cannot be compiled: {' '.join(str(error).split())}") from None
+        raise InvalidInput(f"the model cannot be compiled: {' '.join(str(error).split())}") from None

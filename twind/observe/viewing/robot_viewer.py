@@ -7,8 +7,9 @@ import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 
+from twind.exceptions import InvalidInput
 from twind.observe.viewing import status_html
-from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_page import OperatorControls, RobotPage
 from twind.observe.viewing.robot_scene import RobotScene, camera
 from twind.observe.viewing.viewer_access import ViewerSite
@@ -79,7 +80,7 @@ class RobotViewer:
         self._broken = ""
         try:
             likeness = RobotModel(told)
-        except NoRobotModel as error:
+        except InvalidInput as error:
             self._problem = str(error)
             return
         self._scene = RobotScene(self._server.scene, likeness, "/robots/0")

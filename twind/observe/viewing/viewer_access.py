@@ -17,6 +17,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import urlsplit
 
+from twind.exceptions import OperationFailed
+
 HOST = "127.0.0.1"
 PORT = 8099  # where it begins to look for one that is free
 NAMES = frozenset({"127.0.0.1", "localhost"})  # of this machine; the port may be another one, by `ssh -L`
@@ -28,10 +30,6 @@ POLICY = (
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src 'self' data: blob: "
     "ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-
-
-class ViewerServerError(Exception):
-    """The server cannot be started, or could not be guarded."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +108,9 @@ def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
         server = viser.ViserServer(host=HOST, port=PORT if port is None else port, label=title, verbose=False)
     try:
         if not guarded or server.get_host() != HOST:
-            raise ViewerServerError(f"viser {viser.__version__} cannot be guarded: install one from 1.1 on")
+            raise OperationFailed(f"viser {viser.__version__} cannot be guarded: install one from 1.1 on")
         if port and server.get_port() != port:
-            raise ViewerServerError(f"--port {port} is taken: leave --port out, and a free one is found")
+            raise OperationFailed(f"--port {port} is taken: leave --port out, and a free one is found")
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # one message would publish it on the internet
         yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/")

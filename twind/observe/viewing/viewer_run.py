@@ -10,12 +10,13 @@ from contextlib import closing, contextmanager
 from twind.client import Client
 from twind.command_line.stop_signals import catch_stop_signals
 from twind.command_line.verb import DONE, Rejected
+from twind.exceptions import OperationFailed
 from twind.observe.viewing.daemon_messages import messages
 from twind.observe.viewing.robot_connections import local, observer
 from twind.observe.viewing.robot_page import OperatorControls, RobotPage
 from twind.observe.viewing.robot_viewer import RobotViewer, in_browser, run
 from twind.observe.viewing.stop_threads import BOUND, StopThreads
-from twind.observe.viewing.viewer_access import ViewerServerError, ViewerSite, opened
+from twind.observe.viewing.viewer_access import ViewerSite, opened
 from twind.observe.viewing.viewer_state import Message, News, RobotAnnounced, ViewerState
 
 Drawing = Callable[[threading.Event], None]  # draws until it is set
@@ -103,7 +104,7 @@ def _site(port: int | None, title: str) -> Iterator[ViewerSite]:
     try:
         with opened(port, title) as site:
             yield site
-    except ViewerServerError as error:
+    except OperationFailed as error:
         raise Rejected(str(error)) from None
 
 

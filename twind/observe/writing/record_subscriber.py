@@ -12,9 +12,9 @@ from twind.command_line.verb import observer
 from twind.observe.writing.record_encoder import RecordEncoder
 from twind.observe.writing.record_schemas import attachments
 from twind.observe.writing.record_writer import RecordSession, RecordWriter
+from twind.robot.event_codes import EventCode
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
-CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
 
 
@@ -92,7 +92,7 @@ class RecordSubscriber:
                 for line in self.scribe.take(answer):
                     self._writer.put(line)
                 self.answers += 1
-                if answer["topic"] == "events" and answer["event"]["code"] == CHANGED:
+                if answer["topic"] == "events" and answer["event"]["code"] == EventCode.RELOADED:
                     self._ask_again()
                 if self._stop.is_set() or self.ended:
                     break

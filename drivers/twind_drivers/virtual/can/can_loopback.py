@@ -4,7 +4,7 @@ Made with an adapter that `keeps`, it is a kernel's socket: frames that wait sur
 go out when somebody acknowledges again.
 """
 
-from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.bus import PortError, PortFault, output_full
 from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
@@ -96,8 +96,8 @@ class CanLoopback:
             self.condition.line = CanErrorState.OFF
         self._empty()
         if now - since >= DEAD:
-            raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)
-        raise OutputQueueFull(self.name, waiting, count)
+            raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", kind=PortFault.LOST)
+        raise output_full(self.name, waiting, count)
 
     def _error(self, id: int, detail: int) -> None:
         self.condition.errors += 1
@@ -110,6 +110,6 @@ class CanLoopback:
 
     def _check(self) -> None:
         if not self._open:
-            raise PortError(self.name, "the channel is closed", lost=True)
+            raise PortError(self.name, "the channel is closed", kind=PortFault.LOST)
         if not self._line.is_plugged:
-            raise PortError(self.name, "the adapter was unplugged", lost=True)
+            raise PortError(self.name, "the adapter was unplugged", kind=PortFault.LOST)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.bridge.ros.ros_trajectory import LONGEST
-from twind.bridge.ros.ros_transport import TransportError
+from twind.exceptions import OperationFailed
 
 HERE = "127.0.0.1"
 # The library drops a sample that is longer than any message of the bridge and logs it. The linger duration is
@@ -34,7 +34,7 @@ def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
 
     A user's own configuration is obeyed where others are looked for beyond this machine, not within it: it
     names the interface of a network, and who asked for this machine alone must not end there.
-    Raises TransportError: a peer that has no address.
+    Raises OperationFailed: a peer that has no address.
     """
     if discovery.range is DiscoveryRange.SYSTEM_DEFAULT:
         return own or None
@@ -79,5 +79,5 @@ def _addresses(peers: Sequence[str]) -> list[str]:
         try:
             found.append(socket.getaddrinfo(peer, None, socket.AF_INET)[0][4][0])
         except (OSError, UnicodeError) as error:
-            raise TransportError(f"dds: ROS_STATIC_PEERS: {peer}: {error}") from None
+            raise OperationFailed(f"dds: ROS_STATIC_PEERS: {peer}: {error}") from None
     return list(dict.fromkeys(map(str, found)))

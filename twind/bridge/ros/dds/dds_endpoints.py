@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from twind.bridge.ros.dds.dds_library import TIMEOUT, IoVector, TopicDescriptor, checked
 from twind.bridge.ros.dds.dds_names import dds_name, user_data
 from twind.bridge.ros.ros_endpoints import RosTopic
-from twind.bridge.ros.ros_transport import TransportError
+from twind.exceptions import OperationFailed
 from twind.ros import dds_type
 
 BLOCKING = 5_000_000  # ns that a write may wait for a reader that does not keep up
@@ -31,7 +31,7 @@ class DdsWriter:
     """The writer of one topic. Any thread may write."""
 
     def __init__(self, library: ct.CDLL, participant: int, topic: RosTopic) -> None:
-        """Raises TransportError."""
+        """Raises OperationFailed."""
         self._library = library
         self.topic = topic
         name = dds_name(topic)
@@ -50,15 +50,15 @@ class DdsWriter:
         return guid(self._library, self._entity)
 
     def write(self, data: bytes) -> bool:
-        """Whether it went out within `BLOCKING`; False: dropped. Raises TransportError."""
+        """Whether it went out within `BLOCKING`; False: dropped. Raises OperationFailed."""
         library = self._library
         with self._lock:
             if self._type is None:
-                raise TransportError(f"dds: {self.topic.name}: the graph was left")
+                raise OperationFailed(f"dds: {self.topic.name}: the graph was left")
             piece = IoVector(data, len(data))
             sample = library.ddsi_serdata_from_ser_iov(self._type, _DATA, 1, ct.byref(piece), len(data))
             if not sample:
-                raise TransportError(f"dds: {self.topic.name}: {len(data)} bytes are no CDR")
+                raise OperationFailed(f"dds: {self.topic.name}: {len(data)} bytes are no CDR")
             result = library.dds_writecdr(self._entity, sample)
         if result == TIMEOUT:
             return False
@@ -72,7 +72,7 @@ class DdsWriter:
 
 
 def guid(library: ct.CDLL, entity: int) -> bytes:
-    """GUID of an entity, 16 bytes as on the wire. Raises TransportError."""
+    """GUID of an entity, 16 bytes as on the wire. Raises OperationFailed."""
     data = ct.create_string_buffer(16)
     checked(library, library.dds_get_guid(entity, data), "GUID")
     return data.raw

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twind.bridge.ros.ros_transport import TransportError
 from twind.command_line.extras import how_to_add
+from twind.exceptions import OperationFailed
 
 KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with no other
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
@@ -85,13 +85,13 @@ def _remedy() -> str:
 
 
 def load() -> ct.CDLL:
-    """The library of the installed `cyclonedds`. Raises TransportError: none, or one of unknown layout."""
+    """The library of the installed `cyclonedds`. Raises OperationFailed: none, or one of unknown layout."""
     found = importlib.util.find_spec("cyclonedds")
     if found is None or not found.submodule_search_locations:
-        raise TransportError(f"dds: the package cyclonedds is missing: {_remedy()}")
+        raise OperationFailed(f"dds: the package cyclonedds is missing: {_remedy()}")
     version = importlib.metadata.version("cyclonedds")
     if version != KNOWN:
-        raise TransportError(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_remedy()}")
+        raise OperationFailed(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_remedy()}")
     # Says where the library lies; the package itself takes 0.16 s of CPU to import.
     where = runpy.run_path(str(Path(found.submodule_search_locations[0], "__library__.py")))["library_path"]
     library = ct.CDLL(str(where))  # each call lets go of the interpreter's lock
@@ -103,7 +103,7 @@ def load() -> ct.CDLL:
 
 
 def checked(library: ct.CDLL, result: int, doing: str) -> int:
-    """`result`, where it is none of an error. Raises TransportError, which says what was being done."""
+    """`result`, where it is none of an error. Raises OperationFailed, which says what was being done."""
     if result < 0:
-        raise TransportError(f"dds: {doing}: {library.dds_strretcode(result).decode()}")
+        raise OperationFailed(f"dds: {doing}: {library.dds_strretcode(result).decode()}")
     return result

@@ -19,7 +19,8 @@ from twind.bridge.ros.dds.dds_names import ENCLAVE, GID, GID_HUMBLE, GRAPH, grap
 from twind.bridge.ros.dds.loopback_only import keep_here, sockets
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
+from twind.bridge.ros.ros_transport import Asked, Heard
+from twind.exceptions import OperationFailed
 
 
 class DdsTransport:
@@ -43,20 +44,20 @@ class DdsTransport:
     def open(
         self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
     ) -> None:
-        """Join the graph and write the outbound topics. Nothing else is created. Raises TransportError."""
+        """Join the graph and write the outbound topics. Nothing else is created. Raises OperationFailed."""
         self.close()
         self._library = load()
         try:
             self._join(self._library, [topic for topic in topics if topic.out])
-        except TransportError:
+        except OperationFailed:
             self.close()
             raise
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
-        """Send CDR bytes, header included; dropped and counted after 5 ms. Raises TransportError."""
+        """Send CDR bytes, header included; dropped and counted after 5 ms. Raises OperationFailed."""
         writer = self._writers.get(topic.name)
         if writer is None:
-            raise TransportError(f"dds: {topic.name}: no such topic is open")
+            raise OperationFailed(f"dds: {topic.name}: no such topic is open")
         if not writer.write(data):
             with self._counting:
                 self.dropped = dropped = self.dropped + 1

@@ -9,15 +9,13 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from twind.exceptions import InvalidInput
+
 _PLAIN = struct.Struct("<qqB16s")
 _LABELS = ("sequence_number", "source_timestamp", "source_gid")
 _NUMBER, _TIME, _GID = (bytes([len(label)]) + label.encode() for label in _LABELS)
 _LABELLED = struct.Struct(f"<{len(_NUMBER)}sq{len(_TIME)}sq{len(_GID)}sB16s")
 _WIDTH = 16  # bytes of a gid
-
-
-class AttachmentError(ValueError):
-    """Bytes that are no attachment of either form. The text says how many they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +35,7 @@ class ZenohAttachment:
 
 
 def attachment(data: bytes) -> ZenohAttachment:
-    """What they say, in either form. Raises AttachmentError."""
+    """What they say, in either form. Raises InvalidInput."""
     if len(data) == _PLAIN.size and data[_PLAIN.size - _WIDTH - 1] == _WIDTH:
         number, time_ns, _, gid = _PLAIN.unpack(data)
         return ZenohAttachment(number, time_ns, gid)
@@ -45,6 +43,6 @@ def attachment(data: bytes) -> ZenohAttachment:
         one, number, two, time_ns, three, width, gid = _LABELLED.unpack(data)
         if (one, two, three, width) == (_NUMBER, _TIME, _GID, _WIDTH):
             return ZenohAttachment(number, time_ns, gid, labelled=True)
-    raise AttachmentError(
+    raise InvalidInput(
         f"{len(data)} bytes are no attachment: {_PLAIN.size} or {_LABELLED.size} with a gid of {_WIDTH}"
     )

@@ -14,7 +14,7 @@ from pathlib import Path
 import zenoh
 
 from twind.bridge.ros.ros_trajectory import LONGEST
-from twind.bridge.ros.ros_transport import TransportError
+from twind.exceptions import OperationFailed
 
 ROUTER = "tcp/localhost:7447"  # rmw_zenohd of this machine
 # what users of rmw_zenoh set
@@ -29,19 +29,19 @@ def session_config(
     """Return the configuration by the options, else by the variables that ROS users set, else the default.
 
     `connect`: the router's address, or several by commas; `file`: a Zenoh configuration, taken as it is.
-    Raises TransportError.
+    Raises OperationFailed.
     """
     path = str(file or ("" if connect else environment.get(CONFIG, "")))
     try:
         found = zenoh.Config.from_file(path) if path else zenoh.Config.from_json5(json.dumps(_ours(connect)))
     except zenoh.ZError as error:
-        raise TransportError(f"zenoh: {path or connect}: {error}") from None
+        raise OperationFailed(f"zenoh: {path or connect}: {error}") from None
     for part in filter(None, environment.get(OVERRIDE, "").split(";")):
         key, _, value = part.partition("=")
         try:
             found.insert_json5(key.strip(), value.strip())
         except zenoh.ZError as error:
-            raise TransportError(f"zenoh: {OVERRIDE}: {part!r}: {error}") from None
+            raise OperationFailed(f"zenoh: {OVERRIDE}: {part!r}: {error}") from None
     return found
 
 

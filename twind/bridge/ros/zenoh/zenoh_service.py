@@ -15,8 +15,9 @@ import zenoh
 
 from twind.bridge.ros.ros_endpoints import TO_E_STOP, TO_STOP, RosService
 from twind.bridge.ros.ros_transport import Asked
-from twind.bridge.ros.zenoh.zenoh_attachment import AttachmentError, ZenohAttachment, attachment
-from twind.ros import CdrError, decode, encode
+from twind.bridge.ros.zenoh.zenoh_attachment import ZenohAttachment, attachment
+from twind.exceptions import InvalidInput
+from twind.ros import decode, encode
 
 _WAITING = 10  # requests; of more the oldest goes unanswered, as in rmw_zenoh
 _STOPS = (TO_STOP, TO_E_STOP)
@@ -76,7 +77,7 @@ class ZenohServiceServer:
         """Return the response as CDR. An unreadable request is refused with a text, unless it is a stop."""
         try:
             success, message = self._asked(self._service, None if self._stops else self._data(query))
-        except CdrError as error:
+        except InvalidInput as error:
             success = False
             message = str(error)
         except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
@@ -85,7 +86,7 @@ class ZenohServiceServer:
         return encode(f"{self._service.kind}_Response", {"success": success, "message": message})
 
     def _data(self, query: zenoh.Query) -> bool | None:
-        """Return field `data` of the request; None where its type has no such field. Raises CdrError."""
+        """Return field `data` of the request; None where its type has no such field. Raises InvalidInput."""
         data = b"" if query.payload is None else query.payload.to_bytes()
         asked: bool | None = decode(f"{self._service.kind}_Request", data).get("data")
         return asked
@@ -100,5 +101,5 @@ def _beside(query: zenoh.Query) -> tuple[ZenohAttachment | None, str]:
     """Return the attachment and ""; or None and the error in it."""
     try:
         return attachment(b"" if query.attachment is None else query.attachment.to_bytes()), ""
-    except AttachmentError as error:
+    except InvalidInput as error:
         return None, str(error)

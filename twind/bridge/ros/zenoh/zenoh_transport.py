@@ -10,10 +10,11 @@ import zenoh
 
 from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.ros_endpoints import RosService, RosTopic
-from twind.bridge.ros.ros_transport import Asked, Heard, TransportError
+from twind.bridge.ros.ros_transport import Asked, Heard
 from twind.bridge.ros.zenoh.zenoh_config import session_config
 from twind.bridge.ros.zenoh.zenoh_names import ZenohNames
 from twind.bridge.ros.zenoh.zenoh_node import ZenohNode
+from twind.exceptions import OperationFailed
 
 # How far a graph of DDS reaches; rmw_zenoh does not look at them either.
 _REACH = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
@@ -51,12 +52,12 @@ class ZenohTransport:
     def open(
         self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
     ) -> None:
-        """Join the graph. A router that is not there is looked for from then on. Raises TransportError."""
+        """Join the graph. A router that is not there is looked for from then on. Raises OperationFailed."""
         config = session_config(os.environ, self._connect, self._config)
         try:
             session = zenoh.open(config)
         except zenoh.ZError as error:
-            raise TransportError(f"zenoh: {error}; --zenoh-connect or --zenoh-config say where to") from None
+            raise OperationFailed(f"zenoh: {error}; --zenoh-connect or --zenoh-config say where to") from None
         try:
             self._watch(session)
             names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
@@ -66,17 +67,17 @@ class ZenohTransport:
         except zenoh.ZError as error:
             self._node = None
             session.close()
-            raise TransportError(f"zenoh: {error}") from None
+            raise OperationFailed(f"zenoh: {error}") from None
 
     def publish(self, topic: RosTopic, data: bytes) -> None:
-        """Send CDR bytes, header included, within milliseconds. Raises TransportError."""
+        """Send CDR bytes, header included, within milliseconds. Raises OperationFailed."""
         node = self._node
         if node is None:
-            raise TransportError(f"zenoh: {topic.name}: the graph is not joined")
+            raise OperationFailed(f"zenoh: {topic.name}: the graph is not joined")
         try:
             node.put(topic, data)
         except zenoh.ZError as error:
-            raise TransportError(f"zenoh: {topic.name}: {error}") from None
+            raise OperationFailed(f"zenoh: {topic.name}: {error}") from None
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from twind.exceptions import InvalidInput
 from twind.observe.viewing.fleet.robot_health import GREY, RobotHealth
 from twind.observe.viewing.robot_figure import Colour, RobotFigure
-from twind.observe.viewing.robot_model import NoRobotModel, RobotModel
+from twind.observe.viewing.robot_model import RobotModel
 from twind.observe.viewing.robot_scene import extent, marked
 from twind.observe.viewing.viewer_state import Message, ViewerSnapshot
 from twind.robot.arrays import Floats
@@ -98,7 +99,7 @@ class RobotPlate:
         self._clear("")
         try:
             likeness = RobotModel(told)
-        except NoRobotModel as error:
+        except InvalidInput as error:
             self.problem = str(error)
             return
         low, high = extent(likeness)

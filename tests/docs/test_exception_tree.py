@@ -1,0 +1,56 @@
+"""The exception classes of the program are those of the tree in `twind.exceptions`, and at most 20."""
+
+import ast
+import builtins
+from collections.abc import Iterator
+from pathlib import Path
+
+from twind import exceptions
+
+HOME = Path(__file__).parents[2]
+PACKAGES = ("twind", "drivers/twind_drivers", "calibration/twind_calibration")
+MOST = 20
+STEP = 4  # characters of one level in the drawn tree
+
+
+def _class_bases() -> Iterator[tuple[str, tuple[str, ...]]]:
+    for package in PACKAGES:
+        for path in (HOME / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef):
+                    yield node.name, tuple(ast.unparse(base).rpartition(".")[2] for base in node.bases)
+
+
+def _exception_classes() -> dict[str, str]:
+    """Own exception classes with their first base."""
+    bases = {name: each for name, each in _class_bases() if each}
+    builtin = {
+        name
+        for name, each in vars(builtins).items()
+        if isinstance(each, type) and issubclass(each, BaseException)
+    }
+    found: set[str] = set()
+    while new := {name for name, each in bases.items() if {*each} & (builtin | found)} - found:
+        found |= new
+    return {name: bases[name][0] for name in found}
+
+
+def _drawn_classes() -> dict[str, str]:
+    """Classes of the drawn tree with the class above each."""
+    lines = [line for line in (exceptions.__doc__ or "").splitlines() if "── " in line]
+    above = ["TwindError"]
+    found = {"TwindError": "Exception"}
+    for line in lines:
+        depth = line.index("── ") // STEP
+        name = line.partition("── ")[2].split()[0]
+        found[name] = above[depth - 1]
+        above[depth:] = [name]
+    return found
+
+
+def test_exception_classes_match_drawn_tree() -> None:
+    assert _exception_classes() == _drawn_classes()
+
+
+def test_exception_classes_stay_within_limit() -> None:
+    assert len(_exception_classes()) <= MOST
