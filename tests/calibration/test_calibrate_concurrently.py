@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_calibration_file import ROBOT, made
+from tests.support.h24_calibration import ROBOT, made
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_calibration_file import ROBOT, made
+from tests.support.h24_calibration import ROBOT, made
 from twind.config.calibration_file import Calibration, dump_calibration, load_calibration, save_calibration
 from twind.ctl.ctl_main import main
 from twind_calibration.calibrating.calibration_actuators import slots

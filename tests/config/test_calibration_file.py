@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.h24_calibration import DEVICES, ROBOT, TEXT, made, rehashed
 from twind.config.calibration_file import (
-    Calibration,
     dump_calibration,
     fitting,
     load_calibration,
@@ -19,36 +19,7 @@ from twind.config.calibration_file import (
     turn_band,
 )
 from twind.config.config_section import Plain
-from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind_drivers.bus import IdentifiedDevice
-
-ROBOT = load_robot("h24")
-SETTINGS = {
-    "homing_offset": 0,
-    "drive_mode": 0,
-    "operating_mode": 3,
-    "min_position_limit": 0,
-    "max_position_limit": 4095,
-}
-DEVICES = {
-    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
-    for joint in ROBOT.joints
-}
-
-
-def made(zero: int = 2048) -> Calibration:
-    zeros = {name: zero + place for place, name in enumerate(ROBOT.names)}
-    return fitting(ROBOT, zeros, DEVICES, created="2026-11-21T09:14:03Z", tool="twind 0.1.0")
-
-
-TEXT = dump_calibration(made())
-
-
-def rehashed(text: str) -> str:
-    """The same with a hash that fits: an edit by someone who knows how."""
-    body = "\n".join(line for line in text.split("\n") if not line.startswith("sha256:"))
-    return f'{body}sha256: "{text_hash(body)}"\n'
 
 
 def refused(text: str) -> str:

@@ -6,32 +6,11 @@ from typing import Any
 
 import pytest
 
-from twind.config.calibration_file import fitting
+from tests.support.h24_calibration import CALIBRATION, DEVICES, KEY, KNEE, ROBOT, SETTINGS
 from twind.config.device_check import check_devices, compare
-from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind_drivers.bus import IdentifiedDevice
-
-ROBOT = load_robot("h24")
-SETTINGS = {
-    "homing_offset": 0,
-    "drive_mode": 0,
-    "operating_mode": 3,
-    "min_position_limit": 0,
-    "max_position_limit": 4095,
-    "startup_configuration": 0,
-    "return_delay_time": 5,
-}
-DEVICES = {
-    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
-    for joint in ROBOT.joints
-}
-CALIBRATION = fitting(
-    ROBOT, dict.fromkeys(ROBOT.names, 2048), DEVICES, created="2026-11-21T09:14:03Z", tool="twind"
-)
-KNEE = ROBOT.names.index("l_knee")
-KEY = (ROBOT.joints[KNEE].bus, ROBOT.joints[KNEE].id)
 
 
 def with_knee(change: Callable[[IdentifiedDevice], IdentifiedDevice]) -> Verdict:

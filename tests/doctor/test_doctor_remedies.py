@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.doctor.test_servo_checks import KNEE, found, servo
+from tests.support.surveyed_servos import KNEE, found, servo
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind_calibration import doctor

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from tests.support.spool_rig import ROBOT, some
 from twind.client import CallError, ClientError
 from twind.client.clock_pair import ClockPair
 from twind.learn.streaming.stream_samples import (
@@ -14,14 +15,12 @@ from twind.learn.streaming.stream_samples import (
     NDJSON,
     ROWS,
     SampleBatch,
-    StreamedRobot,
     StreamSample,
     message,
     picture,
     sample,
 )
 
-ROBOT = StreamedRobot("h24", "one", "0.1.0", "live")
 CLOCKS = ClockPair(100.0, 1_800_000_000_000_000_000)
 IMU = {
     "gyro": [0.0, 0.1, 0.2],
@@ -69,11 +68,6 @@ def test_what_is_no_message_is_an_error_in_words(data: bytes) -> None:
 
 def batch(*samples: StreamSample) -> SampleBatch:
     return SampleBatch(ROBOT, CLOCKS, samples, {"daemon": 1, "here": 0})
-
-
-def some(tick: int, position: float | None = 0.1234567891, imu: dict[str, Any] | None = None) -> StreamSample:
-    rows: list[list[float | None]] = [[position, -0.0] for _ in ROWS]
-    return StreamSample(tick / 100.0, tick, ["l_knee", "r_knee"], rows, imu)
 
 
 def test_a_batch_is_one_object_whose_times_can_be_made_dates() -> None:

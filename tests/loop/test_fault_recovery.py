@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.loop.test_reactions import said
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import said
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion

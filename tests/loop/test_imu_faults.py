@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.loop.test_imu_poller import Standing
+from tests.support.imu_rig import Standing
 from twind import link
 from twind.loop.imu_poller import HARMS, SILENT, TARDY
 from twind.robot.modes import Mode

@@ -12,49 +12,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.daemon_rig import Rig
+from tests.support.imu_rig import Standing
 from twind import link
 from twind.config.robot_spec import ImuSpec, RegistersSpec
 from twind.link import Tick
 from twind.loop.imu_poller import SHOCK, SPIN, ImuPoller
 from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
-from twind.robot.state import Imu
 from twind.twin.base_pose import BASES
 from twind.virtual.virtual_imu import sensor_of
 from twind.virtual.virtual_robot_spec import body_for, buses
 from twind_drivers.dynamixel.register_sensor import decoded
 
 ODD = st.sampled_from([inf, -inf, nan, 3e38, -3e38, 0.0, 9.8, 1e-38, 0.5])
-
-
-class Standing(Rig):
-    """h24-standing on servos without load, its base at rest; `imu` changes the description of the IMU."""
-
-    def __init__(self, mode: Mode = Mode.MIRROR, **imu: Any) -> None:
-        self._changes = imu
-        super().__init__("h24-standing", mode)
-
-    def _virtual(self, bus: str, start: Any) -> Any:
-        if self._changes:
-            assert self.robot.imu is not None
-            self.robot = replace(self.robot, imu=replace(self.robot.imu, **self._changes))
-            self.made = replace(self.made, robot=self.robot)
-        return super()._virtual(bus, start)
-
-    @property
-    def spec(self) -> ImuSpec:
-        assert self.robot.imu is not None
-        return self.robot.imu
-
-    @property
-    def imu(self) -> Imu:
-        found = self.loop.measured.imu
-        assert found is not None
-        return found
-
-    @property
-    def ticks_told(self) -> list[Tick]:
-        return [news for news in self.news if isinstance(news, Tick)]
 
 
 class Lying(Standing):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.loop.test_reactions import PWM, P, raised, said, soft
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import PWM, P, raised, said, soft
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState

@@ -1,7 +1,5 @@
 """What the whole loop does about a judgement: the ladder HOLD, SETTLE, DAMP; pace; holding where measured."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -9,40 +7,19 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import PWM, P, raised, said, soft
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import damping, torque_release
 from twind.loop.reactions import react
-from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction
 from twind.twin.mujoco_physics import body_of
 from twind.virtual.virtual_robot_spec import specimen
-from twind_drivers.dynamixel.damping import SHARE, SOFT
+from twind_drivers.dynamixel.damping import SHARE
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
-
-WHY = (Finding(ReasonCode.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
-# of the h24
-P = 1600
-PWM = 885
-
-
-@contextmanager
-def said(rig: Rig, **more: Any) -> Iterator[None]:
-    """While inside, the guard says this besides what it finds."""
-    guard = rig.loop.parts.guard
-    judge = guard.judge
-
-    def also(facts: Any) -> Any:
-        return replace(judge(facts), **{"findings": WHY, "causes": WHY, **more})
-
-    guard.judge = also  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        guard.judge = judge  # type: ignore[method-assign]
 
 
 def unjudged(rig: Rig) -> None:
@@ -60,23 +37,6 @@ def steps(rig: Rig, ticks: int) -> np.ndarray:
     most = rig.loop.limits.velocity * rig.loop.period
     assert (np.abs(np.diff(track, axis=0)) <= most + 1e-9).all()
     return track
-
-
-def raised(rig: Rig) -> None:
-    """An arm goes up, and the robot holds it there."""
-    ticket = rig.submit(rig.path("l_shoulder_pitch", [-1.5], [1.5]), more=True)
-    rig.seconds(1.8)
-    assert rig.replies(ticket)[0].error is None
-    assert rig.loop.executor.motion is Motion.HOLDING
-    rig.lease()  # it has lapsed meanwhile
-
-
-def soft(rig: Rig) -> bool:
-    return bool(
-        (rig.register("goal_pwm") == int(SHARE * PWM)).all()
-        and (rig.register("position_p_gain") == P // SOFT).all()
-        and (rig.register("position_d_gain") == P).all()
-    )
 
 
 # ------------------------------------------------------------------------------------------- DAMP

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import CLIENT, Rig
+from tests.support.reload_changes import NARROW, YAW, codes, held
 from tests.support.scene_rig import move
 from twind import link
 from twind.loop.joint_readings import ticks
@@ -17,9 +18,6 @@ from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind_drivers.bus import WireClamp
-
-YAW = "joints.head_yaw"
-NARROW = {f"{YAW}.limits_rad": [-0.3, 0.3], f"{YAW}.velocity_limit_rad_s": 0.5}
 
 
 @pytest.fixture
@@ -29,19 +27,6 @@ def quiet() -> Iterator[Rig]:
     rig.connect()
     yield rig
     rig.close()
-
-
-def codes(reply: link.Reply) -> list[str]:
-    return [finding["code"] for finding in reply.parameters["findings"]]
-
-
-def held(rig: Rig) -> tuple[Any, ...]:
-    """Everything that a change replaces, as objects: the same ones mean that nothing was changed."""
-    loop = rig.loop
-    guard = rig.loop.parts.guard
-    rules = (guard._goals, guard._readings, guard._tracking)
-    ports = [each for port in loop.hardware.ports for each in (port.writer, port.enabler)]
-    return (loop.parts, loop.limits, loop.joints, loop.executor.limits, loop.outlook, *rules, *ports)
 
 
 # ------------------------------------------------------------------------------- everybody has it

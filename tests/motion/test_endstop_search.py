@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.endstop_parameters import RAD, SEARCH, TICK
 from twind.motion.endstop_search import (
     GAP,
     LOST,
@@ -19,21 +20,6 @@ from twind.motion.endstop_search import (
     StandstillCheck,
 )
 from twind.robot.finding import Finding, ReasonCode
-
-TICK = 0.01  # s
-RAD = 4096 / 6.283185
-SEARCH = HomingParameters(
-    way=1,
-    expected=3000.0,
-    margin=0.2 * RAD,
-    speed=0.2 * RAD,
-    cap=100.0,
-    back=0.1 * RAD,
-    lead=0.2 * RAD,
-    astray=0.15 * RAD,
-    still=2.0,
-    times=3,
-)
 
 
 @dataclass

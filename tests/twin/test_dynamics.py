@@ -1,6 +1,5 @@
 """What torque a path needs (S25): against potential energy, against known loads, and what is told of it."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -9,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.support.dynamics_rig import judge, pose, run
 from tests.support.free_standing_h24 import free_h24
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
@@ -38,32 +38,6 @@ def able(binding: Binding, **effort: float) -> Binding:
 def strict(binding: Binding) -> Binding:
     robot = binding.robot
     return replace(binding, robot=replace(robot, gate=replace(robot.gate, on_torque="reject")))
-
-
-def pose(binding: Binding, **angles: float) -> Floats:
-    q = np.array(binding.rest)
-    for name, angle in angles.items():
-        q[binding.joint_map.names.index(name)] = angle
-    return q
-
-
-def run(steps: Iterator[None]) -> tuple[Verdict, int]:
-    slices = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value, slices
-        slices += 1
-
-
-def judge(binding: Binding, position: Floats, acceleration: Floats | None = None) -> Verdict:
-    """Samples of a path that takes 1 s."""
-    still = np.zeros_like(position)
-    time = np.linspace(0.0, 1.0, len(position))
-    return run(
-        Dynamics(binding).judging(time, position, still, still if acceleration is None else acceleration)
-    )[0]
 
 
 def energy(binding: Binding, q: Floats) -> float:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.twin.test_mujoco_physics import ARMS, power
+from tests.support.mujoco_servo_rig import ARMS, power
 from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor
 from twind_drivers.can.can_units import COUNT, EFFORT, TURN
 from twind_drivers.virtual.can.can_motor_physics import INERTIA, CanMotorPhysics, FirstOrderCanPhysics

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import CONTRACT, Raw
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import CONTRACT, Raw
 from twind import link
 from twind.protocol import CONTROL, SERVICE
 

@@ -13,8 +13,8 @@ from threading import Thread
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import Raw, code
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import Raw, code
 from twind import link
 from twind.front.methods import METHODS, OBSERVER
 from twind.protocol import CONTROL

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.end_to_end.wired.test_calibrate_commands import ROBOT, Bench, Captured, benched, told
+from tests.support.calibration_bench import ROBOT, Bench, Captured, benched, told
 from tests.support.processes import arm
 from twind.config.calibration_file import Calibration, load_calibration
 

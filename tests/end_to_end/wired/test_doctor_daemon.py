@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.wired.test_adopt_command import answering
 from tests.support.doctor_rig import ROOT, found, look, mended, nobody, way_to, wrong
 from tests.support.processes import Daemon, Virtual, daemon, favour, robot, until
+from tests.support.single_answer import answering
 from twind.client import Client
 from twind.ctl.ctl_main import main
 from twind.version import __version__
