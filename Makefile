@@ -41,13 +41,15 @@ test-slow: $(VENV)/.ready
 # All tests, fast and slow together, so that they are collected no more often than they must. What learning needs, and
 # the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has
 # only what nobody else wants fills the time that real processes sleep; beside those that speak over pseudo-terminals
-# nobody computes, and whose claim is timing has the machine to itself.
+# nobody computes, and whose claim is timing has the machine to itself. An end-to-end test that fails there runs once
+# more, alone, at the end (tools/second_run.py).
 check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) --no-print-directory docs
 	$(MAKE) $(TWO) imports computed lived
-	$(BIN)/pytest -n 2 --dist loadfile -m '' tests/end_to_end/wired
-	$(BIN)/pytest -m '' tests/end_to_end/exclusive
+	$(BIN)/python tools/second_run.py first tests/end_to_end/wired -n 2 --dist loadfile
+	$(BIN)/python tools/second_run.py first tests/end_to_end/exclusive
+	$(BIN)/python tools/second_run.py again $(addprefix tests/end_to_end/,concurrent wired exclusive)
 
 TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
@@ -56,7 +58,7 @@ computed: $(VENV)/.ready
 	$(IDLE) $(BIN)/pytest -n auto -m '' --ignore tests/end_to_end
 
 lived: $(VENV)/.ready
-	$(BIN)/pytest -n 2 --dist loadfile -m '' tests/end_to_end/concurrent
+	$(BIN)/python tools/second_run.py first tests/end_to_end/concurrent -n 2 --dist loadfile
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .

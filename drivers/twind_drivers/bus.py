@@ -61,7 +61,7 @@ class BaudRefused(PortError):
 
 
 class OutputQueueFull(PortError):
-    """More than the last packet still waited in the port's output: thrown away, nothing was sent (R23)."""
+    """More than the last packet waited in the port's output: discarded, nothing is sent (TX_BACKLOG)."""
 
     def __init__(self, port: str, waiting: int, most: int) -> None:
         super().__init__(
@@ -105,7 +105,7 @@ class UnknownRegister(KeyError):
 
 
 class WireClamp(BusError):
-    """An encoded packet is outside what may ever be sent (R22). It was not sent: this is a bug of ours."""
+    """An encoded packet is outside its permitted range (WIRE_CLAMP). It was not sent: a defect of twind."""
 
     def __init__(
         self, port: str, id: int, value: float, lower: float, upper: float, what: str = "goal"
@@ -137,12 +137,14 @@ class BusSample:
     heard: Bools  # this device answered in this exchange
     # False: parked. It stayed silent again and again, so it is left out and probed once a second.
     asked: Bools
-    discarded: int  # bytes that were not the outstanding reply and were dropped (R07)
-    # Whole sound packets since the last sample that nobody asked for (R08): of ids that are not ours, second
+    discarded: int  # bytes that were not the outstanding reply and were dropped (RX_SHAPE)
+    # Valid unrequested packets since the last sample (FOREIGN_TRAFFIC): of ids that are not ours, second
     # statuses of one device, another master's instructions, statuses while nothing was outstanding.
     foreign: int
     effort_told: Bools | None = None  # who told an effort; None: everybody who was heard
-    line: int = 0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (R24)
+    line: int = (
+        0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (CAN_BUS_STATE)
+    )
     # Since the last sample: data bytes of each status, out of its turn, of a device that only tells. They are
     # neither foreign nor discarded: what such a device does is no fault of the others.
     late: tuple[int, ...] = ()
@@ -368,7 +370,7 @@ class BusWriter(Protocol):
     """The half that exists in live only."""
 
     def set_goal_limits(self, lower: Ints, upper: Ints) -> None:
-        """Goals (m,) that may be sent from now on (R22); pending goals are dropped. Raises ValueError."""
+        """Set the range of the goals (m,) (WIRE_CLAMP); drop pending goals. Raises ValueError."""
 
     def goals(self, ticks: Ints) -> None:
         """Goals (m,) for the next `request`. Raises WireClamp; then nothing is pending."""

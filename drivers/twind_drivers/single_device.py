@@ -17,7 +17,7 @@ class SingleDeviceControl(Protocol):
     watchdog: int  # what its watchdog reads while it has torque
 
     def set_goal_limits(self, lower: int, upper: int) -> None:
-        """Goals that may be sent from now on; none before (R22). Raises ValueError."""
+        """Goals that may be sent from now on; none before (WIRE_CLAMP). Raises ValueError."""
 
     def goal(self, tick: int) -> None:
         """Goal for the next `request`. Raises WireClamp; then nothing is pending."""

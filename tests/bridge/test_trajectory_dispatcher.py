@@ -197,11 +197,13 @@ def for_joints(desk: Desk, *joints: str) -> None:
 @pytest.mark.parametrize(
     "stop",
     [
-        lambda desk: desk.orders.heard(ended("m1", "cancelled", time=desk.time)),
-        lambda desk: desk.orders.heard(ended("of_another", "aborted", time=desk.time)),
-        lambda desk: desk.orders.heard(ended("", "aborted", time=desk.time)),
-        lambda desk: desk.orders.heard(ended("of_another", "a phase of later versions", time=desk.time)),
-        lambda desk: desk.orders.heard(
+        lambda desk: desk.orders.on_monitor_reply(ended("m1", "cancelled", time=desk.time)),
+        lambda desk: desk.orders.on_monitor_reply(ended("of_another", "aborted", time=desk.time)),
+        lambda desk: desk.orders.on_monitor_reply(ended("", "aborted", time=desk.time)),
+        lambda desk: desk.orders.on_monitor_reply(
+            ended("of_another", "a phase of later versions", time=desk.time)
+        ),
+        lambda desk: desk.orders.on_monitor_reply(
             {"topic": "events", "time": desk.time, "event": {"code": "LEASE_LOST", "message": "lease taken"}}
         ),
     ],

@@ -50,13 +50,13 @@ def test_eeprom_is_not_written_under_torque_that_somebody_else_switched_on(plant
     servos = rig.virtual["main"].servos
     row = rig.names.index(KNEE)
     servos.torque(row, True)
-    servos.changed()
+    servos.invalidate_cache()
     before = servos.memory.raw[row, :64].copy()
     reply = rig.call(link.WriteRegister, bus="main", id=rig.id_of(KNEE), name="homing_offset", value=77)
     assert reply.error is not None and "writable only while torque is off" in str(reply.parameters), reply
     assert (servos.memory.raw[row, :64] == before).all()
     servos.torque(row, False)
-    servos.changed()
+    servos.invalidate_cache()
     calibrated(rig)
 
 
@@ -190,7 +190,7 @@ def test_what_a_change_of_mode_has_reset_is_written_and_read_back_before_torque(
     for mode in (4, 3):  # somebody tries something, and puts it back
         servos.registers.put("operating_mode", mode, row)
         servos.power.reset_mode(row)
-    servos.changed()
+    servos.invalidate_cache()
     assert servos["position_p_gain"][row] == 800, "as from the factory"
     rig.seconds(0.5)
     rig.lease()

@@ -62,7 +62,7 @@ def test_a_robot_of_three_modes_arms_moves_and_lets_go(mixed: Rig) -> None:
 def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig) -> None:
     servos = mixed.virtual["main"].servos
     servos.registers.put("operating_mode", 3, row(mixed, "l_knee"))
-    servos.changed()
+    servos.invalidate_cache()
     mixed.ticks(150)
     said = [event.message for event in mixed.events()]
     assert any(
@@ -107,7 +107,7 @@ def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
         shadow = row(rig, "l_knee")
         meant = row(rig, "waist_yaw")
         bus.servos.registers.put("secondary_shadow_id", rig.robot.joints[meant].id, shadow)
-        bus.servos.changed()
+        bus.servos.invalidate_cache()
         rig.ticks(150)
         assert any("secondary_shadow_id (12) is" in event.message for event in rig.events())
         rig.call(link.AcquireLease)
@@ -129,7 +129,7 @@ def test_a_mode_that_was_changed_after_identification_is_found_before_torque(mix
     mixed.connect()
     servos = mixed.virtual["main"].servos
     servos.registers.put("operating_mode", 4, row(mixed, "waist_yaw"))
-    servos.changed()
+    servos.invalidate_cache()
     mixed.call(link.AcquireLease)
     reply = mixed.call(link.Arm)
     assert "register 11" in str(reply.parameters)

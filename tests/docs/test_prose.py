@@ -28,7 +28,7 @@ ALLOWED = {
     ("calibration/twind_calibration/doctor/file_checks.py", "model"): SHOWN,
     ("drivers/twind_drivers/can/can_bringup.py", "_warn"): SHOWN,
     ("drivers/twind_drivers/can/python_can_channel.py", "_warn"): SHOWN,
-    ("drivers/twind_drivers/can/python_can_channel.py", "_full"): FOREIGN,
+    ("drivers/twind_drivers/can/python_can_channel.py", "_is_queue_full"): FOREIGN,
     ("drivers/twind_drivers/dynamixel/serial_port.py", "_open"): FOREIGN,
     ("drivers/twind_drivers/dynamixel/serial_port.py", "_reason"): FOREIGN,
 }

@@ -58,7 +58,9 @@ def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> N
     assert pauses[0] == pytest.approx(FIRST, abs=0.002)
     assert all(late >= early - 0.002 for early, late in pairwise(pauses))
     assert pauses[-1] == pytest.approx(PROBE, abs=0.002)
-    assert sum(pauses[:2]) + MISSES * 0.01 < 0.15  # a joint is stale for a moment, not until R05 lets it down
+    assert (
+        sum(pauses[:2]) + MISSES * 0.01 < 0.15
+    )  # a joint is stale for a moment, not until STATE_STALE lets it down
 
 
 def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:

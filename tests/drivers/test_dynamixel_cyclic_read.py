@@ -122,7 +122,7 @@ def test_behind_a_hole_of_a_fast_reading_nobody_is_counted_as_missing() -> None:
 def test_a_servo_that_restarts_is_back_soon_and_its_slow_registers_are_known_in_the_next_tick(
     away: float, most: float
 ) -> None:
-    """R11: a servo that lost its torque unasked is told by its registers. Off the bus some 100 ms
+    """SERVO_REBOOTED: a servo that lost its torque unasked is told by its registers. Off the bus some 100 ms
     (e-manual, "Reboot")."""
     servos = Servos(IDS)
     rig = Rig(servos)

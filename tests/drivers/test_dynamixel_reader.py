@@ -253,7 +253,7 @@ def test_status_is_as_old_as_the_older_of_its_two_slices() -> None:
 
 
 def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_next() -> None:
-    """R23, then a register write: its answer carries no data, and nothing is kept of it."""
+    """TX_BACKLOG, then a register write: its answer carries no data, and nothing is kept of it."""
     servos = Servos((1,))
     reader, wire = make(servos, ids=(1,), fast=False)
     wire.holds = True

@@ -1,4 +1,4 @@
-"""The last look at an order's bytes: whole packets, known ids, writable addresses, goals inside (R22)."""
+"""The last check of a command's bytes (WIRE_CLAMP): whole packets, known ids, writable addresses, goals."""
 
 import pytest
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""The goal packet: equal to a sync write, stuffed where needed, and judged by its own bytes (R22)."""
+"""The goal packet: equal to a sync write, stuffed where needed, and judged by its own bytes (WIRE_CLAMP)."""
 
 import numpy as np
 import pytest

@@ -138,7 +138,7 @@ def test_nothing_under_way_is_nothing_to_wait_for(line: HalfDuplexTransactor) ->
     assert line.end() is None
 
 
-# --------------------------------------------------------------------------------------------- unasked (R08)
+# ---------------------------------------------------------------------------------- unasked (FOREIGN_TRAFFIC)
 
 OWN = p.status(1, 0, b"\1\2\3")
 OTHERS = {
@@ -153,7 +153,7 @@ OTHERS = {
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("before", [True, False])
 def test_what_nobody_asked_for_is_counted(line: HalfDuplexTransactor, other: str, before: bool) -> None:
-    """R08: e-manual, "Protocol 2.0": one master, and a device speaks only when asked."""
+    """FOREIGN_TRAFFIC: e-manual, "Protocol 2.0": one master, and a device speaks only when asked."""
     talk(line, OWN)
     assert line.foreign == 0
     talk(line, OTHERS[other] + OWN if before else OWN + OTHERS[other])
@@ -266,7 +266,7 @@ def test_the_same_packet_of_another_master_behind_the_answer_is_no_echo(line: Ha
 def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothing_is_sent(
     line: HalfDuplexTransactor,
 ) -> None:
-    """R23: goals that wait in the port would arrive late, one after the other."""
+    """TX_BACKLOG: goals that wait in the port would arrive late, one after the other."""
     port = line.transport
     assert isinstance(port, Port)
     talk(line, OWN)
@@ -313,7 +313,7 @@ def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes:
 def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_answer_shows_it_left(
     line: HalfDuplexTransactor,
 ) -> None:
-    """R23 on a stalled adapter: the port takes the packet, and the next look throws it away."""
+    """TX_BACKLOG on a stalled adapter: the port takes the packet, and the next look throws it away."""
     port = line.transport
     assert isinstance(port, Port)
     port.holds = True

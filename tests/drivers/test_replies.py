@@ -1,4 +1,4 @@
-"""Replies out of untrusted bytes: only the outstanding one is taken, and whoever answered is kept (R07)."""
+"""Replies from untrusted bytes (RX_SHAPE): only the outstanding one is taken, and each sender is kept."""
 
 import numpy as np
 import pytest

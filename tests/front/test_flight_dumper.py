@@ -42,7 +42,7 @@ class Front:
         self.world = StateCache(briefing(2))
         self.world.take(tick(1.0, 1, 2))
         self.world.take(overview(1.0, 1, 2))
-        self.log = SimpleNamespace(say=self._say)
+        self.log = SimpleNamespace(write=self._say)
         self.lines = list[tuple[str, str]]()
         self.link = SimpleNamespace(owe=self._owe)
         self.owed = list[Any]()

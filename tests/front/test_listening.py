@@ -18,7 +18,7 @@ class Wire:
     """The front's end of the link: keeps what is sent. `full`: it takes no descriptor."""
 
     def __init__(self) -> None:
-        self.gone = self.full = False
+        self.is_closed = self.full = False
         self.sent: list[link.Inward] = []
 
     def send(self, command: link.Inward, fd: int | None = None) -> bool:
@@ -114,7 +114,7 @@ def test_nothing_is_bound_after_the_loop_has_ended(desk: Desk) -> None:
     desk.add()
     desk.listening.open()
     path = desk.remove()
-    desk.wire.gone = True
+    desk.wire.is_closed = True
     desk.listening.check()
     assert not path.exists() and desk.wire.sent == []
 

@@ -148,7 +148,7 @@ def test_it_stands_where_a_held_pose_falls(learnt: Policy, tmp_path: Path) -> No
             rig.pilots(driven)
             rig.seconds(1.05)  # the hands have just let go
             rig.lease()
-            assert not rig.crane.held
+            assert not rig.crane.is_holding
             stood.append(rig.drive(seconds) is None)
             assert not rig.refused
     assert stood == [False, True, True]

@@ -102,7 +102,7 @@ def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others
     push(rig, "l_knee", BEYOND)
     rig.virtual[name].faults.replug()
     rig.seconds(1.5)
-    assert rig.loop.hardware.held.tolist() == (~away).tolist()
+    assert rig.loop.hardware.energised_joints.tolist() == (~away).tolist()
     rig.send(link.Disarm)
     assert moved(rig, 6.0)[away].max() < 0.01
     assert not rig.register("torque_enable").any()

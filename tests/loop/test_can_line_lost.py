@@ -1,4 +1,4 @@
-"""The loop when nobody hears it on a CAN bus (R24): that bus is emptied and left, the others as support says.
+"""A CAN bus without acknowledgement (CAN_BUS_STATE): the loop empties and leaves it, others follow support.
 
 Serial servos stand in for CAN actuators: what their controller says of the line is added to what they answer.
 """

@@ -260,7 +260,7 @@ def test_a_servo_shut_down_by_its_hardware_error_is_restarted_with_its_settings(
     # e-manual, Shutdown (63): only a reboot restores it
     live.connect()
     live.call(link.WriteRegister, bus="main", id=7, name="position_p_gain", value=640)
-    live.virtual["main"].servos.damage(6, 0x20)
+    live.virtual["main"].servos.inject_error(6, 0x20)
     live.ticks(30)
     reply = live.call(link.Reboot, bus="main", id=7)
     assert reply.parameters["restored"] == ["Position P Gain = 640"]

@@ -87,7 +87,7 @@ def test_in_mirror_they_are_marked_and_in_sim_nobody_says(path: str) -> None:
 
 def test_a_register_that_differs_leaves_its_joint_unverified(arm: Rig) -> None:
     servos(arm).registers.put("max_position_limit", 4000, SINGLE)
-    servos(arm).changed()
+    servos(arm).invalidate_cache()
     arm.connect()
     assert verified(arm) == [False, True, True]
     arm.lease()
@@ -165,7 +165,7 @@ def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(
     for row in range(3):
         servos(rig).torque(row, True)
         servos(rig).power.goal_is_present(row)
-    servos(rig).changed()
+    servos(rig).invalidate_cache()
     before = rig.counts
     rig.connect()
     assert rig.loop.inherited

@@ -38,7 +38,7 @@ def move(rig: Rig) -> None:
     assert rig.loop.executor.motion is Motion.ACTIVE
 
 
-# ----------------------------------------------------------------------------------------------- R06
+# ----------------------------------------------------------------------------------------------- BUS_ERRORS
 
 
 def test_r06_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> None:
@@ -72,7 +72,7 @@ def test_r06_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
     until(armed, latched(armed, "STATE_STALE"), 20)
 
 
-# ----------------------------------------------------------------------------------------------- R08
+# -------------------------------------------------------------------------------------------- FOREIGN_TRAFFIC
 
 
 def test_r08_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> None:
@@ -105,7 +105,7 @@ def test_r08_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
     assert live.call(link.Arm).error is None
 
 
-# ----------------------------------------------------------------------------------------------- R09
+# ----------------------------------------------------------------------------------------------- SERVO_ALERT
 
 
 def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed: Rig) -> None:
@@ -153,7 +153,7 @@ def test_r09_nobody_arms_until_it_was_rebooted(live: Rig) -> None:
     assert not on(live).any()
 
 
-# ----------------------------------------------------------------------------------------------- R11
+# --------------------------------------------------------------------------------------------- SERVO_REBOOTED
 
 
 def test_r11_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: Rig) -> None:
@@ -164,7 +164,9 @@ def test_r11_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: 
     assert not armed.loop.hardware.connected  # everybody on its bus is asked who they are
     armed.seconds(3.0)
     assert armed.loop.hardware.connected
-    assert not on(armed)[8]  # it was silent for so long that the others were lowered (R05), and let go
+    assert not on(armed)[
+        8
+    ]  # it was silent for so long that the others were lowered (STATE_STALE), and let go
     armed.call(link.Disarm, ticks=900)
     armed.call(link.Reset)
     armed.seconds(0.5)
@@ -212,14 +214,14 @@ def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
     assert armed.loop.state is RobotState.ARMED
 
 
-# ----------------------------------------------------------------------------------------------- R13
+# ----------------------------------------------------------------------------------------------- SENSE_JUMP
 
 
 def shift(rig: Rig, id: int, ticks: float) -> None:
     bus = rig.virtual["main"]
     rig._advance()
     bus.servos.muscles.position[bus.faults.rows(id)] += ticks
-    bus.servos.changed()
+    bus.servos.invalidate_cache()
 
 
 def test_r13_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_see_its_beginning(armed: Rig) -> None:
@@ -251,7 +253,7 @@ def test_r13_no_motion_of_the_robot_is_ever_implausible(armed: Rig) -> None:
     assert armed.events("SENSE_JUMP") == []
 
 
-# ----------------------------------------------------------------------------------------------- R23
+# ----------------------------------------------------------------------------------------------- TX_BACKLOG
 
 
 def test_r23_a_stuck_adapter_is_a_fault_and_what_waited_never_leaves(armed: Rig) -> None:

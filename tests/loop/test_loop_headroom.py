@@ -1,4 +1,4 @@
-"""Room to begin (S27) in the whole loop: hot or starved servos are not armed, first readings waited for."""
+"""THERMAL_HEADROOM in the whole loop: hot or starved servos are not armed, first readings are awaited."""
 
 from collections.abc import Callable
 

@@ -234,7 +234,7 @@ def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
     assert (armed.register("torque_enable") == 0).all()
     assert armed.call(link.Reset).parameters["state"] == "identifying"
     armed.connect()  # everybody was asked anew who they are
-    armed.seconds(0.6)  # half a second of good latency (S11)
+    armed.seconds(0.6)  # half a second of good latency (LATENCY_BLOCK)
     armed.lease()
     assert armed.call(link.Arm).error is None
 

@@ -1,4 +1,4 @@
-"""Counts off by whole turns: positions, goals and the clamp of the wire (R22) are those of the joint."""
+"""Counts off by whole turns: positions, goals and WIRE_CLAMP are those of the joint."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_a_joint_stands_where_its_count_and_its_turns_say(
         readings.turn(0, shift)
         if at > 10.0:  # what was read before goes along
             assert readings.position[LEFT.joints] == pytest.approx(here + (shift - before) * LEFT.scale)
-        readings.forget(0)  # where it is now is no question of R13
+        readings.forget(0)  # where it is now is no question of SENSE_JUMP
         assert readings.take(0, sample(LEFT.zero + place - shift, at)).all()
         assert readings.position[LEFT.joints] == pytest.approx(here)
         assert readings.raw.ticks[LEFT.joints].tolist() == (LEFT.zero + place - shift).tolist()

@@ -69,7 +69,7 @@ def let_go(rig: Rig) -> None:
     assert rig.loop.state is RobotState.FAULT
 
 
-# ------------------------------------------------------------------------------------------- R15, R17
+# ------------------------------------------------------------------------------------ FOLLOW_ERR, OVERCURRENT
 
 
 def test_r15_a_joint_that_something_holds_is_held_where_it_is(rig: Rig) -> None:
@@ -110,7 +110,7 @@ def test_a_fault_of_following_needs_an_operator(rig: Rig) -> None:
 
 
 def test_r17_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: Rig) -> None:
-    """Locked, with a goal 0.15 rad away: not so far off that R15 says anything."""
+    """Locked, with a goal 0.15 rad away: not so far off that FOLLOW_ERR says anything."""
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.lock(1)
     rig.lease()
@@ -140,7 +140,7 @@ def test_a_frozen_encoder_of_a_joint_that_rests_is_no_matter(rig: Rig) -> None:
     assert rig.loop.executor.motion is Motion.ACTIVE
 
 
-# ------------------------------------------------------------------------------------------- R18
+# ------------------------------------------------------------------------------------------- OVERTEMP
 
 
 def heat(rig: Rig, celsius: float, id: int = 1) -> None:
@@ -200,7 +200,7 @@ def test_r18_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
     assert (rig.loop.executor.motion, rig.loop.executor.pace) == (Motion.ACTIVE, 1.0)
 
 
-# ------------------------------------------------------------------------------------------- R19
+# ------------------------------------------------------------------------------------------- VOLTAGE
 
 
 def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig) -> None:
@@ -340,7 +340,7 @@ TRIPS = {"FOLLOW_ERR", "SENSE_FROZEN", "OVERSPEED", "OVERCURRENT", "OVERTEMP", "
 def test_a_joint_at_full_speed_trips_nothing(rig: Rig, joints: tuple[int, ...]) -> None:
     for joint in joints:
         if rig.names[joint].endswith("hip_yaw"):
-            continue  # the feet would meet: R20 slows it, or holds
+            continue  # the feet would meet: LOOKAHEAD_COLLISION slows it, or holds
         rig.lease()
         rig.loop.motion_epoch = rig.loop.lease.epoch
         assert rig.loop.executor.submit("full", full_speed(rig, joint)) is None

@@ -50,7 +50,7 @@ def mute(row: int) -> Callable[[Rig], None]:
     def spoil(rig: Rig) -> None:
         servos = rig.virtual["main"].servos
         servos.memory.store(row, table(1020)["status_return_level"], 0)
-        servos.changed()
+        servos.invalidate_cache()
 
     return spoil
 

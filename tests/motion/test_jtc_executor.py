@@ -101,14 +101,16 @@ def jumbled_joint_order(case: dict) -> None:
 
 
 def replace_partial(case: dict) -> None:
-    """Both goals end moving, which S22 refuses; without the gate the curve still ends as upstream's."""
+    """Both goals end moving, refused by END_NOT_AT_REST; without the gate the curve ends as upstream's."""
     world = World()
     world.submit("old", case["old"])
     world.run(case["new_at"])
     world.submit("new", case["new"])
     end = world.run(case["new"][0]["t"])
     assert end.position == pytest.approx(case["expect_at_end"]["p"], abs=case["tol"])
-    before = world.track[-2]  # at the end itself ours is at rest (S22): compare what the curve ran up to
+    before = world.track[
+        -2
+    ]  # at the end itself ours is at rest (END_NOT_AT_REST): compare what the curve ran up to
     arriving = before.velocity + 0.01 * before.acceleration
     assert arriving == pytest.approx(case["expect_at_end"]["v"], abs=case["tol"])
     assert ReasonCode.END_NOT_AT_REST in codes(ask(path(case["old"]), LIMITS, at_rest(START)))
@@ -242,7 +244,7 @@ def preempted(case: dict) -> None:
 
 
 def path_tolerance(case: dict) -> None:
-    """A first point far away at t = 0 is S18's to refuse; past the gate the executor still never jumps."""
+    """START_JUMP refuses a first point far away at t = 0; the executor alone never jumps either."""
     world = World(follows=False)
     bound = case["settings"]["trajectory"]
     world.submit(
@@ -257,7 +259,7 @@ def path_tolerance(case: dict) -> None:
 
 
 def goal_tolerance(case: dict) -> None:
-    """As above: S18 refuses the jump; the executor leads in, waits for `goal_time`, and returns."""
+    """As above: START_JUMP refuses the jump; the executor leads in, waits for `goal_time`, and returns."""
     world = World(follows=False)
     bound = case["settings"]["goal"]
     goal_time = case["settings"]["goal_time"]
@@ -285,7 +287,7 @@ def cancel_decelerate(case: dict) -> None:
 
 
 def nonzero_end_velocity_forbidden(case: dict) -> None:
-    """Upstream refuses above 1.2e-7; our gate refuses above 0.05 rad/s (S22), by the same rule."""
+    """Upstream refuses above 1.2e-7, our gate above 0.05 rad/s (END_NOT_AT_REST), by the same rule."""
     assert not case["settings"]["allow_nonzero_velocity_at_trajectory_end"]
     assert ReasonCode.END_NOT_AT_REST in codes(ask(path(case["points"]), LIMITS, at_rest([4.0, 5.0, 6.0])))
 

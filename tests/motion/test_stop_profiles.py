@@ -10,7 +10,7 @@ from twind.motion.stop_profiles import LimitedFollower, StopRamp, still, stoppin
 from twind.robot.trajectory import Reference
 
 PERIOD = 0.01
-# rad/s, of the gate's brake rule (S21)
+# rad/s, of the gate's brake rule (BRAKE_DISTANCE)
 FLOOR = 0.05
 MARGIN = 0.2
 

@@ -203,10 +203,10 @@ GROUP = CASES["validate"]
 JOINTS = tuple(GROUP["controller_joints"])
 STRICTER = {
     # id: our code, and why
-    # S22: a moving end needs append_stop; the group runs without that check
+    # END_NOT_AT_REST: a moving end needs append_stop; the group runs without that check
     "good": ReasonCode.END_NOT_AT_REST,
-    "ends_in_the_future": ReasonCode.END_NOT_AT_REST,  # S22, as above
-    # S14: the socket takes positions; `integrate` makes them
+    "ends_in_the_future": ReasonCode.END_NOT_AT_REST,  # END_NOT_AT_REST, as above
+    # BAD_SHAPE: the socket takes positions; `integrate` makes them
     "integration_no_positions": ReasonCode.BAD_SHAPE,
 }
 
@@ -259,7 +259,7 @@ def test_goals_without_positions_pass_once_they_are_summed_up() -> None:
 
 
 def test_a_last_velocity_below_what_counts_as_rest_passes_here_and_not_upstream() -> None:
-    """Upstream's bound is the float32 epsilon; ours (S22) is 0.05 rad/s, where a joint can stop at once."""
+    """Upstream's bound is the float32 epsilon; END_NOT_AT_REST's is 0.05 rad/s."""
     assert answers([PointRow(1.0, [0.0] * 3, [1e-6] * 3)], TrajectoryRequest()) == set()
 
 

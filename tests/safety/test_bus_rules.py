@@ -1,4 +1,4 @@
-"""What each bus brought (R06, R08, R23): dense around every threshold, and no bus answers for another."""
+"""BUS_ERRORS, FOREIGN_TRAFFIC, TX_BACKLOG: dense around every threshold, each bus by itself."""
 
 from collections.abc import Sequence
 
@@ -43,7 +43,7 @@ class Watch:
         return [self.see(each, **over) for each in row]
 
 
-# ----------------------------------------------------------------------------------------------- R06
+# ----------------------------------------------------------------------------------------------- BUS_ERRORS
 
 
 def test_a_good_bus_says_nothing() -> None:
@@ -164,7 +164,7 @@ def test_r06_without_our_torque_it_is_only_told(over: dict[str, object]) -> None
     assert ReasonCode.BUS_ERRORS in watch.told
 
 
-# ----------------------------------------------------------------------------------------------- R08
+# -------------------------------------------------------------------------------------------- FOREIGN_TRAFFIC
 
 
 @pytest.mark.parametrize(("row", "stops"), [
@@ -221,7 +221,7 @@ def test_r08_an_inhibited_robot_is_not_inhibited_again_and_again() -> None:
     assert {judgement.reaction for judgement in watch.all([NOT_ASKED] * 50, **over)} == {Reaction.NONE}
 
 
-# ----------------------------------------------------------------------------------------------- R23
+# ----------------------------------------------------------------------------------------------- TX_BACKLOG
 
 
 def test_r23_three_full_ones_in_a_row_are_a_fault_that_holds() -> None:

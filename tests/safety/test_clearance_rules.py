@@ -1,4 +1,4 @@
-"""R20: what lies just ahead slows a motion down, then holds it; nothing else is ever touched."""
+"""LOOKAHEAD_COLLISION slows a motion near an obstacle, then holds it, and affects no other joint."""
 
 from itertools import product
 from math import inf, nan

@@ -59,7 +59,9 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
             )
         if finding.time == 0.0 == path.time[0] and path.velocity is not None and len(path.time) > 1:
             step = abs(path.velocity[0, finding.joint] - before.velocity[finding.joint])
-            near.append(step / (0.5 * path.time[1]))  # the step at the start, as at a corner of lines (S20)
+            near.append(
+                step / (0.5 * path.time[1])
+            )  # the step at the start, as at a corner of lines (ACC_LIMIT)
         if segments:
             assert min(abs(value - finding.value) for value in near) < 1e-6 * (1.0 + abs(finding.value))
             assert abs(finding.value) >= abs(finding.bound) or finding.code is ReasonCode.POS_LIMIT

@@ -1,4 +1,4 @@
-"""What servos say of themselves (R09, R11): alerts at once, and clocks that tell a restart from a wrap."""
+"""SERVO_ALERT and SERVO_REBOOTED: alerts at once, and clocks that tell a restart from a wrap."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def guard(support: str = "gantry") -> Guard:
     return Guard(LIMITS, support=support)
 
 
-# ----------------------------------------------------------------------------------------------- R09
+# ----------------------------------------------------------------------------------------------- SERVO_ALERT
 
 
 @pytest.mark.parametrize(("error", "alert"), [(0, False), (1, False), (7, False), (127, False), (128, True),
@@ -151,7 +151,7 @@ def test_r09_in_sim_there_is_no_bus_to_speak_of() -> None:
     assert guard().judge(facts(alerts=at(0, 128), **SIM)) == FINE
 
 
-# ----------------------------------------------------------------------------------------------- R11
+# --------------------------------------------------------------------------------------------- SERVO_REBOOTED
 
 
 class Clocks:

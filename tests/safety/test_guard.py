@@ -52,7 +52,7 @@ def test_reactions_are_ordered_by_severity() -> None:
     assert sorted(Reaction) == order
 
 
-# ------------------------------------------------------------------------------------------------- R02
+# ------------------------------------------------------------------------------------------------- LOOP_LATE
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_r02_two_missed_ticks_are_told_and_five_hold(
     assert [finding.bound for finding in judgement.findings] == ([] if bound is None else [bound])
 
 
-# ------------------------------------------------------------------------------------------ R03 and R04
+# -------------------------------------------------------------------------------- LEASE_LOST and STREAM_STALE
 
 
 @pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
@@ -134,7 +134,7 @@ def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, 
     assert codes(judgement) == ([ReasonCode.STREAM_STALE] if holds else [])
 
 
-# ------------------------------------------------------------------------------------------------- R05
+# ------------------------------------------------------------------------------------------------ STATE_STALE
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: RobotSt
     assert judge(state=state, measured=reading(age=[0.6, 0.0, 0.0])).reaction is Reaction.SETTLE
 
 
-# ------------------------------------------------------------------------------------------ R07 and R12
+# ------------------------------------------------------------------------------ RX_SHAPE and WATCHDOG_TRIPPED
 
 
 def test_r07_dropped_bytes_are_told_and_nothing_more() -> None:
@@ -216,7 +216,7 @@ def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) ->
     assert judge(watchdog=watchdog, mode=Mode.MIRROR) == FINE
 
 
-# ------------------------------------------------------------------------------------------------- R10
+# -------------------------------------------------------------------------------------------- TORQUE_MISMATCH
 
 
 def refreshes(readings: list[tuple[float, int]], **over: object) -> list[GuardDecision]:
@@ -284,7 +284,7 @@ def test_r10_while_settling_it_is_latched_without_a_hold() -> None:
     assert (last.reaction, last.latches) == (Reaction.NONE, True)
 
 
-# ------------------------------------------------------------------------------------------------- R14
+# ----------------------------------------------------------------------------------------------- OUT_OF_LIMIT
 
 
 HARD = 2.05 + 0.0087

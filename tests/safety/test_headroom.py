@@ -1,4 +1,4 @@
-"""Room to begin (S27): temperature and supply, dense around their bounds; never read, old, and not known."""
+"""THERMAL_HEADROOM: temperature and supply, dense around their bounds; never read, old, and unknown."""
 
 from dataclasses import replace
 from math import inf, nan, nextafter
@@ -14,7 +14,7 @@ from twind.safety.gate import TrajectoryRequest, admit, arming, check
 from twind.safety.headroom import JointCondition, headroom
 
 BOTH = np.ones(2, np.bool_)
-S27 = (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
+HEADROOM = (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
 
 
 def second(usual: float, value: float) -> np.ndarray:
@@ -57,7 +57,7 @@ def test_too_low_to_begin(volts: float, fine: bool) -> None:
     [(0.0, True), (1.0, True), (nextafter(1.0, inf), False), (inf, False), (-0.1, False), (nan, False)],
 )
 def test_a_reading_that_is_old_or_of_no_age_refuses(age: float, fine: bool) -> None:
-    expected = [] if fine else [(code, 1) for code in S27]
+    expected = [] if fine else [(code, 1) for code in HEADROOM]
     assert refused(w.condition(age=second(0.1, age))) == expected
 
 
@@ -73,11 +73,11 @@ def test_a_joint_moves_with_all_the_motors_that_turn_it() -> None:
 def test_only_the_joints_that_move_count() -> None:
     hot = w.condition(temperature=second(35.0, 90.0), voltage=second(12.0, 5.0))
     assert refused(hot, np.array([True, False])) == []
-    assert refused(hot, np.array([False, True])) == [(code, 1) for code in S27]
+    assert refused(hot, np.array([False, True])) == [(code, 1) for code in HEADROOM]
 
 
 def test_nothing_known_of_it_refuses() -> None:
-    assert [code for code, _ in refused(None)] == list(S27)
+    assert [code for code, _ in refused(None)] == list(HEADROOM)
 
 
 def test_a_model_of_which_no_bounds_are_known_is_not_barred() -> None:

@@ -1,4 +1,4 @@
-"""R18: three readings of five make a warm joint, one makes none; slower, lowered, and cool again."""
+"""OVERTEMP: three readings of five make a warm joint, one makes none; slower, lowered, and cool again."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -66,7 +66,7 @@ def levels(found: list[GuardDecision]) -> list[Finding]:
         (70.0, 70.0, SETTLE, 1.0),
         (90.0, 70.0, SETTLE, 1.0),
         (255.0, 70.0, SETTLE, 1.0),
-        (inf, None, NONE, 1.0),  # no thermometer reads that: R18 has no reading
+        (inf, None, NONE, 1.0),  # no thermometer reads that: OVERTEMP has no reading
         (nan, None, NONE, 1.0),
     ],
 )
@@ -132,7 +132,7 @@ def test_r18_who_is_not_read_anew_counts_no_more_however_often_the_others_are() 
     watch.row(*[30.0] * 5)
     watch.row(80.0)
     once = watch.now
-    for _ in range(9):  # 1.8 s: R19 tells of who is not read for two
+    for _ in range(9):  # 1.8 s: VOLTAGE tells of who is not read for two
         stamps = joints(watch.now + 0.2, once, watch.now + 0.2)
         assert watch.read(30.0, 80.0, 30.0, health_time=stamps) == FINE
 

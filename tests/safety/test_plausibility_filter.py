@@ -1,4 +1,4 @@
-"""Positions that no motor reaches are dropped (R13); a joint is never lost for ever."""
+"""Positions that no motor reaches are dropped (SENSE_JUMP); a joint is never lost for ever."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""R17 and R19: dense around every threshold; two readings make a low supply, one makes none."""
+"""OVERCURRENT and VOLTAGE: dense around every threshold; two readings make a low supply, one makes none."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -53,7 +53,7 @@ class Watch:
         return [self.tick(load=joints(0.0, 0.0, value), **over) for _ in range(ticks)]
 
 
-# ------------------------------------------------------------------------------------------- R17
+# ------------------------------------------------------------------------------------------- OVERCURRENT
 
 
 @pytest.mark.parametrize(("load", "ticks", "reaction", "bound"), [
@@ -249,7 +249,7 @@ def test_r17_who_is_tired_is_not_armed_before_it_has_rested() -> None:
     assert all(not watch.tick(load=joints(0.0, 0.2, 0.0)).reaction for _ in range(100))
 
 
-# ------------------------------------------------------------------------------------------- R19
+# ------------------------------------------------------------------------------------------- VOLTAGE
 
 
 class Supply(Watch):

@@ -1,4 +1,4 @@
-"""How the rest of the robot answers one joint that fails, by what carries the robot: R05, R09, R10, R11."""
+"""The reaction of all joints to one that fails (STATE_STALE, SERVO_ALERT, TORQUE_MISMATCH), by support."""
 
 from dataclasses import replace
 from math import inf

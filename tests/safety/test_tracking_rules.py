@@ -1,4 +1,4 @@
-"""R15, R16, R25 and the frozen encoder: dense around every threshold, and nothing of what is normal."""
+"""FOLLOW_ERR, OVERSPEED, MIRROR_DRIFT, SENSE_FROZEN: dense around every threshold; no normal motion trips."""
 
 from dataclasses import replace
 from math import inf, nan
@@ -56,7 +56,7 @@ class Watch:
         return self.guard.judge(facts(**(given | self.usual | over)))
 
 
-# ------------------------------------------------------------------------------------------- R15
+# ------------------------------------------------------------------------------------------- FOLLOW_ERR
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -143,7 +143,9 @@ def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> No
     assert all(watch.tick([0.02 * tick, 0.0, 0.0]) == FINE for tick in range(60))
     for unknown in (limp - 1, np.ones(N, np.int8)):  # torque that nobody knows of counts as torque
         assert watch.tick([1.2, 0.0, 0.0], torque=unknown).reaction is DAMP
-    assert watch.tick([1.2, 0.0, 0.0], torque_settled=False).reaction is DAMP  # R10 does not judge that
+    assert (
+        watch.tick([1.2, 0.0, 0.0], torque_settled=False).reaction is DAMP
+    )  # TORQUE_MISMATCH does not judge that
     assert watch.tick([1.2, 0.9, 0.0]).findings[0].joint == 1
 
 
@@ -305,7 +307,7 @@ def frozen(
         (0.0, 0.02, True),  # current flows, and not as in a blocked motor
         (0.0, 0.15, True),
         (0.0, 0.02 - TINY, False),
-        (0.0, 0.15 + TINY, False),  # blocked: R15 tells
+        (0.0, 0.15 + TINY, False),  # blocked: FOLLOW_ERR tells
         (0.0, nan, False),
     ],
 )
@@ -408,7 +410,7 @@ def test_a_motion_begins_anew(between: dict[str, object]) -> None:
         assert watch.tick([0.0] * N, [0.0, 0.1 + tick * 0.004, 0.0], speed=[0.0, 1.0, 0.0]) == FINE
 
 
-# ------------------------------------------------------------------------------------------- R16
+# ------------------------------------------------------------------------------------------- OVERSPEED
 
 
 FAST = 1.2 * 4.0 + 0.05
@@ -493,7 +495,7 @@ def test_r16_on_the_way_down_it_is_only_told() -> None:
     assert (last.reaction, codes(last)) == (NONE, [ReasonCode.OVERSPEED])
 
 
-# ------------------------------------------------------------------------------------------- R25
+# ------------------------------------------------------------------------------------------- MIRROR_DRIFT
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

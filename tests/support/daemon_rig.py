@@ -54,7 +54,7 @@ class HandFront:
 
     def alive(self, now: float) -> None: ...
 
-    def brief(self, briefing: int) -> None:
+    def set_briefing(self, briefing: int) -> None:
         """Kept for the next front."""
         self.briefings.append(briefing)
 

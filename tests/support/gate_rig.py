@@ -217,7 +217,7 @@ def _stops(p: Fraction, v: Fraction, hard: tuple[Fraction, Fraction], a: Fractio
 
 
 def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fraction) -> set[ReasonCode]:
-    """S20 at t = 0: there the reference's speed gives way to the path's, over half of the first segment.
+    """ACC_LIMIT at t = 0: the reference's speed changes to the path's over half of the first segment.
 
     Where there is none, it has no time at all: the change must be within what counts as rest.
     """

@@ -94,7 +94,7 @@ class Homed(Rig):
     def put(self, name: str, value: int) -> None:
         """The same, set past all rules."""
         self.bus.servos.memory.store(self.row, table(1020)[name], value)
-        self.bus.servos.changed()
+        self.bus.servos.invalidate_cache()
 
     def settings(self) -> dict[str, int]:
         """All that must be as it was."""
@@ -146,4 +146,4 @@ def failed(made: Homed, ticket: int) -> list[str]:
 def energise(made: Homed, row: int) -> None:
     """Its torque comes on, by nobody we know."""
     made.bus.servos.torque(row, True)
-    made.bus.servos.changed()
+    made.bus.servos.invalidate_cache()

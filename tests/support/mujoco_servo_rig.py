@@ -44,7 +44,7 @@ class BodyRig(Rig):
 
     def lay(self, base: str) -> None:
         """Somebody turns the whole robot, its torque on."""
-        self.virtual["main"].servos.muscles.lay(base)
+        self.virtual["main"].servos.muscles.set_base_pose(base)
         self.seconds(0.5)
 
     def go(self, goals: Mapping[str, float], seconds: float) -> None:

@@ -98,7 +98,7 @@ def a_joint_loses_a_turn(made: Rig) -> None:
     bus = made.virtual["main"]
     made._advance()
     bus.servos.muscles.position[8] += 4096
-    bus.servos.changed()
+    bus.servos.invalidate_cache()
     made.ticks(6)
 
 

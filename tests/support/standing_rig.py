@@ -49,7 +49,7 @@ class StandingRig(Rig):
         self.arm()
         self.seconds(2.0)
         self.lease()
-        assert self.crane.held is False
+        assert self.crane.is_holding is False
 
     @property
     def crane(self) -> Any:
@@ -116,7 +116,7 @@ class StandingRig(Rig):
 
     def base(self) -> dict[str, Any]:
         """What is true of the base."""
-        told: dict[str, Any] = self.crane.told()
+        told: dict[str, Any] = self.crane.truth()
         return told
 
 

@@ -1,4 +1,4 @@
-"""Does a free-standing robot stand (S26)? The feet, the hull of their corners, and what is told."""
+"""Does a free-standing robot stand (UNSTABLE_POSE)? The feet, the hull of their corners, and what is told."""
 
 from math import nan
 from pathlib import Path

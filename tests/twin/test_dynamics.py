@@ -1,4 +1,4 @@
-"""What torque a path needs (S25): against potential energy, against known loads, and what is told of it."""
+"""The torque that a path needs (TORQUE_INFEASIBLE): against potential energy and known loads."""
 
 from dataclasses import replace
 from math import nan

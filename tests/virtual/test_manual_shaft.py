@@ -189,13 +189,13 @@ def test_dry_friction_is_in_the_current() -> None:
         row = H24.names.index("head_yaw")
         here = int(servos["goal_position"][row])
         servos.torque(row, True)
-        servos.changed()
+        servos.invalidate_cache()
         servos.registers.put("profile_velocity", 4, row)
-        servos.changed()
+        servos.invalidate_cache()
         currents = []
         now = 0.0
         for goal in (here + 200, here - 200):
-            servos.aim(np.array([goal]), np.array([row]))
+            servos.set_goals(np.array([goal]), np.array([row]))
             now += 1.0
             servos.advance(now)
             currents.append(servos.muscles.current[row])

@@ -1,4 +1,4 @@
-"""`collision:` of the robot file: how close bodies may come, and which pairs are judged (S23, S24, R20).
+"""`collision:` of the robot file: the least distances and the judged pairs of bodies.
 
 Knows the file alone: whether the model has these names is found out where it is bound
 (`twin/collision_model.py`).

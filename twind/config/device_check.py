@@ -1,4 +1,4 @@
-"""Are the actuators on the wire those of the files? Pure: devices as identified in, a verdict out (S09).
+"""Comparison of the identified actuators with the files (CALIB_MISMATCH). Pure.
 
 Registers are compared and named, never written. What is not known refuses, but is not called wrong.
 """
@@ -48,7 +48,7 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
 
 
 def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices) -> Verdict:
-    """`check_devices`, and every servo is as it was when it was calibrated (S09).
+    """`check_devices`, and every servo is as it was when it was calibrated (CALIB_MISMATCH).
 
     Refusals: no calibration; other model, homing offset, drive mode, operating mode, position limits.
     Warnings: other firmware, travel that is implausible beside the described limits.

@@ -111,8 +111,10 @@ class GateSettings:
     """What the gate may do by itself where a request does not say."""
 
     on_velocity: str  # `reject` or `retime`
-    collision: Clearance = field(default_factory=Clearance)  # how close bodies may come (S23, S24, R20)
-    on_torque: str = "warn"  # or `reject`: more torque than a joint can give (S25)
+    collision: Clearance = field(
+        default_factory=Clearance
+    )  # how close bodies may come (SELF_COLLISION, KEEP_OUT, LOOKAHEAD_COLLISION)
+    on_torque: str = "warn"  # or `reject`: more torque than a joint can give (TORQUE_INFEASIBLE)
 
 
 @dataclass(frozen=True, slots=True)

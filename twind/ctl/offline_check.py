@@ -51,7 +51,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
 
 
 def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
-    """Run the look-ahead checks S23–S26 on `path` and return their verdict."""
+    """Run the look-ahead checks SELF_COLLISION to UNSTABLE_POSE on `path` and return their verdict."""
     hush()
     looking = TrajectoryPrecheck(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))
     steps = looking.judging(path, before, append_stop=append_stop)

@@ -154,7 +154,7 @@ class FrontServer:
             self.telemetry.watch(call, session.stream, topics, rate)
 
     def in_time(self, call: ClientCall, kind: str, remedy: str) -> bool:
-        """S01: at most so many calls of a kind per second of one peer; one too many is refused."""
+        """RATE_LIMIT: at most so many calls of a kind per second of one peer; one too many is refused."""
         caller = call.caller
         now = self.now()
         recent = self._paced.setdefault((caller.uid, caller.pid, kind), [])
@@ -177,7 +177,7 @@ class FrontServer:
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
     def not_allowed(self, call: ClientCall) -> None:
-        """S04, for the log and whoever watches; the caller has the error `NotAllowed`."""
+        """AUTH_ROLE, for the log and whoever watches; the caller has the error `NotAllowed`."""
         reason = f"{call.method} is not for an {call.caller.role}: control.sock takes it"
         named = self.world.names.findings([Finding(ReasonCode.AUTH_ROLE, message=reason)])
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})

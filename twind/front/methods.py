@@ -238,7 +238,7 @@ def _setpoint(front: FrontServer, call: ClientCall) -> None:
 def _streamed(
     joints: list[str], positions: list[float], velocities: list[float] | None, places: dict[str, int]
 ) -> list[Finding]:
-    """S13-S15 of one setpoint."""
+    """UNKNOWN_JOINT to NONFINITE of one setpoint."""
     wrong = [] if joints else [Finding(ReasonCode.NO_JOINTS, message="no joint is named")]
     for place, name in enumerate(joints):
         if name not in places:

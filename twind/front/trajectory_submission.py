@@ -1,4 +1,4 @@
-"""A trajectory on its way to the loop: the front's share of the gate, S12-S16. Front process.
+"""The front's share of the gate for a trajectory: CMD_EXPIRED to TIME_ORDER. Front process.
 
 What is wrong is said all at once; what passes travels as arrays in a sealed memfd.
 """
@@ -31,7 +31,7 @@ class ToleranceTooLoose(ValueError):
 
 
 def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
-    """The path of a `Trajectory` of the interface in joint order, and all that is wrong (S12-S16)."""
+    """Return the path in joint order and its findings, CMD_EXPIRED to TIME_ORDER."""
     rows = [
         PointRow(
             point["time_from_start"], point["positions"], point.get("velocities"), point.get("accelerations")
@@ -44,7 +44,7 @@ def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | N
 
 
 def _start(start_in: float | None) -> list[Finding]:
-    """S12."""
+    """Check CMD_EXPIRED."""
     if start_in is None or 0.0 <= start_in <= LONGEST_WAIT:
         return []
     if start_in > LONGEST_WAIT:

@@ -94,7 +94,9 @@ class Submit(Command, frozen=True, kw_only=True):
     more: bool = False
     front_checked: float = 0.0  # s, when the state was true that the front judged its share from
     generation: int = 0  # of the limits that the front judged by
-    refused: Sequence[Finding] = ()  # what the front found: clearance, torque, balance (S23–S26)
+    refused: Sequence[
+        Finding
+    ] = ()  # what the front found: clearance, torque, balance (SELF_COLLISION to UNSTABLE_POSE)
     warned: Sequence[Finding] = ()
 
 

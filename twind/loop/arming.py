@@ -94,7 +94,7 @@ def _check_arming_request(
 
 
 def _unread(finding: Finding) -> bool:
-    """Refused for a reading that never came yet (S27)."""
+    """Refused for a reading that never came yet (THERMAL_HEADROOM)."""
     value = finding.value
     return (
         finding.code in (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
@@ -110,7 +110,7 @@ def _say_ended(loop: Loop, command: link.Arm) -> None:
 
 
 def _edited(command: link.Arm) -> list[Finding]:
-    """S09: what is judged by must be what the files say. The front looks at them: a tick reads no file."""
+    """CALIB_MISMATCH: the files' present content counts. The front reads them: a tick reads no file."""
     message = "{} is not what this daemon goes by: `twindctl reload`, restart it, or restore the file"
     return [Finding(ReasonCode.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
 

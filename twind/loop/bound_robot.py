@@ -21,7 +21,7 @@ class BoundRobot:
     binding: Binding
 
     def judge(self, devices: Mapping[tuple[str, int], IdentifiedDevice]) -> Verdict:
-        """S09: do the devices hold what the calibration was made with?"""
+        """CALIB_MISMATCH: do the devices hold what the calibration was made with?"""
         return compare(self.file, self.calibration, devices)
 
     def with_changes(self, changes: Changes) -> "BoundRobot":

@@ -81,7 +81,7 @@ class BusOpener:
         return CanReader(name, channel, actuators, bitrate=self.robot.bus(name).baud, rate_hz=self.rate_hz)
 
     def enable(self, reader: BusReader) -> BusWriter:
-        """The write half of a bus: its clamp (R22) is the joints' hard range in ticks."""
+        """The write half of a bus: its clamp (WIRE_CLAMP) is the joints' hard range in ticks."""
         if isinstance(reader, CanReader):
             return self._enable_can(reader)
         assert isinstance(reader, DynamixelReader)

@@ -1,4 +1,4 @@
-"""Look-ahead in every tick for the least clearance on the commanded way (R20). Loop's process.
+"""Look-ahead in every tick: the least clearance on the commanded path (LOOKAHEAD_COLLISION). Loop's process.
 
 The way is checked for as long as the robot takes to brake. While the way stays the same only the newly
 reached time is checked; when it changes, all of it again. A robot that holds costs nothing.

@@ -60,7 +60,7 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
 
 def _obeying(loop: Loop, target: JointState) -> JointState:
     """The same, but that nobody counts as heard who gets no goals: a bus that was lost and is back does not
-    follow, nor does who was left out, and the others must not be damped for it (R15)."""
+    follow, nor does who was left out, and the others must not be damped for it (FOLLOW_ERR)."""
     hardware = loop.hardware
     whole = all(port.holding for port in hardware.ports) and not some(hardware.left_out)
     if not loop.armed or whole:

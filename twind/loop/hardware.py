@@ -61,7 +61,7 @@ class Hardware:
         self.left = False  # the last goals went out, to every bus that holds
         self.sent = -inf  # s, when all of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
-        self.discarded = 0  # bytes thrown away in the last exchange (R07)
+        self.discarded = 0  # bytes thrown away in the last exchange (RX_SHAPE)
         self.traffic = tuple(BusTraffic() for _ in self.ports)  # of the last exchange, bus by bus
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
@@ -74,11 +74,14 @@ class Hardware:
         self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
         self.left_out: Bools = np.zeros(len(joints), np.bool_)  # who gets no goals until prepared himself
         self.resolution = np.full(len(joints), nan)  # rad per tick
-        self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))  # rad: goals that may leave (R22)
+        self.reach = (
+            np.full(len(joints), nan),
+            np.full(len(joints), nan),
+        )  # rad: goals that may leave (WIRE_CLAMP)
         self.rejoin(joints)
 
     def rejoin(self, joints: JointMap) -> None:
-        """The ranges that goals may have (R22); counts per rad, zeros, turns and who is where stay."""
+        """The ranges that goals may have (WIRE_CLAMP); counts per rad, zeros, turns and who is where stay."""
         self.joints = joints
         self.readings.rejoin(joints)
         maps = [bus.turned(turns) for bus, turns in zip(joints.buses, self._turns, strict=True)]
@@ -229,7 +232,7 @@ class Hardware:
     def exchange(self, goal: Floats | None, now: float) -> JointState:
         """Goals out (None: read only), readings in. Arrays of the result are (n,) and read-only.
 
-        Afterwards `left` says whether the goals went out, `clamped` why they may not (R22).
+        Afterwards `left` says whether the goals went out, `clamped` why they may not (WIRE_CLAMP).
         """
         end = now + self.period - min(SPARE, self.period * SPARE_SHARE)
         self._open(now)
@@ -257,7 +260,7 @@ class Hardware:
                 self._enable(number)
 
     def _enable(self, number: int) -> None:
-        """The write half as the mode has it, its clamp (R22) in the counts of the wire."""
+        """The write half as the mode has it, its clamp (WIRE_CLAMP) in the counts of the wire."""
         self.ports[number].enable(self._access[1])
         self._bound(number)
 
@@ -318,7 +321,7 @@ class Hardware:
             traffic.foreign = traffic.full = 0
 
     def _count(self, number: int, port: BusPort, sample: BusSample) -> None:
-        """Count the exchange for R06: only devices known to be present, and not what an IMU spoilt.
+        """Count the exchange for BUS_ERRORS: only devices known to be present, and not what an IMU spoilt.
 
         `identity` reports missing devices.
         """
@@ -335,7 +338,7 @@ class Hardware:
             port.counts.errors += not whole
 
     def _listen(self, number: int, bus: JointBusMap, sample: BusSample) -> None:
-        """Read the error register of each servo that begins to report a hardware error, at once (R09)."""
+        """Read at once the error register of each servo that begins to report an error (SERVO_ALERT)."""
         port = self.ports[number]
         for row in self.readings.alert(number, sample):
             if port.reader is not None and not port.full:

@@ -46,7 +46,7 @@ class HomingRequest:
     port: BusPort
     id: int
     search: HomingParameters
-    lower: int  # counts: the goals that may ever be sent (R22)
+    lower: int  # counts: the goals that may ever be sent (WIRE_CLAMP)
     upper: int
     turn: int  # counts
     jump: float  # counts that it may move when torque comes on

@@ -34,7 +34,7 @@ READINGS = 5  # that must have been tried before that is said
 DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells; disconnect one"
 SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
-# (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
+# (bus name, id) -> device, for every device that replied -> CALIB_MISMATCH findings, joints as indices
 Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
 
 
@@ -53,7 +53,7 @@ class IdentificationState:
         self._told = False  # that torque was found on
         self._found_all = False  # everybody is there: the simulation may start where they are
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
-        self.mismatches: tuple[Finding, ...] = ()  # S09
+        self.mismatches: tuple[Finding, ...] = ()  # CALIB_MISMATCH
         self.verified = JointVerification(loop)
 
     @property
@@ -103,7 +103,7 @@ class IdentificationState:
             loop.procedures.own(Priority.DISARM, lambda: torque.retry_torque_off(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
-        """Process servos that restarted (R11).
+        """Process servos that restarted (SERVO_REBOOTED).
 
         Settings and turns may be gone, so their buses are identified anew.
         """

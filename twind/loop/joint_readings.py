@@ -1,6 +1,6 @@
 """What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
 
-Takes the sample of one bus after the other. A joint that was not heard, or not believed (R13), keeps its
+Takes the sample of one bus after the other. A joint without a plausible reading (SENSE_JUMP) keeps its
 number, and says how old it is. The whole turns by which counts are off (`safety/multiturn.py`) are kept in
 the zeros of a bus, so that a tick pays nothing for them. Does no I/O.
 """
@@ -77,7 +77,7 @@ def resolution(bus: JointBusMap) -> Floats:
 
 
 def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
-    """Positions (m,) between which a goal may leave (R22), rad. Counts of a transmission's actuators reach
+    """The range (m,) of goals that may be sent (WIRE_CLAMP), rad. Counts of a transmission's actuators reach
     further: not every place of theirs is one that its joints may have."""
     angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
     least = np.minimum(*angles)
@@ -149,7 +149,7 @@ class JointReadings:
         count = len(joints)
         self.slow = SlowReadings(count)
         self.raw = RawCounts(count)
-        self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (R13)
+        self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (SENSE_JUMP)
         self.leaps = np.zeros(count)  # rad, how far the last of them was off
         self.alerts = np.zeros(count, np.uint8)  # error byte of the last status, 0x80 = alert
         self.position = np.full(count, nan)
@@ -218,7 +218,7 @@ class JointReadings:
             self._shift(number, self.shift[places])
 
     def alert(self, number: int, sample: BusSample) -> list[int]:
-        """Keep the error bytes; places on the bus of those who begin to say that they have an error (R09)."""
+        """Keep the error bytes; return the places on the bus that begin to report an error (SERVO_ALERT)."""
         places = self._where[number]
         if not some(sample.error):
             self.alerts[places] = 0

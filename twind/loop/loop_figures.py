@@ -7,7 +7,7 @@ from twind import link
 from twind.loop.realtime import Granted
 from twind.telemetry.rolling_stats import BOUNDS_MS, RollingStats
 
-ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from here)
+ON_TIME = 0.002  # s: a tick that begins later than this is late (LOOP_LATE warns from here)
 
 
 class LoopFigures:

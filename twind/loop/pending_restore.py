@@ -183,7 +183,7 @@ def unrestored(debt: PendingRestore, why: str) -> Finding:
 
 
 def clamped(loop: Loop, debt: PendingRestore, error: WireClamp) -> Finding:
-    """R22: bytes that may not leave are a fault of ours, and latch as everywhere."""
+    """WIRE_CLAMP: bytes that may not leave are a fault of ours, and latch as everywhere."""
     finding = Finding(ReasonCode.WIRE_CLAMP, debt.sought.joint, value=float(error.value), message=str(error))
     loop.fail(finding, loop.clock.now())
     return finding

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 STALE_VERDICT = 0.5  # s: the front's share of the verdict may be this old (design 6.4)
 SLICE = 250  # points judged in one tick: some 2.5 ms when every single one is refused
 PROGRESS = 0.1  # s between two reports of progress
-ABOUT_NOW = frozenset(  # S05–S11, S27, S28: what another moment would judge otherwise
+ABOUT_NOW = frozenset(  # LEASE_MISSING to LATENCY_BLOCK, THERMAL_HEADROOM, BUSY: they depend on the moment
     {
         ReasonCode.LEASE_MISSING,
         ReasonCode.ESTOP_LATCHED,
@@ -51,7 +51,7 @@ class SubmissionTracker:
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self.busy = False  # one is being judged (S28)
+        self.busy = False  # one is being judged (BUSY)
         self._followed: dict[str, link.Submit] = {}
         self._report_at = 0.0
 
@@ -319,7 +319,7 @@ class SubmissionTracker:
 
 
 def with_front(verdict: Verdict, command: link.Submit) -> Verdict:
-    """The loop's share of a verdict and the front's, S23–S26."""
+    """The loop's share of a verdict and the front's, SELF_COLLISION to UNSTABLE_POSE."""
     refusals = (*verdict.refusals, *command.refused)
     warnings = (*verdict.warnings, *command.warned)
     return Verdict(refusals, warnings, verdict.changes)

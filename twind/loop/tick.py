@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 QUIET = 0.3  # s without a packet after an inhibit: the servos' watchdogs are set to 0.1 s
 GONE = 0.5  # s: a servo that silent says nothing about its torque any more
-PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon gives up (R26)
+PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon gives up (INTERNAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class LoopParts:
     link: ControlLink
     notifier: Notifier
     realtime: Mapping[str, Granted]
-    judge: Judge  # devices -> findings of S09
+    judge: Judge  # devices -> findings of CALIB_MISMATCH
     live_denied: Finding | None  # why this daemon cannot go live; None: it can
     one: BoundRobot  # what joints, limits and ratings come from
     rewire: Callable[[BoundRobot], Enabler] | None = (
@@ -176,7 +176,7 @@ class Loop:
         self.publisher.publish(now)
 
     def _attempt(self, now: float) -> None:
-        """A tick, and the loop's catch-all: hold the last goal; give up when that fails again (R26)."""
+        """A tick, and the loop's catch-all: hold the last goal; give up when that fails again (INTERNAL)."""
         try:
             self.tick(now)
         except Exception as error:
@@ -342,7 +342,7 @@ class Loop:
         )
 
     def may_arm(self, client: int, now: float) -> Verdict:
-        """S05–S11 for the verb Arm."""
+        """LEASE_MISSING to LATENCY_BLOCK for the verb Arm."""
         verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
         if self.mode is Mode.LIVE and not self.hardware.connected:
             finding = Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified")

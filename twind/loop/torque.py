@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from twind.robot.arrays import Bools, Floats
 
 INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
-EDGE = GuardThresholds().beyond_hard  # rad beyond a hard limit that are the encoder's, not the joint's (R14)
+EDGE = (
+    GuardThresholds().beyond_hard
+)  # rad beyond a hard limit that are the encoder's, not the joint's (OUT_OF_LIMIT)
 
 
 def beyond_hard_limit(loop: Loop) -> Bools:

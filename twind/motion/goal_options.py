@@ -11,7 +11,7 @@ from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
-STOPPED = 0.05  # rad/s: at the end slower than this counts as stopped (as S22)
+STOPPED = 0.05  # rad/s: at the end slower than this counts as stopped (as END_NOT_AT_REST)
 JUMP = 1e-9  # rad: a smaller jump of a first point at t = 0 is rounding
 SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
 

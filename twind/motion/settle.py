@@ -22,7 +22,7 @@ STRETCH = 1.1
 TRIES = 60
 SAMPLES = 400  # points of the way at which braking is looked at
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
-# rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
+# rad/s, of the brake rule (BRAKE_DISTANCE): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 EDGE = 0.05
 MARGIN = 0.2
 

@@ -1,6 +1,6 @@
 """How a motion ends early: the deceleration ramp, and the follower that never exceeds a limit.
 
-Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (R02).
+Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (LOOP_LATE).
 """
 
 from dataclasses import replace

@@ -28,7 +28,7 @@ __all__ = ["GoalOutcome", "GoalTolerances", "TrajectoryExecutor"]
 class TrajectoryExecutor:
     """Follows accepted trajectories on its own time, which advances by one period per `goal()`.
 
-    A late or missed tick re-times the motion; it never catches up and never jumps (R02). Starts fall on
+    A late or missed tick re-times the motion; it never catches up and never jumps (LOOP_LATE). Starts fall on
     ticks: a start time is rounded to the nearest one.
     """
 
@@ -238,7 +238,7 @@ class TrajectoryExecutor:
             self._floor = StopRamp(self._reference, self.limits, self._period)
 
     def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
-        """Brake, and hold `joints` where they are, `place` (n,), the others as commanded (R14, R15).
+        """Brake; hold `joints` at `place` (n,), the others as commanded (OUT_OF_LIMIT, FOLLOW_ERR).
 
         Asked again, a joint on its way there goes on to where it was then.
         """
@@ -377,7 +377,7 @@ class TrajectoryExecutor:
         self._floor = StopRamp(reference, self.limits, self._period)
 
     def _age(self, now: float) -> None:
-        """Hold when the last setpoint is too old (R04). It is as old as the first tick that could use it."""
+        """Hold when the setpoint is stale (STREAM_STALE). Its age begins with the first tick that uses it."""
         if self._heard_at == inf:
             self._heard_at = now
         age = now - self._heard_at
@@ -400,7 +400,7 @@ class TrajectoryExecutor:
         bound: Floats,
         state: JointState,
     ) -> None:
-        """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
+        """Abort: brake; hold blocked joints where they are (FOLLOW_ERR), the others as commanded."""
         assert self._reference is not None  # `observe` has asked
         self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
         follower = LimitedFollower(self._reference, self.limits, self._period)

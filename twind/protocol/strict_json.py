@@ -1,4 +1,4 @@
-"""JSON as it is defined, and no more: what Python's parser lets pass is refused here (S02). Pure stdlib."""
+"""Strict JSON: refuses what Python's parser accepts beyond the standard (BAD_JSON). Standard library only."""
 
 import json
 import re

@@ -23,9 +23,9 @@ class JointBusMap:
     scale: Floats  # rad per tick, signed: sign / ratio * 2π / ticks_per_turn
     velocity_scale: Floats  # rad/s per count, signed
     effort_scale: Floats  # N·m per count, signed; NaN where the actuator cannot tell
-    lower: Ints  # ticks: the smallest goal that may ever be sent (R22)
+    lower: Ints  # ticks: the smallest goal that may ever be sent (WIRE_CLAMP)
     upper: Ints  # ticks: the largest
-    fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
+    fastest: Floats  # ticks/s that the motor turns at most, by its type (SENSE_JUMP)
     load_scale: Floats | None = None  # share of the current limit per count of effort; NaN unknown; None: all
     linked: tuple[
         MappedTransmission, ...

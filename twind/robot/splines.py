@@ -100,7 +100,7 @@ def knots(path: Trajectory, before: Reference) -> Knots:
 def interpolate(path: Trajectory, before: Reference) -> Spline:
     """The curve of `path`, begun from `before` at t = 0. Joints not commanded stay at `before.position`.
 
-    A first point at t = 0 gives no segment from `before`: the jump is the gate's to judge (S18).
+    A first point at t = 0 gives no segment from `before`: the jump is the gate's to judge (START_JUMP).
     """
     return curve(knots(path, before))
 

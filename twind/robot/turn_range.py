@@ -20,7 +20,7 @@ class TurnRange:
     slack: Ints  # ticks that a limp joint may hang beyond them
     least: Ints  # what its goal register holds
     most: Ints
-    lower: Ints  # the goals that it may ever be sent (R22)
+    lower: Ints  # the goals that it may ever be sent (WIRE_CLAMP)
     upper: Ints
     # At torque-on it counts anew, in one turn: Dynamixel in position mode (e-manual, "Operating Mode", note).
     falls: Bools

@@ -1,4 +1,4 @@
-"""Rules R06, R07, R08 and R23: the traffic of each bus. Pure."""
+"""Rules BUS_ERRORS, RX_SHAPE, FOREIGN_TRAFFIC and TX_BACKLOG: the traffic of each bus. Pure."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -84,7 +84,7 @@ class BusRules:
                 yield self._full(facts, bus, record.full_in_a_row)
 
     def _errors(self, facts: GuardInput, bus: int, record: BusErrorHistory) -> Iterator[RuleResult]:
-        """R06: a share of a second's exchanges, or several in a row. The fault leaves everything as it is.
+        """BUS_ERRORS: a share of a second's exchanges, or several in a row. The fault changes no torque.
 
         On a bus too bad to move nobody arms.
         """
@@ -112,7 +112,7 @@ class BusRules:
         return Finding(ReasonCode.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
     def _foreign(self, facts: GuardInput, bus: int, count: int) -> Iterator[RuleResult]:
-        """R08: another master sends. Nothing more is written, since two masters cannot both be obeyed."""
+        """FOREIGN_TRAFFIC: another master sends. Writing ends, since a servo cannot obey two masters."""
         bound = self._bounds.foreign
         if count < bound:
             return
@@ -127,7 +127,7 @@ class BusRules:
             yield RuleResult(finding, bars=True, bus=bus)
 
     def _full(self, facts: GuardInput, bus: int, count: int) -> RuleResult:
-        """R23: what we send does not leave. The line has thrown it away."""
+        """TX_BACKLOG: what we send does not leave. The line has thrown it away."""
         most = self._bounds.full
         many = count >= most
         message = (

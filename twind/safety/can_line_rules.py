@@ -1,4 +1,4 @@
-"""Rule R24: the state of each CAN bus on its wire. Pure.
+"""Rule CAN_BUS_STATE: the state of each CAN bus on its wire. Pure.
 
 A serial bus has no controller that could report this, so it is judged by its answers alone (`bus_rules`).
 """
@@ -23,7 +23,7 @@ ROUNDING = 1e-9  # s
 
 
 class LineRules:
-    """Rule R24 for the CAN buses. Counts for each bus the exchanges in a row without an answer."""
+    """Rule CAN_BUS_STATE for the CAN buses. Counts for each bus the exchanges in a row without an answer."""
 
     def __init__(
         self, names: Sequence[str], can: Collection[str], free: bool, bounds: GuardThresholds

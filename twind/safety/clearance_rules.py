@@ -1,4 +1,4 @@
-"""What lies just ahead on the commanded way: rule R20. Pure; the way itself is looked at by the model.
+"""The LOOKAHEAD_COLLISION rule on the clearance just ahead of the commanded path. Pure: the twin measures it.
 
 Between `warn` and `block` a motion slows down in proportion; at `block` it is held.
 """
@@ -18,7 +18,7 @@ from twind.safety.guard_types import (
 
 
 def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
-    """R20: only of what moves, and never of a hold, a stop or the way to the rest pose.
+    """LOOKAHEAD_COLLISION: only of what moves, and never of a hold, a stop or the way to the rest pose.
 
     What comes no nearer than it is already is not in the outlook: a motion may lead out of a bad place.
     """

@@ -1,4 +1,4 @@
-"""The rules on a curve, on every point of it: position, velocity, acceleration, jerk, braking (S17, S19–S21).
+"""Rules on every point of a curve: POS_LIMIT, VEL_LIMIT, ACC_LIMIT, JERK_LIMIT, BRAKE_DISTANCE.
 
 Every rule is written once, for motion towards the upper limit, and applied a second time to the mirror
 image. A quick look at the hull of each segment clears nearly all of them; what it cannot clear is decided
@@ -26,7 +26,7 @@ class GateThresholds:
     latency_warn: float = 0.05  # s
     latency_block: float = 0.1  # s
     stale: float = 0.1  # s
-    health: float = 1.0  # s, oldest reading of temperature and supply that counts (S27)
+    health: float = 1.0  # s, oldest reading of temperature and supply that counts (THERMAL_HEADROOM)
     start_jump: float = 0.05  # rad, at t = 0
     jerk_warn: float = 5000.0  # rad/s³
     max_points: int = 2000
@@ -360,7 +360,7 @@ def _steepest(
 
 
 def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]:
-    """A path that begins at t = 0 takes over the reference's velocity at once: is that step in bounds (S20)?
+    """Check the velocity step of a path that begins at t = 0 against the reference (ACC_LIMIT).
 
     The change counts over half of the first segment, as at the corner of two lines; where there is no segment
     it must be within what counts as rest. Lines are judged at their corners already.

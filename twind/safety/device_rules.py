@@ -1,4 +1,4 @@
-"""Rules R09 to R12: the states that the servos report. Pure."""
+"""Rules SERVO_ALERT to WATCHDOG_TRIPPED: the states that the servos report. Pure."""
 
 from collections.abc import Collection, Iterator
 from math import inf
@@ -92,7 +92,7 @@ class DeviceRules:
         return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
     def _alerts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R09: a hardware error. With its bits unread it has no bound, so that it is told again with them."""
+        """SERVO_ALERT: a hardware error. Without its bits it has no bound; a second report has them."""
         for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
             bits = int(facts.fault[joint])
             named = words(bits, can=joint in self._can)
@@ -108,7 +108,7 @@ class DeviceRules:
                 yield RuleResult(finding, bars=True)
 
     def _restarts(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R11: a clock that is not where it must be, and no older than the time since it was read."""
+        """SERVO_REBOOTED: a servo clock is not at its expected value, and no older than its last reading."""
         tick = facts.tick.astype(np.int64)
         for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
             finding = Finding(
@@ -139,7 +139,7 @@ class DeviceRules:
         return restarted
 
     def _torque(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R10: torque that reads back off, or unknown, in too many refreshes in a row. R11: no watchdog."""
+        """TORQUE_MISMATCH: torque reads off or unknown too often in a row. SERVO_REBOOTED: no watchdog."""
         if not facts.torque_settled:
             self._forget(facts.now)
         if not self._suspect:

@@ -55,14 +55,14 @@ class GateSnapshot:
     motion: Motion
     latched: tuple[ReasonCode, ...]  # what has latched a fault or an e-stop
     lease_held: bool  # by the connection that asks
-    mismatches: tuple[Finding, ...]  # calibration against read-back (S09)
+    mismatches: tuple[Finding, ...]  # calibration against read-back (CALIB_MISMATCH)
     calibrated: Bools
     age: Floats  # s since each joint of the target was heard, inf never
     latency: float  # s, state age + bus round trip, now; NaN unknown
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
-    bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11, R18)
+    bars: tuple[Finding, ...] = ()  # findings of servos and buses that prevent arming now
     unreachable: Finding | None = None  # why no new client can connect; None: clients can
     condition: JointCondition | None = None  # temperature and supply; None: not known, which refuses
 
@@ -94,7 +94,7 @@ class GateResult:
 def admit(
     snapshot: GateSnapshot, commanded: Bools, thresholds: GateThresholds, *, setpoint: bool = False
 ) -> Verdict:
-    """May these joints be moved at all, now (S05, S06, S08–S11, S27)? The hardware counts in live only.
+    """Check whether these joints may move now (LEASE_MISSING to THERMAL_HEADROOM). Hardware counts in live.
 
     A stream begins with its first `setpoint`: what gets hot later is the guard's to slow down and settle.
     """
@@ -113,7 +113,7 @@ def admit(
 
 
 def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | None = None) -> Verdict:
-    """May torque be switched on (S05–S07, S09–S11, S27)? Only in live, from `connected`."""
+    """Check whether torque comes on (LEASE_MISSING to THERMAL_HEADROOM). In live only, from `connected`."""
     chosen = np.ones_like(snapshot.calibrated) if joints is None else joints
     refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     if snapshot.mode is not Mode.LIVE:
@@ -131,13 +131,13 @@ def arming(snapshot: GateSnapshot, thresholds: GateThresholds, joints: Bools | N
 
 
 def _lease(snapshot: GateSnapshot) -> list[Finding]:
-    """S05."""
+    """Check LEASE_MISSING."""
     reason = "this connection does not hold the lease; take it first"
     return [] if snapshot.lease_held else [Finding(ReasonCode.LEASE_MISSING, message=reason)]
 
 
 def _latches(snapshot: GateSnapshot) -> list[Finding]:
-    """S06. The states themselves count as latches, whatever the list says."""
+    """FAULT_LATCHED. The states themselves count as latches, whatever the list says."""
     stops = {ReasonCode.ESTOP, ReasonCode.ESTOP_LATCHED}
     faults = [code for code in snapshot.latched if code not in stops]
     findings = []
@@ -155,7 +155,7 @@ def _reach(snapshot: GateSnapshot) -> list[Finding]:
 
 
 def _calibration(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:
-    """S09."""
+    """Check CALIB_MISMATCH."""
     reason = "no measured zero; calibrate this joint"
     missing = [
         Finding(ReasonCode.CALIB_MISSING, joint=int(joint), message=reason)
@@ -165,7 +165,7 @@ def _calibration(snapshot: GateSnapshot, chosen: Bools) -> list[Finding]:
 
 
 def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
-    """S10. An age that is negative or NaN is too old."""
+    """HW_DISCONNECTED. An age that is negative or NaN is too old."""
     fresh = (snapshot.age >= 0.0) & (snapshot.age <= thresholds.stale)
     reason = "not heard lately (s); check its cable and power"
     return [
@@ -183,7 +183,7 @@ def _hearing(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) 
 
 
 def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[Finding], list[Finding]]:
-    """S11: refusals and warnings. Unknown or negative refuses."""
+    """LATENCY_BLOCK: refusals and warnings. Unknown or negative refuses."""
     block = thresholds.latency_block
     warn = thresholds.latency_warn
     refusals = []
@@ -198,7 +198,7 @@ def _latency(snapshot: GateSnapshot, thresholds: GateThresholds) -> tuple[list[F
 
 
 def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> list[Finding]:
-    """S27."""
+    """Check THERMAL_HEADROOM."""
     if snapshot.condition is None:
         reason = "temperature and supply are not known"
         return [
@@ -208,7 +208,7 @@ def _room(snapshot: GateSnapshot, chosen: Bools, thresholds: GateThresholds) -> 
 
 
 def _check_request(demand: TrajectoryRequest, thresholds: GateThresholds) -> list[Finding]:
-    """S03, S12: the demand itself."""
+    """BAD_SCHEMA, CMD_EXPIRED: the demand itself."""
     findings = []
     if demand.policy not in ("reject", "retime"):
         reason = f"policy {demand.policy!r} is neither reject nor retime"
@@ -392,7 +392,7 @@ def _subject(path: Trajectory, before: Reference, limits: JointLimits) -> CurveS
 def _fill_reference(path: Trajectory, reference: Reference) -> Reference:
     """The reference with what is unknown filled in, so that the rest of the path can be judged.
 
-    An unknown place is refused by S18 in any case.
+    An unknown place is refused by START_JUMP in any case.
     """
     position = np.where(np.isfinite(reference.position), reference.position, path.position[0])
     rates = (np.where(np.isfinite(rate), rate, 0.0) for rate in (reference.velocity, reference.acceleration))
@@ -402,7 +402,7 @@ def _fill_reference(path: Trajectory, reference: Reference) -> Reference:
 def _start_jump(
     path: Trajectory, reference: Reference, limits: JointLimits, thresholds: GateThresholds
 ) -> list[Finding]:
-    """S18."""
+    """Check START_JUMP."""
     with np.errstate(all="ignore"):
         jump = np.abs(path.position[0] - reference.position)
         bound = thresholds.start_jump + limits.velocity * path.time[0]
@@ -422,7 +422,7 @@ def _start_jump(
 
 
 def _end(path: Trajectory, thresholds: GateThresholds) -> list[Finding]:
-    """S22. Positions alone end at rest: there the corner of the last line is judged (S20)."""
+    """Check END_NOT_AT_REST. Positions alone end at rest; ACC_LIMIT judges the corner of the last line."""
     if path.velocity is None:
         return []
     last = np.abs(path.velocity[-1])

@@ -1,4 +1,4 @@
-"""What may move the robot, and what may be written: rules R01–R04, R21, W5 and NaN. Pure."""
+"""Rules on motion sources and written goals: ESTOP to STREAM_STALE, STEP_LIMIT, finite numbers. Pure."""
 
 from collections.abc import Iterator
 from math import isfinite
@@ -32,7 +32,7 @@ class GoalRules:
         self._most = 0.0 * limits.velocity
 
     def timing(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R02: late ticks are told, too many missed ones hold. The executor re-times by itself."""
+        """LOOP_LATE: late ticks are told, too many missed ones hold. The executor re-times by itself."""
         bounds = self._bounds
         missed = facts.missed_in_a_row
         most = max(float(bounds.missed_hold), bounds.missed_for / facts.period)
@@ -44,7 +44,7 @@ class GoalRules:
             yield RuleResult(_late(facts.lateness, bounds.late, "s that the tick began late"))
 
     def authority(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R01, R03, R04 and W5: who moves the robot, and in which state."""
+        """ESTOP, LEASE_LOST, STREAM_STALE and W5: who moves the robot, and in which state."""
         if facts.goal is not None and facts.mode is Mode.LIVE and facts.state in UNWRITABLE:
             message = f"a goal while {facts.state.value}: nothing may be written"
             yield RuleResult(Finding(ReasonCode.INTERNAL, message=message), Reaction.INHIBIT, refuses=True)
@@ -65,7 +65,7 @@ class GoalRules:
             )
 
     def goal(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R21 and NaN: what is written is finite, and within one step of what was written last."""
+        """STEP_LIMIT and NaN: what is written is finite, and within one step of what was written last."""
         if facts.goal is None:
             return
         goal = facts.goal.position
@@ -85,7 +85,7 @@ class GoalRules:
                 yield self._too_far(facts, int(np.argmin(fits)), step)
 
     def _too_far(self, facts: GuardInput, joint: int, step: Floats) -> RuleResult:
-        """R21. A goal that the port had no room for (R23) never left: then the next one is two steps away."""
+        """Check STEP_LIMIT. A full port (TX_BACKLOG) sent no goal: the next one is two steps away."""
         full = any(traffic.full for traffic in facts.traffic)
         cause = "the port was full" if full else "a bug of ours"
         message = f"rad from the last goal that left: holding that one ({cause})"

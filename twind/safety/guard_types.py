@@ -32,28 +32,32 @@ class Reaction(IntEnum):
 class GuardThresholds:
     """The guard's numbers that do not depend on the joint (design 6.4)."""
 
-    late: float = 0.002  # s, a tick that starts later is told (R02)
+    late: float = 0.002  # s, a tick that starts later is told (LOOP_LATE)
     missed_warn: int = 2  # ticks in a row
     missed_hold: int = 5
     missed_for: float = 0.05  # s ... and as long as this: at 500 Hz five are 10 ms, which is nothing
-    setpoint_age: float = 0.1  # s (R04)
-    stale_warn: float = 0.03  # s, age of a joint (R05)
+    setpoint_age: float = 0.1  # s (STREAM_STALE)
+    stale_warn: float = 0.03  # s, age of a joint (STATE_STALE)
     stale_hold: float = 0.1
     stale_fault: float = 0.5
-    errors_warn: float = 0.01  # of a second's exchanges of one bus (R06)
+    errors_warn: float = 0.01  # of a second's exchanges of one bus (BUS_ERRORS)
     errors_hold: float = 0.05
     errors_least: int = 3  # that a share holds for: at 20 Hz one alone is 5 %
     errors_row_hold: int = 5  # bad exchanges of one bus in a row
     errors_row_fault: int = 20
-    foreign: int = 3  # packets of nobody in a second (R08)
-    disagreements: int = 2  # refreshes in a row in which torque differs from what was commanded (R10)
-    clock_slack: float = 0.05  # s that a servo's own clock may be off between two readings (R11) ...
+    foreign: int = 3  # packets of nobody in a second (FOREIGN_TRAFFIC)
+    disagreements: int = (
+        2  # refreshes in a row in which torque differs from what was commanded (TORQUE_MISMATCH)
+    )
+    clock_slack: float = (
+        0.05  # s that a servo's own clock may be off between two readings (SERVO_REBOOTED) ...
+    )
     clock_drift: float = 0.05  # ... and of the time between them
-    jumps: int = 3  # readings in a row that cannot be (R13)
-    beyond_hard: float = 0.0087  # rad past the hard limit (R14)
-    full: int = 3  # packets in a row that the port had no room for (R23)
-    line_silent: float = 0.1  # s that nobody on a CAN bus answers (R24)
-    follow: float = 0.2  # rad between where a joint is and where its goal lets it be (R15) ...
+    jumps: int = 3  # readings in a row that cannot be (SENSE_JUMP)
+    beyond_hard: float = 0.0087  # rad past the hard limit (OUT_OF_LIMIT)
+    full: int = 3  # packets in a row that the port had no room for (TX_BACKLOG)
+    line_silent: float = 0.1  # s that nobody on a CAN bus answers (CAN_BUS_STATE)
+    follow: float = 0.2  # rad between where a joint is and where its goal lets it be (FOLLOW_ERR) ...
     follow_for: float = 0.1  # s ... for so long
     follow_damp: float = 0.5  # rad: at once, and softer
     lag: float = 0.03  # s that a servo's own loop may be behind a goal that moves
@@ -66,26 +70,28 @@ class GuardThresholds:
         0.02,
         0.15,
     )  # ... of the limit, in between: a blocked motor draws more
-    overspeed: float = 1.2  # of the velocity limit (R16) ...
+    overspeed: float = 1.2  # of the velocity limit (OVERSPEED) ...
     overspeed_slack: float = 0.05  # rad/s ... and two steps of the register more
     overspeed_row: int = 2  # readings in a row
-    drift: float = 0.05  # rad between the robot and the simulation of the same goals (R25) ...
+    drift: float = 0.05  # rad between the robot and the simulation of the same goals (MIRROR_DRIFT) ...
     drift_for: float = 0.5  # s ... for so long: twice of what starting and stopping at full speed takes
-    load_warn: float = 0.8  # of the current limit (R17) ...
+    load_warn: float = 0.8  # of the current limit (OVERCURRENT) ...
     load_warn_for: float = 0.5  # s
     load_hold: float = 0.95
     load_hold_for: float = 1.0  # s; twice that, and the hold has not helped: damped
     tired_warn: float = 0.25  # s at the current limit beyond what is borne for ever (I²t)
     tired_hold: float = 0.5  # leaves the time to give way before a servo shuts itself down for overload
     tired_settle: float = 0.8  # holding has not helped
-    votes: tuple[int, int] = (3, 5)  # readings of the temperature that must agree, of so many (R18)
+    votes: tuple[int, int] = (3, 5)  # readings of the temperature that must agree, of so many (OVERTEMP)
     spike: float = 10.0  # °C above what the others say: told, believed by nobody
     warming: float = 0.5  # °C/s ...
     warming_over: float = 5.0  # s ... over so long
     hot_pace: float = 0.5  # of its speed for a motion of a robot with a hot joint
-    volt_for: float = 0.1  # s that the supply is low for (R19)
+    volt_for: float = 0.1  # s that the supply is low for (VOLTAGE)
     unread: float = 2.0  # s without a reading of temperature and voltage: told
-    least_pace: float = 0.1  # of its speed for a motion just before it is held for what is ahead (R20)
+    least_pace: float = (
+        0.1  # of its speed for a motion just before it is held for what is ahead (LOOKAHEAD_COLLISION)
+    )
     gap: float = 0.1  # s without a tick: the servos' watchdogs are set to that (TIME_GAP)
     hold_most: float = 30.0  # s that a free-standing robot is held after a stop of ours, then it is lowered
     quiet: float = 1.0  # s before the same is said of the same joint again
@@ -97,17 +103,17 @@ class BusTraffic:
     """What the last tick's exchange of one bus brought."""
 
     asked: bool = False  # a reading was asked for, of devices that are known to be there
-    bad: bool = False  # a device that was asked was not heard, or bytes were thrown away (R06)
+    bad: bool = False  # a device that was asked was not heard, or bytes were thrown away (BUS_ERRORS)
     answered: bool = False  # somebody was heard
-    foreign: int = 0  # packets that nobody asked for (R08)
-    full: int = 0  # packets of ours that the port had no room for (R23)
+    foreign: int = 0  # packets that nobody asked for (FOREIGN_TRAFFIC)
+    full: int = 0  # packets of ours that the port had no room for (TX_BACKLOG)
     left_out: bool = False  # others hold, and this one gets no goals: it was lost before
-    line: int = 0  # of a CAN controller: 0 active, 1 error passive, 2 off or unacknowledged (R24)
+    line: int = 0  # of a CAN controller: 0 active, 1 error passive, 2 off or unacknowledged (CAN_BUS_STATE)
 
 
 @dataclass(frozen=True, slots=True)
 class ClearanceAhead:
-    """The tightest place on the commanded way just ahead, as the model sees it (R20)."""
+    """The tightest place on the commanded way just ahead, as the model sees it (LOOKAHEAD_COLLISION)."""
 
     clearance: float  # m between the surfaces of the closest pair; negative: inside each other; inf: far
     ahead: float = 0.0  # s from now until then
@@ -145,11 +151,13 @@ class GuardInput:
     health_time: Floats  # s, when clock, temperature and voltage were read; -inf never
     temperature: Floats  # °C; NaN unknown
     voltage: Floats  # V; NaN unknown
-    jumps: Ints  # readings in a row, up to the last one, that could not be (R13)
+    jumps: Ints  # readings in a row, up to the last one, that could not be (SENSE_JUMP)
     leaps: Floats  # rad, by how much the last one was off the one before
-    simulated: JointState | None = None  # the same goals in the model (R25)
-    outlook: ClearanceAhead | None = None  # the least clearance on the way just ahead (R20); None: not looked
-    load: Floats | None = None  # (n,) share of the current limit, NaN unknown; None: of nobody (R17)
+    simulated: JointState | None = None  # the same goals in the model (MIRROR_DRIFT)
+    outlook: ClearanceAhead | None = (
+        None  # the least clearance on the way just ahead (LOOKAHEAD_COLLISION); None: not looked
+    )
+    load: Floats | None = None  # (n,) share of the current limit, NaN unknown; None: of nobody (OVERCURRENT)
     suspended: float = 0.0  # s that the machine has slept since it started (TIME_GAP)
 
 
@@ -163,9 +171,9 @@ class GuardDecision:
     goal_refused: bool = False  # this goal must not be written: the last one again, or nothing
     causes: tuple[Finding, ...] = ()  # of the reaction, told before or not: a motion that ends says why
     pace: float = 1.0  # share of its own speed that the motion may have: 1 freely, less near a bound
-    # Joints that a HOLD holds where they are measured, not as commanded (R15, R17).
+    # Joints that a HOLD holds where they are measured, not as commanded (FOLLOW_ERR, OVERCURRENT).
     here: tuple[int, ...] = ()
-    gone: tuple[int, ...] = ()  # buses on which nobody hears us (R24): to be emptied and begun anew
+    gone: tuple[int, ...] = ()  # buses on which nobody hears us (CAN_BUS_STATE): to be emptied and begun anew
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Is there room to begin: temperature and supply of the joints to move or to arm (S27)? Pure."""
+"""Is there room to begin: temperature and supply of the joints to move or to arm (THERMAL_HEADROOM)? Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class JointCondition:
 
 
 def headroom(condition: JointCondition, chosen: Bools, oldest: float) -> list[Finding]:
-    """S27 of the motors that turn the joints `chosen`. A reading older than `oldest` (s), of another age or
+    """Check THERMAL_HEADROOM of the motors of `chosen`. A reading older than `oldest` (s), of another age or
     not there refuses.
 
     Where nothing is known of a model's bounds (they are infinite) nothing is judged: its servos may have no

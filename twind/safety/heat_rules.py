@@ -1,4 +1,4 @@
-"""How warm the motors are: rule R18. Pure.
+"""How warm the motors are: rule OVERTEMP. Pure.
 
 Readings are counted five times a second, each once; a joint is as warm as three of its last five agree. One
 that no other agrees with is told, and believed by nobody.
@@ -46,7 +46,7 @@ class HeatRules:
         self._hot: list[int] = []  # who is warm, or has to cool down
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R18: told, slower, lowered. Who got as hot as that keeps everybody from arming until it is cool."""
+        """OVERTEMP: a warning, then slower, then lowered. A hot motor prevents arming until it is cool."""
         if (
             not same(facts.health_time, self._seen)
             and not 0.0 <= facts.now - self._counted < EVERY - ROUNDING

@@ -97,7 +97,7 @@ class Lease:
         return False
 
     def held_by(self, client: int, now: float) -> bool:
-        """This client holds it now (S05)."""
+        """This client holds it now (LEASE_MISSING)."""
         return self.holds(now) and self._client == client
 
     def holder_client(self, now: float) -> int:

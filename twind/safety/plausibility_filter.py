@@ -1,4 +1,4 @@
-"""Which readings of a bus can be (R13): no motor turns further than its speed allows between two of them.
+"""Plausible readings of a bus (SENSE_JUMP): no motor turns further than its speed allows between two.
 
 Pure. Knows ticks only. A position that cannot be is a servo that lost a turn, a slipped horn, a stray answer.
 """

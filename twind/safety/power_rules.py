@@ -1,6 +1,6 @@
-"""What the motors draw, and what feeds them: rules R17 and R19. Pure.
+"""What the motors draw, and what feeds them: rules OVERCURRENT and VOLTAGE. Pure.
 
-R17 counts shares of the current limit. What tires a motor is the square of it: beyond the square of
+OVERCURRENT counts shares of the current limit. What tires a motor is the square of it: beyond the square of
 `Ratings.continuous` it is summed up over time (I²t), below it the motor recovers. Where a servo shuts itself
 down for overload, this stops before it does.
 """
@@ -40,7 +40,7 @@ class CurrentRules:
         self._last = inf  # s, when it looked last
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R17, where the load is known. Motors recover at rest; who is tired is not armed."""
+        """OVERCURRENT, where the load is known. Motors recover at rest; who is tired is not armed."""
         load = facts.load
         bounds = self._bounds
         span = facts.now - self._last
@@ -138,7 +138,7 @@ class VoltageRules:
         self._said: list[RuleResult] = []
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R19: the lowest supply of a robot that our torque holds, and its highest. One says it for all."""
+        """VOLTAGE: the lowest and the highest supply of a robot that our torque holds. One report for all."""
         if not is_torque_held(facts):
             if self._held < inf:
                 self._since[:] = inf

@@ -1,4 +1,4 @@
-"""What was read of the joints: rules R05, R13 and R14. Pure."""
+"""What was read of the joints: rules STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT. Pure."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ from twind.safety.guard_types import (
 
 
 class ReadingRules:
-    """Without memory: each tick by itself. What R13 remembers stands in `senses`."""
+    """Without memory: each tick by itself. What SENSE_JUMP remembers stands in `senses`."""
 
     def __init__(self, limits: JointLimits, bounds: GuardThresholds, free: bool) -> None:
         """`free`: nothing carries the robot but itself."""
@@ -31,7 +31,7 @@ class ReadingRules:
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R05, R13 and R14: every joint is heard, where it can be, and inside its limits."""
+        """STATE_STALE, SENSE_JUMP and OUT_OF_LIMIT: every joint replies, plausibly, and inside its limits."""
         if some(facts.jumps):
             yield from self._jumps(facts)
         measured = facts.measured
@@ -51,7 +51,7 @@ class ReadingRules:
             yield from self._outward(facts, position)
 
     def _jumps(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R13: a reading that cannot be is told; several in a row hold the robot."""
+        """SENSE_JUMP: a reading that cannot be is told; several in a row hold the robot."""
         most = self._bounds.jumps
         for joint in np.flatnonzero(facts.jumps).tolist():
             many = not facts.jumps[joint] < most
@@ -64,7 +64,7 @@ class ReadingRules:
             yield RuleResult(finding, hold(facts) if many and is_torque_held(facts) else Reaction.NONE)
 
     def _stale(self, facts: GuardInput, age: Floats) -> Iterator[RuleResult]:
-        """R05. Who answers no more may be limp: the others hold, but what stands freely is lowered."""
+        """STATE_STALE. A silent joint may be limp: the others hold, but a free-standing robot is lowered."""
         bounds = self._bounds
         for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
             value = float(age[joint])
@@ -86,7 +86,7 @@ class ReadingRules:
                 yield RuleResult(finding)
 
     def _beyond(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
-        """R14: past the hard limit. A joint that was never heard (NaN) is R05's."""
+        """OUT_OF_LIMIT: past the hard limit. A joint that was never heard (NaN) is STATE_STALE's."""
         low = position < self._hard_lower
         high = position > self._hard_upper
         for joint in np.flatnonzero(low | high).tolist():
@@ -101,7 +101,7 @@ class ReadingRules:
                 yield RuleResult(finding)
 
     def _outward(self, facts: GuardInput, position: Floats) -> Iterator[RuleResult]:
-        """R14: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
+        """OUT_OF_LIMIT: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
         if facts.goal is None or facts.previous is None or facts.motion not in MOVING:
             return
         goal = facts.goal.position

@@ -1,4 +1,4 @@
-"""What the gate may change, and then says so: slow a path down (policy `retime`), bring it to rest (S22)."""
+"""Changes that the gate makes and reports: slow a path (`retime`), bring it to rest (END_NOT_AT_REST)."""
 
 from collections.abc import Iterable
 from dataclasses import replace

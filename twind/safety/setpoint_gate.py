@@ -1,4 +1,4 @@
-"""The gate of streamed setpoints: one place per joint, judged at once (S12–S17, S19). Pure.
+"""The gate of streamed setpoints: one position per joint, CMD_EXPIRED to POS_LIMIT and VEL_LIMIT. Pure.
 
 A stream needs no path: the executor follows it within velocity, acceleration and position limits.
 """
@@ -11,7 +11,7 @@ from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.joint_limits import JointLimits
 
-LONGEST = 0.1  # s a setpoint may stay valid (R04): what is slower than that is a trajectory
+LONGEST = 0.1  # s a setpoint may stay valid (STREAM_STALE): what is slower than that is a trajectory
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
-"""Does every joint go where it is told: rules R15, R16 and R25. Pure.
+"""Does every joint go where it is told: rules FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT. Pure.
 
-A servo that moves is behind its goal by the lag of its own loop: R15 allows for `GuardThresholds.lag` at the
+A moving servo is behind its goal by the lag of its loop: FOLLOW_ERR allows for `GuardThresholds.lag` at the
 goal's speed. What takes long to go wrong is looked at every `GuardThresholds.look`. An encoder is an
 actuator's: where several turn joints together, it is their angles that are looked at.
 """
@@ -57,7 +57,7 @@ class TrackingRules:
         self._looked = -NEVER  # s
 
     def judge(self, facts: GuardInput) -> Iterator[RuleResult]:
-        """R15, R16 and R25, of a robot that our torque holds."""
+        """FOLLOW_ERR, OVERSPEED and MIRROR_DRIFT, of a robot that our torque holds."""
         measured = facts.measured
         goal = facts.previous
         if measured is None or not is_torque_held(facts):
@@ -79,12 +79,12 @@ class TrackingRules:
             if facts.simulated is not None:
                 yield from self._drifting(facts, measured, facts.simulated)
 
-    # ------------------------------------------------------------------------------------------- R15
+    # ------------------------------------------------------------------------------------------- FOLLOW_ERR
 
     def _following(self, facts: GuardInput, measured: JointState, off: Floats) -> Iterator[RuleResult]:
         """Too far from its goal for too long; or further still. Nobody is made soft for one that follows no
-        goal: limp (R10), on the way down too where it shut itself down (R09) or began anew (R11), or with a
-        tripped watchdog (R12)."""
+        goal: limp (TORQUE_MISMATCH), lowering too where it shut down (SERVO_ALERT) or restarted, or with a
+        tripped watchdog (WATCHDOG_TRIPPED)."""
         bounds = self._bounds
         if facts.goal is not None:
             off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
@@ -156,7 +156,7 @@ class TrackingRules:
             each.speeds(place, velocity)
         return place, goal, velocity
 
-    # ------------------------------------------------------------------------------------------- R16, R25
+    # -------------------------------------------------------------------------------- OVERSPEED, MIRROR_DRIFT
 
     def _speeding(self, facts: GuardInput, measured: JointState) -> Iterator[RuleResult]:
         """Faster than it may, in readings in a row."""

@@ -1,4 +1,4 @@
-"""The form of a trajectory (S13–S16): where names still stand (`form`), and on arrays (`wellformed`).
+"""The form of a trajectory, UNKNOWN_JOINT to TIME_ORDER: by names (`form`) and on arrays (`wellformed`).
 
 Pure. The front turns a message into a `Trajectory` here and says everything that is wrong with it at once.
 """
@@ -57,7 +57,7 @@ def form(
 
 
 def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Finding]:
-    """S13."""
+    """Check UNKNOWN_JOINT."""
     if not len(joint_names):
         yield Finding(ReasonCode.NO_JOINTS, message="no joint is named")
     for name, times in Counter(joint_names).items():
@@ -71,7 +71,7 @@ def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Findi
 
 
 def _shapes(rows: Sequence[PointRow | tuple[Any, ...]], width: int) -> Iterator[Finding]:
-    """S14: every row as wide as the names, made of numbers, and as rich as the first."""
+    """BAD_SHAPE: every row as wide as the names, made of numbers, and as rich as the first."""
     rich: tuple[bool, bool] | None = None
     for point, row in enumerate(rows):
         if len(row) != 4:
@@ -145,7 +145,7 @@ def _bounded(number: Any) -> Any:
 def wellformed(
     path: Trajectory, count: int, max_points: int, max_duration: float, min_dt: float
 ) -> list[Finding]:
-    """S13–S16 on the arrays of `path` for a robot of `count` joints; only commanded columns count."""
+    """Check UNKNOWN_JOINT to TIME_ORDER on `path`, `count` joints; only commanded columns count."""
     points = path.time.size
     findings = []
     if path.position.size == 0 or points == 0:
@@ -167,12 +167,12 @@ def wellformed(
 
 
 def _too_many(points: int, most: int) -> Finding:
-    """S14."""
+    """Check BAD_SHAPE."""
     return Finding(ReasonCode.TOO_MANY_POINTS, value=points, bound=most, message="too many points")
 
 
 def _misfits(path: Trajectory, count: int) -> Iterator[Finding]:
-    """S14: arrays that do not fit together."""
+    """BAD_SHAPE: arrays that do not fit together."""
     shape = (path.time.size, count)
     if path.time.ndim != 1:
         yield Finding(
@@ -194,7 +194,7 @@ def _misfits(path: Trajectory, count: int) -> Iterator[Finding]:
 
 
 def _nonfinite(path: Trajectory) -> Iterator[Finding]:
-    """S15: per joint the first number that is none."""
+    """NONFINITE: per joint the first number that is none."""
     for point in np.flatnonzero(~np.isfinite(path.time))[:1]:
         yield Finding(ReasonCode.NONFINITE, point=int(point), value=float(path.time[point]), message="time")
     for given, what in (
@@ -214,7 +214,7 @@ def _nonfinite(path: Trajectory) -> Iterator[Finding]:
 
 
 def _disorder(time: Floats, min_dt: float) -> Iterator[Finding]:
-    """S16: the first step that is too short. A first point at 0 is a start, later ones leave `min_dt`."""
+    """Find the first step shorter than `min_dt` (TIME_ORDER). A first point at 0 is a start."""
     if not time[0] >= 0.0:
         yield Finding(ReasonCode.TIME_ORDER, point=0, time=float(time[0]), value=float(time[0]), bound=0.0)
         return

@@ -18,7 +18,7 @@ from twind.robot.trajectory import Reference
 from twind.telemetry.timing_monitor import TimingMonitor
 
 VISIBLE = 0.005  # rad: a few counts of a servo, more than an encoder's noise
-STILL = 0.05  # rad/s, of reference and reading: counts as standing (as S22)
+STILL = 0.05  # rad/s, of reference and reading: counts as standing (as END_NOT_AT_REST)
 PATIENCE = 1.0  # s: a joint that has not moved by then is not looked at any longer
 STREAM = ""  # the name of every setpoint
 

@@ -1,4 +1,4 @@
-"""Does a free-standing robot stand (S26)? The lowest foot flat on the floor, the mass above the feet.
+"""Balance of a free-standing robot (UNSTABLE_POSE): the lowest foot flat, the centre of mass above the feet.
 
 Quasi-static: where the mass is counts, not how fast it moves. Knows no time and no path but in `tipping`.
 """
@@ -138,7 +138,7 @@ class Balance:
 
 
 def tipping(time: Floats, margin: Floats, *, known: bool) -> list[Finding]:
-    """S26 of the margins (k,) in m at `time` (k,) in s: at most one warning."""
+    """UNSTABLE_POSE of the margins (k,) in m at `time` (k,) in s: at most one warning."""
     if not known:
         reason = "balance cannot be judged: the model has nothing that stands on the floor"
         return [Finding(ReasonCode.UNSTABLE_POSE, message=reason)]

@@ -1,4 +1,4 @@
-"""Does a whole curve keep its distance (S23, S24)? Proved between samples, not only at them.
+"""Does a whole curve keep its distance (SELF_COLLISION, KEEP_OUT)? Proved between samples, not only at them.
 
 A joint turns by no more than the length of its control polygon, and no two geoms come closer by more than
 lever x angle (`lever_bounds.py`). So where two poses with distances d and e lie L of such motion apart, the

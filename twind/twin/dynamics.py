@@ -1,4 +1,4 @@
-"""Can the motors give what a path needs, and does the robot stay on its feet (S25, S26)? Front process.
+"""Torque and balance along a path (TORQUE_INFEASIBLE, UNSTABLE_POSE). Front process.
 
 Inverse dynamics on a model of its own: contacts, joint stops and loops are off, so that what comes out is
 what the joints alone must give. The base is pinned; a free-standing robot stands as `balance` says.

@@ -1,9 +1,9 @@
-"""What a path would do before it is sent: clearance, torque and balance, in slices (S23–S26). Front process.
+"""Clearance, torque and balance of a path before it is sent, in slices. Front process.
 
 Judges the curve that the executor would follow from where it stands: a start that jumps gets its lead-in, and
 a stop that was asked for its ramp. A path that the loop slows down (`retime`) keeps its curve as long as it
 begins at rest, so what was judged holds. Joints that the path does not command stay where they are: what they
-do meanwhile, and a start from a moving reference, is watched while it happens (R20).
+do meanwhile, and a start from a moving reference, is watched while it happens (LOOKAHEAD_COLLISION).
 """
 
 from collections.abc import Generator, Sequence
@@ -29,7 +29,7 @@ SAMPLES = 3000  # of one path at most
 
 
 class DynamicsCheck(Protocol):
-    """What judges torque and balance (S25, S26): `twin/dynamics.py`."""
+    """What judges torque and balance (TORQUE_INFEASIBLE, UNSTABLE_POSE): `twin/dynamics.py`."""
 
     def judging(
         self, time: Floats, position: Floats, velocity: Floats, acceleration: Floats

@@ -1,6 +1,6 @@
 """One wire of frames: one transaction at a time, what is pending before it, its deadline.
 
-Does the I/O through a `CanChannel`; time is an argument. It also judges what came unasked (R08), and what
+I/O through a `CanChannel`; time is an argument. It judges unrequested frames (FOREIGN_TRAFFIC), and what
 silence means: frames that nobody acknowledges wait in the adapter, and must not leave when somebody is back.
 """
 
@@ -118,7 +118,7 @@ class CanTransactor:
     # --------------------------------------------------------------------------- how it is
 
     def condition(self, now: float) -> wire.CanErrorState:
-        """What the controller says; OFF too where nobody has answered for 0.1 s though asked (R24)."""
+        """The controller's state; OFF too where no device replied for 0.1 s to requests (CAN_BUS_STATE)."""
         return wire.CanErrorState.OFF if self.dead(now) else self.channel.condition.line
 
     def dead(self, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""The last look at frames that order something (R22): actuators of ours, positions inside their bounds."""
+"""The last check of command frames (WIRE_CLAMP): actuators of this robot, positions inside their bounds."""
 
 import numpy as np
 

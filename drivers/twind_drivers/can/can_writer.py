@@ -1,6 +1,6 @@
 """The writing half of a CAN bus: goals, torque, registers. Exists in live only.
 
-Every frame that orders something is judged by its own bytes before it leaves (R22): actuators of this bus,
+Every command frame is checked by its own bytes before it leaves (WIRE_CLAMP): actuators of this bus,
 positions inside what each may be sent.
 """
 

@@ -1,4 +1,4 @@
-"""The last look at an order's bytes (R22): known ids, writable addresses, goals inside their range. Pure."""
+"""The last check of a command's bytes (WIRE_CLAMP): known ids, writable addresses, goals in range. Pure."""
 
 from collections.abc import Mapping
 

@@ -1,6 +1,6 @@
 """The writing half of a Dynamixel bus: goals, torque, registers. Exists in live only.
 
-Every packet is judged by its own bytes before it leaves (R22): ids of this bus, writable addresses, goal
+Every packet is checked by its bytes before it leaves (WIRE_CLAMP): ids of this bus, writable addresses, goal
 words inside what each device may be sent. Devices may differ in model and operating mode
 (`operating_modes.py`).
 """

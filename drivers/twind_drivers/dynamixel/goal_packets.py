@@ -1,4 +1,4 @@
-"""The goal packets: encoded in place each tick, read back from their own bytes and judged (R22). Pure."""
+"""Goal packets, encoded in place each tick, then decoded from their bytes and checked (WIRE_CLAMP). Pure."""
 
 from collections.abc import Sequence
 

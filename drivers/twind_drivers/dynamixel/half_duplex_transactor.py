@@ -1,7 +1,7 @@
 """Transactions on one half-duplex line: one at a time, the packets that leave before it, its deadline.
 
 Does the I/O through a `Transport`; time is an argument. It also classifies bytes that belong to no request
-(R08).
+(FOREIGN_TRAFFIC).
 """
 
 from collections.abc import Collection, Sequence
@@ -88,7 +88,7 @@ class HalfDuplexTransactor:
     def send(self, exchange: SerialTransaction, now: float, *, goals: bool = False) -> None:
         """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
 
-        Raises PortError; PortFull when more than the last packet still waits in the port (R23), or it does
+        Raises PortError; PortFull when more than the last packet waits in the port (TX_BACKLOG), or it does
         not take all of this one. Goals that could not be sent are dropped, an urgent packet is sent later.
         """
         try:

@@ -3,7 +3,7 @@
 Modes may differ from device to device of one bus: each speaks its own unit. A mode is EEPROM (register 11):
 nothing here changes one, for that needs the torque off and drops the joint.
 
-| mode | goal | unit | the servo's own fence | our fence (R22) | before torque |
+| mode | goal | unit | the servo's own fence | our fence (WIRE_CLAMP) | before torque |
 |---|---|---|---|---|---|
 | 0 current | 102, 2 bytes | count | +-current limit (38) | lower..upper within +-(38) | goal 0 |
 | 1 velocity | 104, 4 bytes | 0.229 rpm | +-velocity limit (44) | lower..upper within +-(44) | goal 0 |

@@ -1,4 +1,4 @@
-"""Replies to requests: their form, and finding them in untrusted bytes (R07). Pure: no I/O, no clock.
+"""Replies to requests: their form, and finding them in untrusted bytes (RX_SHAPE). Pure: no I/O, no clock.
 
 A reply owns one fixed buffer. The code that does the I/O reads into `room()` and calls `take(count)`; when
 done, or at the deadline, `end()`. Then `heard`, `error` and `data` hold the answers, in the order of `ids`.

@@ -57,7 +57,7 @@ def told(watcher: Raw) -> dict[str, Any]:
             "EMPTY",
         ),
     ],
-    ids=["S02", "S03", "S01", "setpoint", "trajectory"],
+    ids=["no JSON", "bad schema", "too large", "setpoint", "trajectory"],
 )
 def test_what_the_front_refuses_by_itself_is_a_verdict(loop: StandIn, data: bytes, code: str) -> None:
     with watching(loop, "verdicts") as watcher, Raw(loop) as client:

@@ -1,4 +1,4 @@
-"""Who may do what, and how much of it: with raw bytes on a real front process (S01-S05, rows 33-36, 40)."""
+"""Rights and rate limits, with raw bytes on a real front process (RATE_LIMIT to LEASE_MISSING)."""
 
 import contextlib
 import fcntl

@@ -60,7 +60,7 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
     rig, found = watched(tmp_path)
     rig.arm()
     bus = rig.virtual["l_leg"]
-    heard = bus.hear
+    heard = bus.take_host_frames
     moved = round(lie * 65535 / 25.0)
 
     def touched(frames: Any, now: float) -> int:
@@ -73,7 +73,7 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
         return int(heard(frames, now))
 
     assert not found.monitors["l_leg"].violations
-    bus.hear = touched
+    bus.take_host_frames = touched
     rig.ticks(3)
     assert rig.loop.state in (RobotState.ARMED, RobotState.FAULT)
     assert "W3" in rules(found)

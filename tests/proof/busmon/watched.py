@@ -51,8 +51,8 @@ class Watched:
 
     def _tap_frames(self, monitor: CanMonitor, bus: Any) -> None:
         """A CAN bus in this process takes and gives frames: told as the text that an adapter would have."""
-        hear = bus.hear
-        say = bus.say
+        hear = bus.take_host_frames
+        say = bus.give_host_frames
 
         def heard(frames: Any, now: float) -> int:
             self.listen(now)
@@ -65,8 +65,8 @@ class Watched:
                 monitor.answered(text(frames.tobytes()), now)
             return frames
 
-        bus.hear = heard
-        bus.say = said
+        bus.take_host_frames = heard
+        bus.give_host_frames = said
 
     def listen(self, now: float) -> None:
         """What the daemon is, told to every monitor when it changes."""

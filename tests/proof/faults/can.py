@@ -162,7 +162,7 @@ class CanWorld(World):
 
     def limp(self, mine: list[int]) -> None:
         """A leg without torque does not follow when the rest is lowered: soon it is too far off, and what
-        comes down with it is damped (R15). Nobody else may end so."""
+        comes down with it is damped (FOLLOW_ERR). Nobody else may end so."""
         if not self.rig.register("torque_enable")[mine].any():
             self.also.add("DAMP")
 

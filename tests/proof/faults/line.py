@@ -161,7 +161,7 @@ def duplicate(world: World) -> None:
 
     def plug(on: bool) -> None:
         bus.servos.silenced[-1] = not on
-        bus.servos.changed()
+        bus.servos.invalidate_cache()
 
     late = bool(world.random.random() < 0.5)
     if not late:

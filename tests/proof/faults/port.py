@@ -72,7 +72,7 @@ class Asked:
     def __init__(self, world: World, name: str) -> None:
         self.ids: set[int] = set()
         bus = world.rig.virtual[name]
-        obey = bus._instructions.obey
+        obey = bus._instructions.execute_packet
 
         def seen(packet: Any, at: float) -> Any:
             model = packet.instruction == Instruction.READ and packet.params[:2] == b"\0\0"
@@ -85,7 +85,7 @@ class Asked:
                 self.ids.update(packet.params[4:])
             return obey(packet, at)
 
-        bus._instructions.obey = seen  # type: ignore[method-assign]
+        bus._instructions.execute_packet = seen  # type: ignore[method-assign]
 
 
 def while_reading(world: World) -> None:
@@ -137,7 +137,7 @@ def wrong_adapter(world: World) -> None:
     key, value = other.get(kind, ("id", 250))
     keep = int(np.asarray(servos[key])[row])
     servos.memory.store(row, table[key], value)
-    servos.changed()
+    servos.invalidate_cache()
     world.begun = world.now
     if late:
         world.obey({"fault": "replug"})
@@ -149,7 +149,7 @@ def wrong_adapter(world: World) -> None:
     world.obey({"fault": "unplug"})
     world.ticks(5)
     servos.memory.store(row, table[key], keep)
-    servos.changed()
+    servos.invalidate_cache()
     world.obey({"fault": "replug"})
     world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
     world.claim(not world.trace.torque(0.0).any(), "armed by itself")

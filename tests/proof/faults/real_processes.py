@@ -369,7 +369,7 @@ def file_edited(ground: Ground) -> None:
 def blocked_log(ground: Ground) -> None:
     """Row 40: nobody reads the pipe that the log goes to, which is full before the first line.
 
-    Noise enough to be told, and less than the 5 % of a second's exchanges at which R06 holds the motion.
+    Noise enough for a warning, below the 5 % of a second's exchanges at which BUS_ERRORS holds the motion.
     """
     (ground.folder / "run").mkdir()
     fifo = ground.folder / "run" / "log"

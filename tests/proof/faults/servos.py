@@ -228,7 +228,7 @@ def lost_turn(world: World) -> None:
         world.until(lambda: bool(np.isinf(bus.servos.power.boots_at).all()), 3.0)
         rig._advance()
         shaft[row] = place + turn
-        bus.servos.changed()
+        bus.servos.invalidate_cache()
     world.begun = world.now
     world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
     world.seconds(1.5)

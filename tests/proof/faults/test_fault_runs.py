@@ -218,7 +218,7 @@ def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
 def test_a_turn_lost_at_a_restart_is_what_the_register_says_and_is_told(
     mirror: tuple[Rig, Judge, Wire],
 ) -> None:
-    """e-manual, "Operating Mode" note: at power-up a position falls back to one turn. R11 and R13 tell."""
+    """e-manual, "Operating Mode" note: at power-up a position falls back to one turn (SENSE_JUMP)."""
     rig, judge, _ = mirror
     shaft = rig.virtual["main"].servos.muscles.position
     begun = rig.clock.now()

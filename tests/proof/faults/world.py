@@ -17,7 +17,7 @@ from twind.robot.modes import RobotState
 
 LAG = 0.03  # s that a servo may be behind a goal that moves, besides (docs/reason-codes.md, FOLLOW_ERR)
 NEAR = "LOOKAHEAD_COLLISION"  # random motions may bring the feet near each other ...
-SLOWER = ": slower"  # ... and are slowed (R20): who is held by it is not on the way that a row is about
+SLOWER = ": slower"  # and are slowed (LOOKAHEAD_COLLISION): a held motion is not on the way of its row
 
 
 class World(Robot):

@@ -133,7 +133,7 @@ class History:
         return [*_two_holders(spans), *self._rights(spans), *self._fates()]
 
     def _rights(self, spans: Sequence[Span]) -> list[str]:
-        """Who was obeyed may have held the lease; who was refused for want of it need not have (S05)."""
+        """An obeyed client may have held the lease; one refused with LEASE_MISSING need not have."""
         found = []
         for op in self.ops:
             if op.name not in NEEDS or op.result in ("", "lost"):

@@ -58,7 +58,7 @@ def excess(path: Trajectory, before: Reference, limit: JointLimits) -> Excess:
 
 
 def _ends(see, path: Trajectory, before: Reference, limit: JointLimits, joint: int) -> None:
-    """S17 at the points, S18, S22, and the first instant of S20."""
+    """POS_LIMIT at the points, START_JUMP, END_NOT_AT_REST, and the first instant of ACC_LIMIT."""
     place = path.position[:, joint]
     low = limit.lower[joint]
     high = limit.upper[joint]
@@ -77,7 +77,7 @@ def _ends(see, path: Trajectory, before: Reference, limit: JointLimits, joint: i
 
 
 def _between(see, path: Trajectory, before: Reference, limit: JointLimits, joint: int) -> None:
-    """S17, S19–S21 along the curve."""
+    """POS_LIMIT, VEL_LIMIT to BRAKE_DISTANCE along the curve."""
     segments = w.oracle_segments(path, before, joint)
     strongest = float(limit.acceleration[joint])
     slopes = [float(before.velocity[joint])]

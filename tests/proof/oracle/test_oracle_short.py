@@ -74,7 +74,7 @@ def test_the_oracle_sees_a_path_that_is_not_the_one_that_was_asked() -> None:
 def test_a_single_point_at_once_may_stop_what_counts_as_at_rest_and_nothing_else(
     sign: float, entry: float | None, change: float, rest: bool
 ) -> None:
-    """The change has no time: it is judged as a speed (S20). A joint that is not commanded keeps its own."""
+    """The change takes no time: it is judged as a speed (ACC_LIMIT). An uncommanded joint keeps its own."""
     path = w.path([0.0], [[0.0, 0.0]], None if entry is None else [[sign * entry, 0.0]])
     path = replace(path, commanded=np.array([True, False]))
     running = (entry or 0.0) - (change - 1e-12 if rest else change)
