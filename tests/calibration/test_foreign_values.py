@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.device_record import DeviceRecord
@@ -230,7 +231,7 @@ def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
     assert why in told(data)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.binary(max_size=60) | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(file))
 def test_whatever_the_file_holds_it_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(Rejected):

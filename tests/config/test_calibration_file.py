@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.h24_calibration import DEVICES, ROBOT, TEXT, made, rehashed
 from twind.config.calibration_file import (
     dump_calibration,
@@ -39,7 +40,7 @@ numbers = st.integers(-(10**18) + 1, 10**18 - 1)
 proofs = st.none() | st.dictionaries(words, numbers | st.booleans() | words | st.none(), max_size=3)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(-20_000, 20_000), st.floats(0, 50).map(lambda x: round(x, 6)), proofs)
 def test_any_calibration_survives_the_file(zero: int, sigma: float, proof: Plain) -> None:
     calibration = made(zero)

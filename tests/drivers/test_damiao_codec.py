@@ -4,10 +4,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
@@ -185,13 +186,13 @@ def test_an_answer_must_name_its_sender_in_full() -> None:
 
 
 @given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(damiao(), frames)
 
 
 @given(noise((*IDS, *MASTERS)))
-@settings(max_examples=30)
+@examples(30)
 def test_nothing_is_both_feedback_and_a_register(frames: Frames) -> None:
     motor = damiao()
     assert not (motor.feedback(frames)[1] & motor.decode_register_replies(frames)[1]).any()
@@ -280,7 +281,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
 
 
 @given(st.floats(-1e6, 1e6, width=32))
-@settings(max_examples=40)
+@examples(40)
 def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
     (answer,), _ = damiao().decode_register_replies(made)

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import FAST, SYNC, Bench
+from tests.support.examples import examples
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
@@ -93,7 +94,7 @@ def mixes(draw: st.DrawFn) -> tuple[list[int], list[int], list[int]]:
 
 
 @given(mixes())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_what_is_encoded_decodes_to_the_goals_in_as_few_packets_as_there_are_registers(
     mix: tuple[list[int], list[int], list[int]],
 ) -> None:
@@ -114,7 +115,7 @@ def test_what_is_encoded_decodes_to_the_goals_in_as_few_packets_as_there_are_reg
 
 
 @given(mixes(), st.data())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
     mix: tuple[list[int], list[int], list[int]], data: st.DataObject
 ) -> None:

@@ -5,10 +5,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import RegisterType, ValuelessCommand
@@ -200,7 +201,7 @@ NEAR += [EXTENDED | kind << 24 | HOST << 8 | id for kind in KINDS for id in IDS]
 
 
 @given(noise(NEAR))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(motors(), frames)
 
@@ -232,7 +233,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
 
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
-@settings(max_examples=50)
+@examples(50)
 def test_what_was_told_can_be_commanded_again_within_one_count(position: int, torque: int) -> None:
     motor = RobStrideCodec("can0", [1], ranges(1, 12.57, 33.0, 14.0))
     data = struct.pack(">HHHH", position, 0, torque, 300)

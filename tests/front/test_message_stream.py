@@ -6,9 +6,10 @@ import socket
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.front.message_stream import LARGE, PATIENCE, QUEUE, MessageStream
 
 
@@ -63,7 +64,7 @@ def turn(stream: MessageStream) -> None:
     loop.run_forever()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.lists(
         st.binary(min_size=1, max_size=30).map(lambda b: b"{" + b.replace(b"\0", b"0").replace(b"\n", b"n"))

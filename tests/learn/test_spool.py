@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.spool_rig import WIDE, carrying, folder
 from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolInUse, SpoolLimits, dead_letters
 from twind.learn.streaming.stream_samples import PostMessage
@@ -63,7 +64,7 @@ class Model:
             del self.rows[sequence]
 
 
-@settings(max_examples=120)
+@examples(120)
 @given(STEPS)
 def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bounds(
     steps: list[tuple[str, int]],

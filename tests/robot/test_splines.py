@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.splines import curve, hold, interpolate, knots, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.curve_rules import smooth
 from twind.safety.polynomial_bounds import evaluate
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(w.paths(), w.REFERENCES)
 def test_the_curve_is_the_exact_polynomial_through_its_points(path: Trajectory, before: Reference) -> None:
     spline = interpolate(path, before)
@@ -29,7 +30,7 @@ def test_the_curve_is_the_exact_polynomial_through_its_points(path: Trajectory, 
     assert np.array_equal(spline.end, path.position[-1])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(w.paths(), w.REFERENCES)
 def test_the_bernstein_form_is_the_same_curve(path: Trajectory, before: Reference) -> None:
     through = knots(path, before)

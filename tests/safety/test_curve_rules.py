@@ -5,10 +5,11 @@ from math import inf, nextafter, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
@@ -27,7 +28,7 @@ LIMITS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(w.paths(), w.REFERENCES, LIMITS)
 def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference, limit: JointLimits) -> None:
     judged = w.codes(w.ask(path, limit, before)) & CURVE
@@ -35,7 +36,7 @@ def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference
     assert seen <= judged
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(w.paths(), LIMITS)
 def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, limit: JointLimits) -> None:
     judged = w.ask(path, limit)
@@ -67,7 +68,7 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
             assert abs(finding.value) >= abs(finding.bound) or finding.code is ReasonCode.POS_LIMIT
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(most=3), st.integers(0, 1))
 def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: int) -> None:
     """Tight: no refusal of a curve that is inside by a thousandth, and none slips by above by a billionth."""
@@ -100,7 +101,7 @@ def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: in
     )
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     w.paths(),
     st.sampled_from(("lower", "upper", "hard_lower", "hard_upper", "velocity", "acceleration")),
@@ -115,7 +116,7 @@ def test_tightening_a_limit_never_lets_a_path_in(path: Trajectory, name: str, by
         assert not w.ask(path, tight).verdict.accepted
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(w.paths(), st.floats(1.0, 5.0), st.sampled_from((0.5, 2.0)))
 def test_stretching_time_never_makes_a_path_too_fast(path: Trajectory, factor: float, fastest: float) -> None:
     limit = w.limits(velocity=fastest)
@@ -269,7 +270,7 @@ def test_a_single_point_at_zero_is_a_place_to_hold() -> None:
 # ------------------------------------------------------------------------------------------ slices
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(most=12), w.REFERENCES, st.integers(1, 4))
 def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, step: int) -> None:
     snap = w.snapshot(2, reference=before)
@@ -316,7 +317,7 @@ def test_limits_that_are_unknown_refuse() -> None:
         assert not w.ask(path, limit, w.at_rest([0.0])).verdict.accepted, name
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(), st.sampled_from((np.nan, inf, -inf, 0.0, 1e308)))
 def test_any_limits_get_a_verdict(path: Trajectory, value: float) -> None:
     bounds = {"lower": -value, "upper": value, "hard_lower": -value, "hard_upper": value}

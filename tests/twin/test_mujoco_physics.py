@@ -5,9 +5,10 @@ from math import asin, pi
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.mujoco_servo_rig import ARMS, power
 from twind.config.robot_file import load_robot
 from twind.twin.mujoco_physics import MujocoPhysics, PhysicsDiverged, ServoMotor, body_of
@@ -250,7 +251,7 @@ def test_in_mode_5_braking_from_full_speed_keeps_the_cap_too() -> None:
     assert 900 < worst < 1010
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     st.sampled_from([0, 1, 3, 4, 5, 16]),
     st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
