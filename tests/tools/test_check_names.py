@@ -89,7 +89,3 @@ def test_an_allowed_entry_without_an_offender_fails_until_it_is_removed(tree: Pa
     assert check_names.main([str(tree)]) == 1
     assert check_names.main(["--shrink", str(tree)]) == 0
     assert (tree / check_names.ALLOWED).read_text() == "# left\n"
-
-
-def test_the_repository_passes() -> None:
-    assert check_names.main([]) == 0
