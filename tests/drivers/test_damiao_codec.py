@@ -144,9 +144,9 @@ def test_register_traffic_never_passes_for_feedback(order: int, register: int) -
 
 def test_the_traps_that_were_met_would_otherwise_be_places() -> None:
     motor = damiao()
-    acknowledged = motor._scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
+    acknowledged = motor.scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
     assert acknowledged[0, 0] == pytest.approx(-12.468, abs=1e-3)
-    asked = motor._scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
+    asked = motor.scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
     assert asked[0, 0] == pytest.approx(-12.422, abs=1e-3)
     assert not motor.feedback(frame(0x11, "01 00 55 09 00 00 00 00"))[1].any()
     assert not motor.feedback(frame(0x7FF, "01 00 CC 00 00 00 00 00"))[1].any()

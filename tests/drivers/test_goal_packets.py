@@ -70,7 +70,7 @@ def test_anything_but_one_whole_tick_per_device_is_refused(ticks: np.ndarray) ->
 @pytest.mark.parametrize("at", [7, 8, 10, 12, 17])  # instruction, address, length, ids
 def test_a_packet_whose_frame_was_damaged_in_memory_is_not_handed_out(at: int) -> None:
     packet = goals()
-    packet._packet[at] ^= 1
+    packet.packet[at] ^= 1
     with pytest.raises(WireClamp):
         packet.encode(np.array([1, 2, 3]))
 

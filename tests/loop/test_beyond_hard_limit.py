@@ -116,5 +116,5 @@ def push(rig: Rig, joint: str, to: float) -> None:
     bus = rig.virtual[found.bus]
     row = [each.name for each in rig.robot.joints if each.bus == found.bus].index(joint)
     counts = rig.zeros[joint] + to * found.sign * found.ratio * found.type.ticks_per_turn / (2 * np.pi)
-    rig._advance()
-    bus.servos.muscles.position[row] = bus.servos.muscles._goal[row] = counts
+    rig.advance_servos()
+    bus.servos.muscles.position[row] = bus.servos.muscles.goal[row] = counts

@@ -182,10 +182,10 @@ def test_an_accelerometer_that_feels_nothing_at_all_is_no_reading(told: str, zer
     last = rig.imu.time
     registers = []
     for felt in (np.zeros(3), np.full(3, -zero * force.lsb)):
-        numbers = [np.zeros(3), felt, np.array([1.0, 0.0, 0.0, 0.0])][: len(sensor._cells)]
-        sensor._tell = lambda numbers=numbers: numbers
+        numbers = [np.zeros(3), felt, np.array([1.0, 0.0, 0.0, 0.0])][: len(sensor.cells)]
+        sensor.measure = lambda numbers=numbers: numbers
         rig.seconds(0.2)
-        registers.append(sensor._registers()[22:28])
+        registers.append(sensor.registers()[22:28])
     assert rig.imu.time <= last + 0.011
     assert registers[1] == bytes(6), "the chip's own zeros, too"
     assert not rig.loop.hardware.inertial.parked, "it answers: no fault of the line"
@@ -212,8 +212,8 @@ def test_a_quaternion_that_is_none_is_no_reading(wrong: str, rigs: Made) -> None
     rig.connect()
     sensor = rig.virtual["main"].sensor
     last = rig.imu.time
-    told = sensor._tell
-    sensor._tell = lambda: [*told()[:2], np.zeros(4) if wrong == "zero" else 1.3 * told()[2]]
+    told = sensor.measure
+    sensor.measure = lambda: [*told()[:2], np.zeros(4) if wrong == "zero" else 1.3 * told()[2]]
     rig.seconds(0.5)
     assert rig.imu.time <= last + 0.02
 

@@ -245,7 +245,7 @@ def test_r19_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
     """Its own second reading confirms it."""
     protection = rig.virtual["main"].servos.protection
     nod(rig)
-    protection._fed[4] = 10.3
+    protection.connector_volts[4] = 10.3
     until(rig, latched(rig, "VOLTAGE"), 10 + 2 * HEALTH + SLACK)
     assert rig.loop.latches["VOLTAGE"].joint == 4
 

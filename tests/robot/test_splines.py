@@ -23,7 +23,7 @@ def test_the_curve_is_the_exact_polynomial_through_its_points(path: Trajectory, 
                 s = float(T) * u
                 at = spline.inside(i, spline.time[i] + s)
                 for d, row in enumerate((at.position, at.velocity, at.acceleration)):
-                    exact = float(w._value(coefficients, w.Fraction(s), d))
+                    exact = float(w.value_at(coefficients, w.Fraction(s), d))
                     assert row[joint] == pytest.approx(exact, rel=1e-9, abs=1e-9 / max(float(T), 1e-3) ** d)
             t0 += float(T)
     assert spline.duration == pytest.approx(float(path.time[-1]))

@@ -52,7 +52,7 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
         near = []
         for i in (index, max(index - 1, 0)) if segments else ():
             s = w.Fraction(finding.time - starts[i])
-            p, v, a = (float(w._value(segments[i][1], s, d)) for d in range(3))
+            p, v, a = (float(w.value_at(segments[i][1], s, d)) for d in range(3))
             near.append(
                 {ReasonCode.POS_LIMIT: p, ReasonCode.VEL_LIMIT: abs(v), ReasonCode.ACC_LIMIT: abs(a)}.get(
                     finding.code, abs(v)
@@ -75,7 +75,11 @@ def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: in
     before = w.at_rest(path.position[0])
     values = np.array(
         [
-            [[float(w._value(c, T * k / 100, d)) for d in range(3)] for k in range(101) for T, c in segments]
+            [
+                [float(w.value_at(c, T * k / 100, d)) for d in range(3)]
+                for k in range(101)
+                for T, c in segments
+            ]
             for segments in (w.oracle_segments(path, before, j) for j in range(2))
         ]
     )

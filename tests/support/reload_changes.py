@@ -16,7 +16,5 @@ def codes(reply: link.Reply) -> list[str]:
 def held(rig: Rig) -> tuple[Any, ...]:
     """Everything that a change replaces, as objects: the same ones mean that nothing was changed."""
     loop = rig.loop
-    guard = rig.loop.parts.guard
-    rules = (guard._goals, guard._readings, guard._tracking)
     ports = [each for port in loop.hardware.ports for each in (port.writer, port.enabler)]
-    return (loop.parts, loop.limits, loop.joints, loop.executor.limits, loop.outlook, *rules, *ports)
+    return (loop.parts, loop.limits, loop.joints, loop.executor.limits, loop.outlook, *ports)

@@ -58,7 +58,7 @@ def test_torque_at_rest_is_the_slope_of_the_potential_energy(pinned: Binding) ->
             (energy(pinned, q + step * unit) - energy(pinned, q - step * unit)) / (2 * step)
             for unit in np.eye(len(q))
         ]
-        torque, _ = dynamics._sample(q, 0 * q, 0 * q)
+        torque, _ = dynamics.sample(q, 0 * q, 0 * q)
         np.testing.assert_allclose(torque, slope, atol=1e-5)
 
 
@@ -75,7 +75,7 @@ def standing_energy(binding: Binding, q: Floats, foot: str) -> float:
 
 def test_on_one_foot_the_leg_carries_the_robot(free: Binding) -> None:
     q = pose(free, l_hip_pitch=-0.7, l_knee=1.4, l_ankle_pitch=-0.7, r_knee=0.4, r_shoulder_roll=-1.0)
-    torque, _ = Dynamics(free)._sample(q, 0 * q, 0 * q)
+    torque, _ = Dynamics(free).sample(q, 0 * q, 0 * q)
     step = 1e-5
     slope = [
         (standing_energy(free, q + step * unit, "r_foot") - standing_energy(free, q - step * unit, "r_foot"))
@@ -89,7 +89,7 @@ def test_on_one_foot_the_leg_carries_the_robot(free: Binding) -> None:
 
 def test_on_two_feet_the_waist_carries_and_the_legs_are_not_judged(free: Binding) -> None:
     q = pose(free, waist_pitch=0.4, l_hip_roll=0.0)
-    torque, _ = Dynamics(free)._sample(q, 0 * q, 0 * q)
+    torque, _ = Dynamics(free).sample(q, 0 * q, 0 * q)
     names = free.joint_map.names
     assert torque[names.index("waist_pitch")] < -0.5
     legs = [i for i, name in enumerate(names) if any(part in name for part in ("hip", "knee", "ankle"))]
@@ -102,7 +102,7 @@ def test_a_path_within_what_the_joints_give_is_silent(pinned: Binding) -> None:
 
 def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: Binding) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
-    need = abs(Dynamics(pinned)._sample(out, 0 * out, 0 * out)[0][3])
+    need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     path = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(0.0, 1.5, 31)])
     weak = able(pinned, l_shoulder_roll=need / 1.6)  # 0.8 of it is half of what is needed
     (found,) = judge(weak, path).warnings
@@ -115,7 +115,7 @@ def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: B
 @pytest.mark.parametrize(("share", "told"), [(SHARE * 1.0001, 0), (SHARE * 0.9999, 1)])
 def test_the_bound_is_sharp(pinned: Binding, share: float, told: int) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
-    need = abs(Dynamics(pinned)._sample(out, 0 * out, 0 * out)[0][3])
+    need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     weak = able(pinned, l_shoulder_roll=need / SHARE * share / SHARE)
     assert len(judge(weak, np.tile(out, (3, 1))).warnings) == told
 

@@ -202,7 +202,7 @@ def test_the_short_way_says_the_same_as_packet_by_packet(
         raw[row, 132:136] = np.frombuffer(positions[row].to_bytes(4, "little", signed=True), np.uint8)
     host.keep_readings()
     rows = [(0x80 if alert and not row else 0, id, raw[row, 128:136].tobytes()) for row, id in enumerate(ids)]
-    assert fast in host.bus._groups
+    assert fast in host.bus.group_reads
     assert host.raw(fast) == b"".join(packet.fast_status(rows, 12 * len(ids) + 1))
     assert host.raw(plain) == b"".join(packet.status(id, error, data) for error, id, data in rows)
 
