@@ -148,4 +148,4 @@ def test_a_bus_that_loses_answers_costs_no_memory() -> None:
     for number in range(4 * SHAPES):
         rows = [joint(name, place, heard=bool(number >> place & 1)) for place, name in enumerate(NAMES[:8])]
         speech.state(state(rows), CLOCKS)
-    assert len(speech._prepared) <= SHAPES
+    assert len(speech.prepared) <= SHAPES

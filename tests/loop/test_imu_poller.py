@@ -201,7 +201,7 @@ def test_any_bytes_are_a_reading_that_a_body_can_have_or_none(data: bytes) -> No
     """No warning on the way (warnings are errors here), no number without bound told on as fresh. The example
     is a NaN that signals."""
     inertial = ImuPoller(FLOATS, (1.0, 0.0, 0.0, 0.0), 0)
-    imu = inertial._reading([decoded(data, at, "<f4", 3) for at in (0, 12)], 1.0)
+    imu = inertial.make_reading([decoded(data, at, "<f4", 3) for at in (0, 12)], 1.0)
     if imu is not None:
         assert np.linalg.norm(imu.gyro) <= SPIN and 0.0 < np.linalg.norm(imu.acceleration) <= SHOCK
 

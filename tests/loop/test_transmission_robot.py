@@ -32,7 +32,7 @@ class Body(Rig):
     @property
     def truth(self) -> Floats:
         self.advance_servos()
-        whole = self.served["main"].servos.muscles._whole
+        whole = self.served["main"].servos.muscles.whole
         places = [whole.model.joint(joint.model_joint).qposadr[0] for joint in self.robot.joints]
         return np.array(whole.data.qpos[places])
 

@@ -123,7 +123,7 @@ class BusPort:
     _asked: ScriptRun[Any] | None = None
     querying: bool = False  # the rare transaction asks something: it is answered, and not at once
     _upkeep: bool = False  # it goes before the scripts this time
-    _due: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
+    due_upkeep: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
     _waited: int = 0  # ticks that it has found no room ...
     _queued: int = 0  # ... and that the first script has not
     _span: float = 0.0  # s of bus time of the rare transaction ...
@@ -222,7 +222,7 @@ class BusPort:
         self.link = PortState.CLOSED
         self.devices = ()
         self.beside = ""
-        self._asked = self.identification = self._due = None
+        self._asked = self.identification = self.due_upkeep = None
         self._waited = self._queued = 0
         for task in self.tasks:
             task.cancel(error)
@@ -273,17 +273,17 @@ class BusPort:
         alone = task is not None and (
             task.urgent or (self.link is PortState.IDENTIFYING and not self.holding)
         )
-        if upkeep and not alone and self._due is None:
+        if upkeep and not alone and self.due_upkeep is None:
             self._upkeep = task is None or not self._upkeep  # what tells of lost torque is never starved
             if self._upkeep:
-                self._due = reader.upkeep(now)
-        due = None if alone else self._due
+                self.due_upkeep = reader.upkeep(now)
+        due = None if alone else self.due_upkeep
         if (
             due is not None
             and (self._upkeep or task is None)
             and self._fits(due, now, until, last, self._waited)
         ):
-            self._due = None
+            self.due_upkeep = None
             self._waited = 0
             self._asked = None
             return self._ask(due, now)

@@ -145,7 +145,7 @@ class BusPhysics:
     """The motors of one bus. Keeps the protocol of `MujocoPhysics` for m of its n motors."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole = whole
+        self.whole = whole
         self._loops = loops
         self._at = at
         self.stall = whole.stall[at]
@@ -160,7 +160,7 @@ class BusPhysics:
 
     def set_goals(self, goal: Floats) -> None:
         """As `MujocoPhysics.aim`."""
-        self._whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
+        self.whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
 
     def block(self, held: Bools) -> None:
         """As `MujocoPhysics.block`."""
@@ -172,13 +172,13 @@ class BusPhysics:
 
     def set_base_pose(self, base: str) -> None:
         """As `MujocoPhysics.lay`: of the whole body."""
-        self._whole.set_base_pose(base)
+        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do."""
-        self._whole.advance(now)
+        self.whole.advance(now)
         for name in ("position", "velocity", "current", "pwm"):
-            getattr(self, name)[:] = getattr(self._whole, name)[self._at]
+            getattr(self, name)[:] = getattr(self.whole, name)[self._at]
 
 
 class CanBusPhysics:
@@ -186,7 +186,7 @@ class CanBusPhysics:
     Arrays (m,), SI."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole = whole
+        self.whole = whole
         self._loops = loops
         self._at = at
         self.position, self.velocity, self.torque = loops.read_shafts(whole.data, at)
@@ -207,7 +207,7 @@ class CanBusPhysics:
         if not np.array_equal(gains, self._gains):
             self._gains = gains
             self._loops.impede(self._at, on, kp, kd, limit)
-        self._whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
+        self.whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
 
     def block(self, held: Bools) -> None:
         """Joints that something holds fast."""
@@ -220,13 +220,13 @@ class CanBusPhysics:
 
     def set_base_pose(self, base: str) -> None:
         """As `MujocoPhysics.lay`: of the whole body."""
-        self._whole.set_base_pose(base)
+        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do. Raises Diverged."""
-        self._whole.advance(now)
+        self.whole.advance(now)
         self.position[:], self.velocity[:], self.torque[:] = self._loops.read_shafts(
-            self._whole.data, self._at
+            self.whole.data, self._at
         )
 
 
