@@ -41,7 +41,7 @@ def move(rig: Rig) -> None:
 # ----------------------------------------------------------------------------------------------- BUS_ERRORS
 
 
-def test_r06_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> None:
+def test_bus_errors_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.bit_errors(0.1, to_servos=False)
     until(armed, lambda: armed.loop.executor.motion is Motion.HOLDING, 5 + 2)
@@ -51,7 +51,7 @@ def test_r06_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> No
     assert on(armed).all()
 
 
-def test_r06_one_broken_answer_at_a_low_rate_ends_no_motion() -> None:
+def test_bus_errors_one_broken_answer_at_a_low_rate_ends_no_motion() -> None:
     rig = Rig(rate_hz=20.0)
     rig.arm()
     assert rig.events("STATE_STALE") == []  # 47 ms old when the tick begins, and not late at all
@@ -65,7 +65,7 @@ def test_r06_one_broken_answer_at_a_low_rate_ends_no_motion() -> None:
     rig.close()
 
 
-def test_r06_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
+def test_bus_errors_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
     armed.virtual["main"].faults.silence(7)
     armed.seconds(0.4)
     assert "BUS_ERRORS" not in armed.loop.latches
@@ -75,7 +75,7 @@ def test_r06_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
 # -------------------------------------------------------------------------------------------- FOREIGN_TRAFFIC
 
 
-def test_r08_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> None:
+def test_foreign_traffic_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.foreign(3)
     until(armed, latched(armed, "FOREIGN_TRAFFIC"), 3 + 2)
@@ -86,7 +86,7 @@ def test_r08_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> Non
     assert len(armed.events("FOREIGN_TRAFFIC")) <= 2
 
 
-def test_r08_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
+def test_foreign_traffic_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
     live.connect()
     live.lease()
 
@@ -108,7 +108,7 @@ def test_r08_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
 # ----------------------------------------------------------------------------------------------- SERVO_ALERT
 
 
-def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed: Rig) -> None:
+def test_servo_alert_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.damage(9, OVERLOAD)
     until(armed, latched(armed, "SERVO_ALERT"), 2)
@@ -120,7 +120,7 @@ def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed:
     assert on(armed).sum() == 23  # a gantry carries what hangs: the others hold
 
 
-def test_r09_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
+def test_servo_alert_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
     slow = armed.loop.hardware.slow
     joint = 8
     armed.virtual["main"].faults.damage(9, OVERLOAD)
@@ -131,7 +131,7 @@ def test_r09_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
     until(armed, lambda: "overload" in armed.loop.latches["SERVO_ALERT"].message, 8)
 
 
-def test_r09_in_mirror_it_is_told() -> None:
+def test_servo_alert_in_mirror_it_is_told() -> None:
     mirror = Rig(mode=Mode.MIRROR)
     mirror.connect()
     mirror.virtual["main"].faults.damage(9, OVERLOAD)
@@ -143,7 +143,7 @@ def test_r09_in_mirror_it_is_told() -> None:
     mirror.close()
 
 
-def test_r09_nobody_arms_until_it_was_rebooted(live: Rig) -> None:
+def test_servo_alert_nobody_arms_until_it_was_rebooted(live: Rig) -> None:
     live.connect()
     live.lease()
     live.virtual["main"].faults.damage(9, OVERLOAD)
@@ -156,7 +156,7 @@ def test_r09_nobody_arms_until_it_was_rebooted(live: Rig) -> None:
 # --------------------------------------------------------------------------------------------- SERVO_REBOOTED
 
 
-def test_r11_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: Rig) -> None:
+def test_servo_rebooted_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.brown_out(9)
     until(armed, latched(armed, "SERVO_REBOOTED"), PROBE + HEALTH + 2)
@@ -175,7 +175,7 @@ def test_r11_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: 
     assert on(armed).all()
 
 
-def test_r11_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> None:
+def test_servo_rebooted_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     live.virtual["main"].faults.brown_out(9)
@@ -185,7 +185,7 @@ def test_r11_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> 
     until(live, lambda: live.loop.state is RobotState.CONNECTED, 300)
 
 
-def test_r11_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) -> None:
+def test_servo_rebooted_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     for _ in range(2):
@@ -195,7 +195,7 @@ def test_r11_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) 
     assert len(live.events("SERVO_REBOOTED")) == 1
 
 
-def test_r11_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
+def test_servo_rebooted_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
     rig = Rig("h24-split")
     rig.connect()
     rig.seconds(1.0)
@@ -207,7 +207,7 @@ def test_r11_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
 
 
 @pytest.mark.slow
-def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
+def test_servo_rebooted_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
     """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
     armed.seconds(34.0)
     assert armed.events("SERVO_REBOOTED") == []
@@ -224,7 +224,9 @@ def shift(rig: Rig, id: int, ticks: float) -> None:
     bus.servos.invalidate_cache()
 
 
-def test_r13_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_see_its_beginning(armed: Rig) -> None:
+def test_sense_jump_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_see_its_beginning(
+    armed: Rig,
+) -> None:
     move(armed)
     place = armed.loop.joints.buses[0].ids.index(9)
     joint = int(armed.loop.joints.buses[0].joints[place])
@@ -238,7 +240,7 @@ def test_r13_a_lost_turn_of_an_armed_joint_holds_and_the_twin_does_not_see_its_b
     until(armed, lambda: armed.loop.executor.motion is Motion.HOLDING, 3)
 
 
-def test_r13_a_hand_may_throw_a_limp_joint(live: Rig) -> None:
+def test_sense_jump_a_hand_may_throw_a_limp_joint(live: Rig) -> None:
     live.connect()
     shift(live, 9, 700)
     live.ticks(2)
@@ -247,7 +249,7 @@ def test_r13_a_hand_may_throw_a_limp_joint(live: Rig) -> None:
     assert live.events("SENSE_JUMP")
 
 
-def test_r13_no_motion_of_the_robot_is_ever_implausible(armed: Rig) -> None:
+def test_sense_jump_no_motion_of_the_robot_is_ever_implausible(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [0.8, -0.8, 0.0], [1.0, 2.5, 4.0]), policy="retime", more=True)
     armed.seconds(4.5)
     assert armed.events("SENSE_JUMP") == []
@@ -256,7 +258,7 @@ def test_r13_no_motion_of_the_robot_is_ever_implausible(armed: Rig) -> None:
 # ----------------------------------------------------------------------------------------------- TX_BACKLOG
 
 
-def test_r23_a_stuck_adapter_is_a_fault_and_what_waited_never_leaves(armed: Rig) -> None:
+def test_tx_backlog_a_stuck_adapter_is_a_fault_and_what_waited_never_leaves(armed: Rig) -> None:
     move(armed)
     bus = armed.virtual["main"]
     bus.faults.stall()
@@ -270,7 +272,7 @@ def test_r23_a_stuck_adapter_is_a_fault_and_what_waited_never_leaves(armed: Rig)
     assert on(armed).all()
 
 
-def test_r23_in_mirror_it_is_told() -> None:
+def test_tx_backlog_in_mirror_it_is_told() -> None:
     rig = Rig(mode=Mode.MIRROR)
     rig.connect()
     rig.virtual["main"].faults.stall()

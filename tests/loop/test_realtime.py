@@ -116,7 +116,7 @@ from pathlib import Path
 from twind.loop import realtime
 
 got = realtime.enter()
-realtime.leave()
+realtime.drop_realtime()
 status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
 policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 locked = int(status["VmLck"].split()[0])

@@ -72,7 +72,7 @@ def let_go(rig: Rig) -> None:
 # ------------------------------------------------------------------------------------ FOLLOW_ERR, OVERCURRENT
 
 
-def test_r15_a_joint_that_something_holds_is_held_where_it_is(rig: Rig) -> None:
+def test_follow_err_a_joint_that_something_holds_is_held_where_it_is(rig: Rig) -> None:
     """0.1 s after it is 0.2 rad, and what it may lag at this speed, behind; it is aimed at where it is."""
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.lock(1)
@@ -109,7 +109,7 @@ def test_a_fault_of_following_needs_an_operator(rig: Rig) -> None:
     assert rig.call(link.Arm).error is None
 
 
-def test_r17_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: Rig) -> None:
+def test_overcurrent_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: Rig) -> None:
     """Locked, with a goal 0.15 rad away: not so far off that FOLLOW_ERR says anything."""
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.lock(1)
@@ -147,7 +147,7 @@ def heat(rig: Rig, celsius: float, id: int = 1) -> None:
     rig.virtual["main"].faults.heat(id, celsius)
 
 
-def test_r18_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Rig) -> None:
+def test_overtemp_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Rig) -> None:
     """One degree every 0.2 s; each bound is told within a second of being reached."""
     nod(rig)
     crossed: dict[float, int] = {}
@@ -177,7 +177,7 @@ def test_r18_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Ri
     assert any("°C/s" in event.message for event in rig.events("OVERTEMP"))
 
 
-def test_r18_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
+def test_overtemp_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
     heat(rig, 74.0)
     until(rig, latched(rig, "OVERTEMP"), VOTES + SLACK)
     let_go(rig)
@@ -191,7 +191,7 @@ def test_r18_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
         assert (reply.error is None) is arms, reply
 
 
-def test_r18_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
+def test_overtemp_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.spike(1, 120.0, 0.15)
     until(rig, told(rig, "OVERTEMP", 0), 2 * HEALTH + SLACK)
@@ -203,7 +203,7 @@ def test_r18_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
 # ------------------------------------------------------------------------------------------- VOLTAGE
 
 
-def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig) -> None:
+def test_voltage_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig) -> None:
     """0.1 V every 0.2 s: each bound is answered 0.1 s, a reading and two ticks after it shows."""
     nod(rig)
     supply = rig.virtual["main"].faults.supply
@@ -232,7 +232,7 @@ def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig
     let_go(rig)
 
 
-def test_r19_where_nothing_can_be_held_any_more_the_robot_is_soft_at_once(rig: Rig) -> None:
+def test_voltage_where_nothing_can_be_held_any_more_the_robot_is_soft_at_once(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.supply(9.8)
     until(rig, latched(rig, "VOLTAGE"), 10 + 10 + HEALTH + SLACK)  # the registers follow within 0.1 s
@@ -241,7 +241,7 @@ def test_r19_where_nothing_can_be_held_any_more_the_robot_is_soft_at_once(rig: R
     let_go(rig)
 
 
-def test_r19_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
+def test_voltage_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
     """Its own second reading confirms it."""
     protection = rig.virtual["main"].servos.protection
     nod(rig)
@@ -250,7 +250,7 @@ def test_r19_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
     assert rig.loop.latches["VOLTAGE"].joint == 4
 
 
-def test_r19_too_much_is_told(rig: Rig) -> None:
+def test_voltage_too_much_is_told(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.supply(15.2)
     until(rig, lambda: bool(rig.events("VOLTAGE")), 10 + HEALTH + SLACK)

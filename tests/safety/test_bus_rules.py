@@ -53,7 +53,7 @@ def test_a_good_bus_says_nothing() -> None:
 
 
 @pytest.mark.parametrize("rate", [100.0, 200.0, 500.0, 1000.0])
-def test_r06_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None:
+def test_bus_errors_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None:
     watch = Watch(1.0 / rate)
     warn = round(0.01 * rate)
     most = round(0.05 * rate)
@@ -65,21 +65,21 @@ def test_r06_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None
         assert (ReasonCode.BUS_ERRORS in watch.told) == (count >= warn)
 
 
-def test_r06_what_is_just_a_second_ago_is_over() -> None:
+def test_bus_errors_what_is_just_a_second_ago_is_over() -> None:
     watch = Watch(0.125)  # exact in binary
     found = watch.all([BAD, GOOD, BAD, GOOD, BAD, GOOD, GOOD, GOOD, GOOD])
     assert [one.reaction for one in found] == [Reaction.NONE] * 4 + [Reaction.HOLD] * 4 + [Reaction.NONE]
 
 
 @pytest.mark.parametrize("rate", [10.0, 20.0, 25.0, 50.0])
-def test_r06_at_low_rates_less_than_three_bad_ones_hold_nothing(rate: float) -> None:
+def test_bus_errors_at_low_rates_less_than_three_bad_ones_hold_nothing(rate: float) -> None:
     watch = Watch(1.0 / rate)
     found = watch.all([BAD, GOOD] * 3)
     assert [one.reaction for one in found[:4]] == [Reaction.NONE] * 4
     assert found[4].reaction is Reaction.HOLD
 
 
-def test_r06_a_row_is_not_remembered_of_a_bus_that_was_away() -> None:
+def test_bus_errors_a_row_is_not_remembered_of_a_bus_that_was_away() -> None:
     watch = Watch()
     watch.all([BAD] * 19)
     watch.all([NOT_ASKED] * 102)
@@ -90,7 +90,7 @@ def test_r06_a_row_is_not_remembered_of_a_bus_that_was_away() -> None:
     assert [one.reaction for one in watch.all([BAD] * 5)] == [Reaction.NONE] * 4 + [Reaction.HOLD]
 
 
-def test_r06_who_would_hold_at_once_does_not_arm() -> None:
+def test_bus_errors_who_would_hold_at_once_does_not_arm() -> None:
     watch = Watch()
     watch.all([BAD] * 4, **DISARMED)
     assert not watch.guard.bars
@@ -105,7 +105,7 @@ def test_r06_who_would_hold_at_once_does_not_arm() -> None:
 
 @examples(15)
 @given(st.floats(0.002, 0.01), st.integers(0, 30))
-def test_r06_what_is_a_second_ago_does_not_count_any_more(period: float, extra: int) -> None:
+def test_bus_errors_what_is_a_second_ago_does_not_count_any_more(period: float, extra: int) -> None:
     watch = Watch(period)
     watch.all([BAD, GOOD] * 12)
     judgements = watch.all([GOOD] * (int(1.0 / period) + 2 + extra))
@@ -121,13 +121,13 @@ def test_r06_what_is_a_second_ago_does_not_count_any_more(period: float, extra: 
         (20, Reaction.HOLD, True),
     ],
 )
-def test_r06_bad_ones_in_a_row_hold_and_latch(count: int, reaction: Reaction, latches: bool) -> None:
+def test_bus_errors_bad_ones_in_a_row_hold_and_latch(count: int, reaction: Reaction, latches: bool) -> None:
     watch = Watch(0.001)  # 20 of them are 2 % of a second: the share alone does not hold
     last = watch.all([BAD] * count)[-1]
     assert (last.reaction, last.latches) == (reaction, latches)
 
 
-def test_r06_the_fault_leaves_torque_and_names_the_bus() -> None:
+def test_bus_errors_the_fault_leaves_torque_and_names_the_bus() -> None:
     watch = Watch()
     judgement = [watch.see(GOOD, BAD) for _ in range(20)][-1]
     assert (judgement.reaction, judgement.latches, codes(judgement)) == (
@@ -139,7 +139,7 @@ def test_r06_the_fault_leaves_torque_and_names_the_bus() -> None:
     assert (judgement.findings[0].value, judgement.findings[0].bound) == (20.0, 20.0)
 
 
-def test_r06_one_good_exchange_ends_a_row_and_a_tick_without_question_does_not() -> None:
+def test_bus_errors_one_good_exchange_ends_a_row_and_a_tick_without_question_does_not() -> None:
     watch = Watch(0.001)
     watch.all([BAD] * 4)
     assert watch.see(NOT_ASKED).reaction is Reaction.NONE
@@ -148,7 +148,7 @@ def test_r06_one_good_exchange_ends_a_row_and_a_tick_without_question_does_not()
     assert [one.reaction for one in watch.all([BAD] * 5)] == [Reaction.NONE] * 4 + [Reaction.HOLD]
 
 
-def test_r06_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
+def test_bus_errors_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
     watch = Watch()
     watch.see(BAD, GOOD)
     watch.see(GOOD, BAD)
@@ -159,7 +159,7 @@ def test_r06_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r06_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
+def test_bus_errors_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([BAD] * 100, **over)} == {(Reaction.NONE, False)}
     assert ReasonCode.BUS_ERRORS in watch.told
@@ -173,20 +173,20 @@ def test_r06_without_our_torque_it_is_only_told(over: dict[str, object]) -> None
     ([1] + [0] * 100 + [1] + [0] * 100 + [1], False),
     ([1] + [0] * 101 + [3], True), ([2] + [0] * 98 + [1], True), ([2] + [0] * 100 + [1], False),
 ])  # fmt: skip
-def test_r08_three_foreign_packets_in_a_second_inhibit(row: list[int], stops: bool) -> None:
+def test_foreign_traffic_three_foreign_packets_in_a_second_inhibit(row: list[int], stops: bool) -> None:
     watch = Watch()
     last = watch.all([foreign(count) for count in row])[-1]
     assert (last.reaction is Reaction.INHIBIT, last.latches) == (stops, stops)
     assert [finding.bound for finding in last.findings] == ([3.0] if stops else [])
 
 
-def test_r08_what_is_just_a_second_ago_is_over() -> None:
+def test_foreign_traffic_what_is_just_a_second_ago_is_over() -> None:
     watch = Watch(0.125)  # exact in binary
     last = watch.all([foreign(count) for count in [2, 0, 0, 0, 0, 0, 0, 0, 1]])[-1]
     assert last.reaction is Reaction.NONE
 
 
-def test_r08_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named() -> None:
+def test_foreign_traffic_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named() -> None:
     watch = Watch()
     found = [
         watch.see(foreign(3), state=RobotState.FAULT),
@@ -196,7 +196,7 @@ def test_r08_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named
     assert ["left" in found[0].findings[0].message, "right" in found[1].findings[0].message] == [True] * 2
 
 
-def test_r08_while_arming_too() -> None:
+def test_foreign_traffic_while_arming_too() -> None:
     watch = Watch()
     over = DISARMED | {"state": RobotState.ARMING, "torque_settled": False}
     assert watch.see(foreign(3), **over).reaction is Reaction.INHIBIT
@@ -204,7 +204,9 @@ def test_r08_while_arming_too() -> None:
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r08_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(over: dict[str, object]) -> None:
+def test_foreign_traffic_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(
+    over: dict[str, object],
+) -> None:
     watch = Watch()
     judgement = watch.see(foreign(3), **over)
     assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [ReasonCode.FOREIGN_TRAFFIC])
@@ -215,7 +217,7 @@ def test_r08_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(over:
     assert not watch.guard.bars
 
 
-def test_r08_an_inhibited_robot_is_not_inhibited_again_and_again() -> None:
+def test_foreign_traffic_an_inhibited_robot_is_not_inhibited_again_and_again() -> None:
     watch = Watch()
     assert watch.see(foreign(3)).reaction is Reaction.INHIBIT
     over = {"state": RobotState.INHIBITED, "goal": None, "motion": Motion.IDLE}
@@ -225,7 +227,7 @@ def test_r08_an_inhibited_robot_is_not_inhibited_again_and_again() -> None:
 # ----------------------------------------------------------------------------------------------- TX_BACKLOG
 
 
-def test_r23_three_full_ones_in_a_row_are_a_fault_that_holds() -> None:
+def test_tx_backlog_three_full_ones_in_a_row_are_a_fault_that_holds() -> None:
     watch = Watch()
     found = watch.all([FULL] * 3)
     assert [(one.reaction, one.latches) for one in found[:2]] == [(Reaction.NONE, False)] * 2
@@ -239,7 +241,7 @@ def test_r23_three_full_ones_in_a_row_are_a_fault_that_holds() -> None:
     assert "bus left" in found[2].findings[0].message
 
 
-def test_r23_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
+def test_tx_backlog_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
     watch = Watch()
     silent = BusTraffic(asked=True, bad=True)  # sent after the port was emptied, and never heard of
     assert watch.all([FULL, silent, FULL, silent, FULL])[-1].latches
@@ -247,18 +249,18 @@ def test_r23_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
     assert not any(one.latches for one in watch.all([FULL, FULL, GOOD] * 10))
 
 
-def test_r23_an_answer_in_a_tick_that_was_full_too_proves_nothing() -> None:
+def test_tx_backlog_an_answer_in_a_tick_that_was_full_too_proves_nothing() -> None:
     watch = Watch()
     assert watch.all([BusTraffic(asked=True, answered=True, full=1)] * 3)[-1].latches
 
 
-def test_r23_both_packets_of_a_tick_count() -> None:
+def test_tx_backlog_both_packets_of_a_tick_count() -> None:
     watch = Watch()
     assert [one.latches for one in watch.all([BusTraffic(full=2), FULL])] == [False, True]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r23_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
+def test_tx_backlog_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([FULL] * 9, **over)} == {(Reaction.NONE, False)}
     assert ReasonCode.TX_BACKLOG in watch.told

@@ -54,12 +54,12 @@ class Watch:
 # ----------------------------------------------------------------------------------------------- the line
 
 
-def test_r24_an_active_line_says_nothing() -> None:
+def test_can_bus_state_an_active_line_says_nothing() -> None:
     assert all(judgement == FINE for judgement in Watch().all([line(ACTIVE)] * 200))
 
 
 @pytest.mark.parametrize("over", [{}, ARMING, DISARMED, MIRROR])
-def test_r24_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, object]) -> None:
+def test_can_bus_state_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, object]) -> None:
     watch = Watch()
     first, *later = watch.all([line(PASSIVE)] * 300, **over)
     assert codes(first) == [ReasonCode.CAN_BUS_STATE]
@@ -72,7 +72,7 @@ def test_r24_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, obj
 
 
 @pytest.mark.parametrize("over", [{}, ARMING, {"state": RobotState.SETTLING}, {"state": RobotState.ESTOP}])
-def test_r24_a_line_that_is_off_is_a_fault_at_once_while_torque_is_or_comes_on(
+def test_can_bus_state_a_line_that_is_off_is_a_fault_at_once_while_torque_is_or_comes_on(
     over: dict[str, object],
 ) -> None:
     watch = Watch()
@@ -88,19 +88,19 @@ def test_r24_a_line_that_is_off_is_a_fault_at_once_while_torque_is_or_comes_on(
 @pytest.mark.parametrize(("support", "reaction"), [
     ("fixed", Reaction.HOLD), ("gantry", Reaction.HOLD), ("free", Reaction.SETTLE), ("?", Reaction.SETTLE),
 ])  # fmt: skip
-def test_r24_the_others_hold_or_are_lowered_by_support(support: str, reaction: Reaction) -> None:
+def test_can_bus_state_the_others_hold_or_are_lowered_by_support(support: str, reaction: Reaction) -> None:
     assert Watch(support=support).see(line(OFF)).reaction is reaction
     silent = Watch(support=support).all([NOBODY] * 10)
     assert silent[-1].reaction is reaction
 
 
 @pytest.mark.parametrize("state", [RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
-def test_r24_a_robot_on_its_way_down_goes_on(state: RobotState) -> None:
+def test_can_bus_state_a_robot_on_its_way_down_goes_on(state: RobotState) -> None:
     assert Watch().see(line(OFF), state=state).reaction is Reaction.NONE
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r24_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
+def test_can_bus_state_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     over: dict[str, object],
 ) -> None:
     watch = Watch()
@@ -113,7 +113,7 @@ def test_r24_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     assert not watch.guard.bars
 
 
-def test_r24_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> None:
+def test_can_bus_state_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> None:
     watch = Watch()
     for gone in (
         BusTraffic(asked=True, answered=True, line=OFF, left_out=True),
@@ -128,19 +128,19 @@ def test_r24_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> 
     assert [one.code for one in watch.guard.bars if one.code is ReasonCode.CAN_BUS_STATE]
 
 
-def test_r24_passive_that_becomes_off_is_told_again() -> None:
+def test_can_bus_state_passive_that_becomes_off_is_told_again() -> None:
     watch = Watch()
     watch.all([line(PASSIVE)] * 5 + [line(OFF)], **DISARMED)
     assert watch.told == [ReasonCode.CAN_BUS_STATE] * 2
     assert watch.all([line(PASSIVE), line(OFF)])[-1].latches
 
 
-def test_r24_what_is_worse_than_off_is_off() -> None:
+def test_can_bus_state_what_is_worse_than_off_is_off() -> None:
     assert Watch().see(line(3)).gone == (1,)
     assert Watch().see(BusTraffic(asked=True, line=OFF)).findings[0].value == 2.0
 
 
-def test_r24_each_bus_is_judged_by_itself() -> None:
+def test_can_bus_state_each_bus_is_judged_by_itself() -> None:
     watch = Watch()
     judgement = watch.see(line(PASSIVE), line(OFF))
     assert judgement.gone == (2,)
@@ -149,7 +149,7 @@ def test_r24_each_bus_is_judged_by_itself() -> None:
     assert Watch().see(line(OFF), line(OFF)).gone == (1, 2)
 
 
-def test_r24_a_serial_bus_has_no_line() -> None:
+def test_can_bus_state_a_serial_bus_has_no_line() -> None:
     watch = Watch()
     for _ in range(4):
         assert watch.see(line(ACTIVE), spine=BusTraffic(asked=True, answered=True, line=OFF)) == FINE
@@ -158,7 +158,7 @@ def test_r24_a_serial_bus_has_no_line() -> None:
     assert watch.told == []
 
 
-def test_r24_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
+def test_can_bus_state_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
     guard = Guard(LIMITS, buses=("arm",))
     assert guard.judge(facts(traffic=(line(OFF),))) == FINE
 
@@ -168,7 +168,7 @@ def test_r24_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("lost", [NOBODY, FULL])
-def test_r24_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) -> None:
+def test_can_bus_state_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) -> None:
     watch = Watch(1.0 / rate)
     most = round(0.1 * rate)
     found = watch.all([lost] * most)
@@ -182,13 +182,15 @@ def test_r24_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) 
 @pytest.mark.parametrize(
     ("rate", "count"), [(10.0, 3), (20.0, 3), (25.0, 3), (30.0, 3), (32.0, 4), (40.0, 4)]
 )
-def test_r24_at_low_rates_less_than_three_lost_answers_are_no_silence(rate: float, count: int) -> None:
+def test_can_bus_state_at_low_rates_less_than_three_lost_answers_are_no_silence(
+    rate: float, count: int
+) -> None:
     found = Watch(1.0 / rate).all([NOBODY] * count)
     assert [bool(one.gone) for one in found] == [False] * (count - 1) + [True]
 
 
 @pytest.mark.parametrize("between", [line(ACTIVE), line(PASSIVE), NOT_ASKED])
-def test_r24_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: BusTraffic) -> None:
+def test_can_bus_state_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: BusTraffic) -> None:
     watch = Watch()
     watch.all([NOBODY] * 9 + [between])
     assert not any(one.gone for one in watch.all([NOBODY] * 9))
@@ -196,7 +198,7 @@ def test_r24_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: BusTraff
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r24_silence_that_holds_nobody_up_is_none(over: dict[str, object]) -> None:
+def test_can_bus_state_silence_that_holds_nobody_up_is_none(over: dict[str, object]) -> None:
     watch = Watch()
     watch.all([NOBODY] * 50, **over)
     assert ReasonCode.CAN_BUS_STATE not in watch.told
@@ -204,7 +206,7 @@ def test_r24_silence_that_holds_nobody_up_is_none(over: dict[str, object]) -> No
     assert watch.see(NOBODY).gone == (1,)
 
 
-def test_r24_silence_on_a_line_that_is_off_is_told_as_that_alone() -> None:
+def test_can_bus_state_silence_on_a_line_that_is_off_is_told_as_that_alone() -> None:
     watch = Watch()
     found = watch.all([BusTraffic(asked=True, line=OFF)] * 15)
     assert all(one.gone == (1,) for one in found)
@@ -215,7 +217,7 @@ def test_r24_silence_on_a_line_that_is_off_is_told_as_that_alone() -> None:
 
 
 @given(st.lists(st.sampled_from([NOBODY, FULL, NOT_ASKED, line(ACTIVE)]), max_size=60))
-def test_r24_gone_is_exactly_ten_lost_in_a_row(row: list[BusTraffic]) -> None:
+def test_can_bus_state_gone_is_exactly_ten_lost_in_a_row(row: list[BusTraffic]) -> None:
     count = 0
     for traffic, judgement in zip(row, Watch().all(row), strict=True):
         count = count + 1 if traffic in (NOBODY, FULL) else 0

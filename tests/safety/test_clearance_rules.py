@@ -40,7 +40,7 @@ def outlook(clearance: float, ahead: float = 0.2) -> ClearanceAhead:
     ],
 )
 @pytest.mark.parametrize("ahead", [PERIOD, 0.3])
-def test_r20_nearer_is_slower_then_held(
+def test_lookahead_collision_nearer_is_slower_then_held(
     clearance: float, reaction: Reaction, pace: float, ahead: float
 ) -> None:
     judgement = judge(outlook=outlook(clearance, ahead))
@@ -56,14 +56,14 @@ def test_r20_nearer_is_slower_then_held(
 
 @pytest.mark.parametrize("clearance", [nan, -inf, -0.05, 0.001])
 @pytest.mark.parametrize("ahead", [0.0, -0.1, nan])
-def test_r20_too_close_is_too_close_whenever_that_is(clearance: float, ahead: float) -> None:
+def test_lookahead_collision_too_close_is_too_close_whenever_that_is(clearance: float, ahead: float) -> None:
     """What leads out of a bad place is not among what the outlook names."""
     assert judge(outlook=outlook(clearance, ahead)).reaction is Reaction.HOLD
 
 
 @pytest.mark.parametrize("clearance", [0.006, 0.0, nan])
 @pytest.mark.parametrize(("state", "motion"), list(product(RobotState, Motion)))
-def test_r20_no_hold_no_stop_and_no_way_down_is_touched(
+def test_lookahead_collision_no_hold_no_stop_and_no_way_down_is_touched(
     clearance: float, state: RobotState, motion: Motion
 ) -> None:
     over = {"state": state, "motion": motion, "mode": Mode.SIM, "setpoint_age": 0.0}
@@ -75,19 +75,19 @@ def test_r20_no_hold_no_stop_and_no_way_down_is_touched(
         assert found == without
 
 
-def test_r20_without_bounds_only_what_touches_is_held_and_now() -> None:
+def test_lookahead_collision_without_bounds_only_what_touches_is_held_and_now() -> None:
     assert judge(outlook=ClearanceAhead(0.0005)) == FINE
     found = judge(outlook=ClearanceAhead(-0.01))
     assert found.reaction is Reaction.HOLD
     assert [(one.time, one.bound) for one in found.findings] == [(0.0, 0.0)]
 
 
-def test_r20_nobody_looked() -> None:
+def test_lookahead_collision_nobody_looked() -> None:
     assert judge(outlook=None) == FINE
 
 
 @given(st.floats(0.0, 0.05), st.floats(1e-6, 0.05), st.floats(-0.1, 0.2))
-def test_r20_the_pace_is_a_share_and_falls_with_the_clearance(
+def test_lookahead_collision_the_pace_is_a_share_and_falls_with_the_clearance(
     block: float, room: float, clearance: float
 ) -> None:
     def at(value: float) -> tuple[int, float]:

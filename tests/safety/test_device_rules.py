@@ -37,7 +37,7 @@ def guard(support: str = "gantry") -> Guard:
 
 @pytest.mark.parametrize(("error", "alert"), [(0, False), (1, False), (7, False), (127, False), (128, True),
                                               (129, True), (135, True), (255, True)])  # fmt: skip
-def test_r09_the_alert_bit_alone_faults_the_joint_at_once(error: int, alert: bool) -> None:
+def test_servo_alert_the_alert_bit_alone_faults_the_joint_at_once(error: int, alert: bool) -> None:
     judgement = guard().judge(facts(alerts=at(1, error)))
     assert judgement.latches == alert
     assert [(one.code, one.joint) for one in judgement.findings] == [(ReasonCode.SERVO_ALERT, 1)] * alert
@@ -46,7 +46,7 @@ def test_r09_the_alert_bit_alone_faults_the_joint_at_once(error: int, alert: boo
 @pytest.mark.parametrize(("support", "reaction"), [
     ("fixed", Reaction.HOLD), ("gantry", Reaction.HOLD), ("free", Reaction.SETTLE), ("?", Reaction.SETTLE),
 ])  # fmt: skip
-def test_r09_the_others_hold_or_settle_by_support_and_unknown_is_free(
+def test_servo_alert_the_others_hold_or_settle_by_support_and_unknown_is_free(
     support: str, reaction: Reaction
 ) -> None:
     assert guard(support).judge(facts(alerts=at(0, 128))).reaction is reaction
@@ -56,7 +56,7 @@ def test_r09_the_others_hold_or_settle_by_support_and_unknown_is_free(
     (1, "input voltage"), (4, "overheating"), (8, "encoder"), (16, "electrical shock"), (32, "overload"),
     (36, "overheating, overload"), (2, "bit 1"), (0, "not read yet"), (-1, "not read yet"),
 ])  # fmt: skip
-def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) -> None:
+def test_servo_alert_the_bits_of_register_70_are_named_in_words(bits: int, said: str) -> None:
     """e-manual, Hardware Error Status (70): bits 0, 2, 3, 4, 5."""
     assert said in words(bits)
     assert "70" not in words(bits)
@@ -70,7 +70,7 @@ def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) ->
     (32, "overload"), (64, "silent to its master"), (128, "an error that has no name here"),
     (66, "not calibrated, silent to its master"), (256, "bit 8"), (0, "not read yet"),
 ])  # fmt: skip
-def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
+def test_servo_alert_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
     """The contract's bits of every CAN family (`twind_drivers.can.actuator_family`)."""
     judge = Guard(LIMITS, support="gantry", buses=("arm",), can={"arm": [0, 2]})
     told = facts(traffic=(BusTraffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
@@ -83,7 +83,7 @@ def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -
     assert f"hardware error: {words(bits)}: " in second
 
 
-def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
+def test_servo_alert_the_bits_on_can_are_those_of_its_families() -> None:
     named = {
         actuator_family.VOLTAGE: "input voltage",
         actuator_family.UNCALIBRATED: "not calibrated",
@@ -101,7 +101,7 @@ def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
     (0, 0, "free", Reaction.DAMP), (1, 0, "free", Reaction.SETTLE), (-1, 0, "free", Reaction.SETTLE),
     (0, 1, "free", Reaction.SETTLE), (0, 0, "gantry", Reaction.HOLD),
 ])  # fmt: skip
-def test_r09_a_leg_that_shut_itself_down_damps_what_stands_on_it(
+def test_servo_alert_a_leg_that_shut_itself_down_damps_what_stands_on_it(
     torque: int, joint: int, support: str, reaction: Reaction
 ) -> None:
     legs = replace(ActuatorRatings.unknown(N), leg=np.array([True, False, False]))
@@ -112,14 +112,14 @@ def test_r09_a_leg_that_shut_itself_down_damps_what_stands_on_it(
 
 
 @pytest.mark.parametrize("torque", [0, 1])
-def test_r09_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
+def test_servo_alert_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
     legs = replace(ActuatorRatings.unknown(N), leg=np.ones(N, np.bool_))
     judge = Guard(LIMITS, support="free", ratings=legs)
     row = at(0, torque, 0, np.int8)
     assert judge.judge(facts(alerts=at(0, 128), torque=row, **ARMING)).reaction is Reaction.SETTLE
 
 
-def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
+def test_servo_alert_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
     judge = guard()
     over = {"alerts": at(0, 128), "state": RobotState.FAULT}
     told = [codes(judge.judge(facts(fault=at(0, bits, 0, np.int16), **over))) for bits in (0, 0, 32, 32)]
@@ -127,14 +127,14 @@ def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() ->
 
 
 @pytest.mark.parametrize("over", [{}, ARMING])
-def test_r09_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
+def test_servo_alert_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
     judge = guard()
     assert judge.judge(facts(alerts=at(0, 128), **over)).latches
     assert [one.code for one in judge.bars] == [ReasonCode.SERVO_ALERT]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_r09_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
+def test_servo_alert_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     over: dict[str, object],
 ) -> None:
     judge = guard()
@@ -147,7 +147,7 @@ def test_r09_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     assert not judge.bars
 
 
-def test_r09_in_sim_there_is_no_bus_to_speak_of() -> None:
+def test_servo_alert_in_sim_there_is_no_bus_to_speak_of() -> None:
     assert guard().judge(facts(alerts=at(0, 128), **SIM)) == FINE
 
 
@@ -182,7 +182,7 @@ class Clocks:
 
 
 @given(st.integers(0, CLOCK - 1), st.lists(st.floats(0.001, 250.0), max_size=8), st.floats(-0.04, 0.04))
-def test_r11_a_clock_that_goes_on_is_never_a_restart_whatever_it_wraps(
+def test_servo_rebooted_a_clock_that_goes_on_is_never_a_restart_whatever_it_wraps(
     start: int, gaps: list[float], drift: float
 ) -> None:
     """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
@@ -191,7 +191,7 @@ def test_r11_a_clock_that_goes_on_is_never_a_restart_whatever_it_wraps(
 
 
 @given(st.integers(0, CLOCK - 1), st.floats(0.05, 5.0), st.floats(0.0, 1.0))
-def test_r11_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
+def test_servo_rebooted_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
     start: int, gap: float, share: float
 ) -> None:
     clocks = Clocks(start)
@@ -205,46 +205,48 @@ def test_r11_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
 
 
 @pytest.mark.parametrize(("off", "restarted"), [(58.0, False), (62.0, True)])
-def test_r11_the_margin_is_fifty_milliseconds_and_five_per_cent(off: float, restarted: bool) -> None:
+def test_servo_rebooted_the_margin_is_fifty_milliseconds_and_five_per_cent(
+    off: float, restarted: bool
+) -> None:
     clocks = Clocks(int(-200 + off) % CLOCK)  # expected to stand at `off` ms, read at 0
     assert clocks.restart(0.2, 0.0).latches == restarted
 
 
 @pytest.mark.parametrize(("off", "restarted"), [(60, False), (61, True)])
-def test_r11_a_clock_wraps_at_32768_milliseconds_and_no_other(off: int, restarted: bool) -> None:
+def test_servo_rebooted_a_clock_wraps_at_32768_milliseconds_and_no_other(off: int, restarted: bool) -> None:
     clocks = Clocks((-210 + off) % CLOCK)
     assert clocks.restart(0.21, 0.0).latches == restarted  # 50 ms, and 5 % of 210
 
 
 @pytest.mark.parametrize(("off", "restarted"), [(75, False), (76, True)])
-def test_r11_right_at_the_margin_a_clock_goes_on(off: int, restarted: bool) -> None:
+def test_servo_rebooted_right_at_the_margin_a_clock_goes_on(off: int, restarted: bool) -> None:
     assert Clocks((-500 + off) % CLOCK).restart(0.5, 0.0).latches == restarted
 
 
 @pytest.mark.parametrize(("uptime", "restarted"), [(0.575, True), (0.576, False)])
-def test_r11_right_at_the_margin_a_clock_is_young(uptime: float, restarted: bool) -> None:
+def test_servo_rebooted_right_at_the_margin_a_clock_is_young(uptime: float, restarted: bool) -> None:
     assert Clocks(20_000).restart(0.5, uptime).latches == restarted
 
 
-def test_r11_a_clock_that_is_older_than_the_time_since_it_was_read_was_read_late_not_restarted() -> None:
+def test_servo_rebooted_a_clock_older_than_its_reading_was_read_late_not_restarted() -> None:
     clocks = Clocks(20_000)
     clocks.now += 5.0  # the process stood still between the question and the look at the answer
     clocks.ticks += 10
     assert clocks.read() == FINE
 
 
-def test_r11_who_was_not_read_for_minutes_is_not_known_to_be_the_same() -> None:
+def test_servo_rebooted_who_was_not_read_for_minutes_is_not_known_to_be_the_same() -> None:
     clocks = Clocks(0)
     assert codes(clocks.later(400.0)) == [ReasonCode.SERVO_REBOOTED] * N
 
 
-def test_r11_a_forgotten_clock_begins_anew() -> None:
+def test_servo_rebooted_a_forgotten_clock_begins_anew() -> None:
     clocks = Clocks(20_000)
     clocks.guard.judge(facts())  # -1: the bus was lost, or the restart was ordered
     assert clocks.restart(0.2, 0.1) == FINE
 
 
-def test_r11_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
+def test_servo_rebooted_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
     clocks = Clocks(20_000)
     for unknown in (-1, -1):
         clocks.now += 0.2
@@ -253,7 +255,7 @@ def test_r11_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
     assert clocks.restart(0.2, 0.01) == FINE
 
 
-def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
+def test_servo_rebooted_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
     clocks = Clocks(20_000, **DISARMED)
     judgement = clocks.restart(0.4, 0.2)
     assert (judgement.latches, codes(judgement)) == (False, [ReasonCode.SERVO_REBOOTED])
@@ -262,14 +264,14 @@ def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
 
 
 @pytest.mark.parametrize("over", [{}, ARMING])
-def test_r11_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
+def test_servo_rebooted_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
     clocks = Clocks(20_000, **over)
     assert clocks.restart(0.4, 0.2).latches
     assert [one.code for one in clocks.guard.bars] == [ReasonCode.SERVO_REBOOTED]
 
 
 @pytest.mark.parametrize(("joint", "reaction"), [(0, Reaction.DAMP), (1, Reaction.SETTLE)])
-def test_r11_a_leg_that_went_limp_is_damped_and_an_arm_is_lowered_with_the_rest(
+def test_servo_rebooted_a_leg_that_went_limp_is_damped_and_an_arm_is_lowered_with_the_rest(
     joint: int, reaction: Reaction
 ) -> None:
     legs = replace(ActuatorRatings.unknown(N), leg=np.array([True, False, False]))
@@ -278,14 +280,16 @@ def test_r11_a_leg_that_went_limp_is_damped_and_an_arm_is_lowered_with_the_rest(
 
 
 @pytest.mark.parametrize(("watchdog", "restarted"), [(0, True), (1, False), (5, False), (-1, False)])
-def test_r11_an_armed_watchdog_that_reads_zero_is_a_restart(watchdog: int, restarted: bool) -> None:
+def test_servo_rebooted_an_armed_watchdog_that_reads_zero_is_a_restart(
+    watchdog: int, restarted: bool
+) -> None:
     judgement = guard().judge(facts(watchdog=at(2, watchdog, 5, np.int16)))
     assert judgement.latches == restarted
     told = [(one.code, one.joint, one.value, "restarted" in one.message) for one in judgement.findings]
     assert told == [(ReasonCode.SERVO_REBOOTED, 2, 0.0, True)] * restarted
 
 
-def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
+def test_servo_rebooted_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
     judge = guard()
     zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
@@ -294,7 +298,7 @@ def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> No
     assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.2))).latches
 
 
-def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
+def test_servo_rebooted_one_joint_read_anew_says_nothing_of_another() -> None:
     judge = guard()
     zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
@@ -304,7 +308,7 @@ def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
 
 
 @pytest.mark.parametrize("value", [0, 255])
-def test_r11_r12_a_watchdog_read_before_the_arming_says_nothing_though_the_torque_was_read_after(
+def test_a_watchdog_read_before_the_arming_gives_no_servo_rebooted_though_torque_was_read_after(
     value: int,
 ) -> None:
     """A status is as old as its older half: the torque's new half may be all that makes its time move."""
@@ -317,7 +321,7 @@ def test_r11_r12_a_watchdog_read_before_the_arming_says_nothing_though_the_torqu
 
 
 @pytest.mark.parametrize("between", [DISARMED, {"torque": np.ones(N, np.int8)}])
-def test_r10_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
+def test_torque_mismatch_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
     judge = guard()
     off = at(1, 0, 1, np.int8)
     rows = [{"torque": off}, {"torque": off} | between, {"torque": off}, {"torque": off}]
@@ -330,7 +334,7 @@ def test_r10_counts_from_the_last_time_that_all_was_right(between: dict[str, obj
     assert [one.latches for one in found] == [False, False, False, True]
 
 
-def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> None:
+def test_torque_mismatch_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> None:
     judge = guard()
     off = {"torque": at(1, 0, 1, np.int8)}
     judge.judge(facts(status_time=np.full(N, 10.0), **off))
@@ -342,7 +346,7 @@ def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> N
     assert [(one.code, one.joint) for one in last.findings] == [(ReasonCode.TORQUE_MISMATCH, 1)]
 
 
-def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
+def test_servo_rebooted_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
     off = at(0, 0, 1, np.int8)
     zero = at(0, 0, 5, np.int16)
     assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [ReasonCode.SERVO_REBOOTED]

@@ -17,7 +17,9 @@ from twind.safety.guard import BusTraffic, Guard, Reaction
 @pytest.mark.parametrize(
     ("step", "fits"), [(STEP - TINY, True), (STEP, True), (STEP + TINY, False), (1.0, False)]
 )
-def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: float, fits: bool) -> None:
+def test_step_limit_a_goal_steps_no_further_than_the_velocity_limit(
+    side: float, step: float, fits: bool
+) -> None:
     for mode, motion in product(Mode, Motion):
         judgement = judge(mode=mode, motion=motion, setpoint_age=0.0, goal=at_rest([0.0, side * step, 0.0]))
         if fits:
@@ -34,7 +36,7 @@ def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: 
 
 
 @pytest.mark.parametrize(("full", "cause"), [(0, "a bug of ours"), (1, "the port was full")])
-def test_r21_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: str) -> None:
+def test_step_limit_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: str) -> None:
     guard = Guard(LIMITS, buses=("left", "right"))
     traffic = (BusTraffic(), BusTraffic(full=full))
     judgement = guard.judge(facts(goal=at_rest([0.0, 2 * STEP, 0.0]), traffic=traffic))
@@ -42,7 +44,7 @@ def test_r21_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: st
     assert cause in judgement.findings[0].message
 
 
-def test_r21_the_bound_follows_the_period() -> None:
+def test_step_limit_the_bound_follows_the_period() -> None:
     guard = Guard(LIMITS)
     goal = at_rest([0.0, STEP, 0.0])
     assert guard.judge(facts(goal=goal)) == FINE
@@ -50,23 +52,23 @@ def test_r21_the_bound_follows_the_period() -> None:
 
 
 @pytest.mark.parametrize(("more", "fits"), [(1e-9, True), (1.05e-9, False)])
-def test_r21_a_rounding_of_a_billionth_is_let_through(more: float, fits: bool) -> None:
+def test_step_limit_a_rounding_of_a_billionth_is_let_through(more: float, fits: bool) -> None:
     goal = np.zeros(N)
     goal[1] = LIMITS.velocity[1] * PERIOD + more
     assert judge(goal=at_rest(list(goal))).goal_refused is not fits
 
 
 @pytest.mark.parametrize("period", [0.001, 0.05, 1.0])
-def test_r21_a_goal_steps_by_the_period_from_the_first_tick_on(period: float) -> None:
+def test_step_limit_a_goal_steps_by_the_period_from_the_first_tick_on(period: float) -> None:
     assert judge(period=period, goal=at_rest([0.0, 3.9 * period, 0.0])) == FINE
     assert judge(period=period, goal=at_rest([0.0, 4.1 * period, 0.0])).goal_refused
 
 
-def test_r21_a_first_goal_has_nothing_to_step_from() -> None:
+def test_step_limit_a_first_goal_has_nothing_to_step_from() -> None:
     assert judge(previous=None, goal=at_rest([1.0, 1.0, 1.0])) == FINE
 
 
-def test_r21_a_last_goal_that_is_no_number_refuses_the_next() -> None:
+def test_step_limit_a_last_goal_that_is_no_number_refuses_the_next() -> None:
     assert judge(previous=joints(0.0, 0.0, nan)).goal_refused
 
 
@@ -89,7 +91,7 @@ def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: RobotState) -> N
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_r14_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side: float) -> None:
+def test_out_of_limit_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side: float) -> None:
     judgement = judge(
         measured=reading([side * 2.0, side * 2.01, 0.0]),
         previous=side * joints(2.01, 2.01, 0.0),
@@ -99,13 +101,13 @@ def test_r14_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_r14_all_past_their_limits_are_all_told(side: float) -> None:
+def test_out_of_limit_all_past_their_limits_are_all_told(side: float) -> None:
     there = np.full(N, side * 2.1)
     judgement = judge(measured=reading(list(there)), previous=there, goal=at_rest(list(there)))
     found = [(finding.code, finding.joint) for finding in judgement.findings]
     assert found == [(ReasonCode.OUT_OF_LIMIT, joint) for joint in range(N)]
 
 
-def test_r05_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
+def test_state_stale_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
     judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
     assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.STATE_STALE, 0)]

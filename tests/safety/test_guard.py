@@ -59,7 +59,7 @@ def test_reactions_are_ordered_by_severity() -> None:
     ("lateness", "told"),
     [(0.0, False), (0.002, False), (0.002 + 1e-9, True), (0.5, True), (nan, True), (-1.0, False)],
 )
-def test_r02_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
+def test_loop_late_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
     judgement = judge(lateness=lateness)
     assert judgement.reaction is Reaction.NONE
     assert codes(judgement) == ([ReasonCode.LOOP_LATE] if told else [])
@@ -79,7 +79,7 @@ def test_r02_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: b
         (nan, 5, Reaction.HOLD),
     ],
 )
-def test_r02_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
+def test_loop_late_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
     rate: float, missed: int, reaction: Reaction
 ) -> None:
     found = judge(missed_in_a_row=missed, period=1.0 / rate, goal=None)
@@ -100,7 +100,7 @@ def test_r02_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
         (100, Reaction.HOLD, 5.0),
     ],
 )
-def test_r02_two_missed_ticks_are_told_and_five_hold(
+def test_loop_late_two_missed_ticks_are_told_and_five_hold(
     missed: int, reaction: Reaction, bound: float | None
 ) -> None:
     judgement = judge(missed_in_a_row=missed)
@@ -112,7 +112,7 @@ def test_r02_two_missed_ticks_are_told_and_five_hold(
 
 
 @pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
-def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
+def test_lease_lost_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
     mode: Mode, state: RobotState, motion: Motion
 ) -> None:
     judgement = judge(mode=mode, state=state, motion=motion, lease_ok=False, setpoint_age=0.0)
@@ -128,7 +128,7 @@ def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
 @pytest.mark.parametrize(
     ("age", "holds"), [(0.0, False), (0.1, False), (0.1 + 1e-9, True), (1.0, True), (nan, True), (None, True)]
 )
-def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, holds: bool) -> None:
+def test_stream_stale_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, holds: bool) -> None:
     judgement = judge(motion=Motion.STREAMING, setpoint_age=age)
     assert judgement.reaction is (Reaction.HOLD if holds else Reaction.NONE)
     assert codes(judgement) == ([ReasonCode.STREAM_STALE] if holds else [])
@@ -151,7 +151,7 @@ def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, 
     ],
 )
 @pytest.mark.parametrize("aged_since", [0.0, 0.02])
-def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
+def test_state_stale_a_silent_joint_is_told_then_held_then_a_fault(
     age: float, bound: float | None, reaction: Reaction, latches: bool, aged_since: float
 ) -> None:
     """Its age counts at the tick: what it was when read, and what has passed since."""
@@ -168,7 +168,7 @@ def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
         assert [finding.bound for finding in elsewhere.findings] == ([] if bound is None else [bound])
 
 
-def test_r05_no_reading_at_all_holds_what_we_hold() -> None:
+def test_state_stale_no_reading_at_all_holds_what_we_hold() -> None:
     judgement = judge(measured=None)
     assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [ReasonCode.STATE_STALE])
     assert judge(measured=None, mode=Mode.SIM, state=RobotState.DISCONNECTED, torque_expected=False) == FINE
@@ -195,14 +195,14 @@ def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: RobotSt
 # ------------------------------------------------------------------------------ RX_SHAPE and WATCHDOG_TRIPPED
 
 
-def test_r07_dropped_bytes_are_told_and_nothing_more() -> None:
+def test_rx_shape_dropped_bytes_are_told_and_nothing_more() -> None:
     judgement = judge(discarded=7)
     assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
     assert [(finding.code, finding.value) for finding in judgement.findings] == [(ReasonCode.RX_SHAPE, 7.0)]
 
 
 @pytest.mark.parametrize(("value", "trips"), [(255, True), (254, False), (5, False), (-1, False)])
-def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) -> None:
+def test_watchdog_tripped_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) -> None:
     watchdog = np.array([5, 5, value], np.int16)
     judgement = judge(watchdog=watchdog)
     if trips:
@@ -230,7 +230,7 @@ def refreshes(readings: list[tuple[float, int]], **over: object) -> list[GuardDe
 
 
 @pytest.mark.parametrize("value", [0, -1])
-def test_r10_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) -> None:
+def test_torque_mismatch_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) -> None:
     first, same, second = refreshes([(1.0, value), (1.0, value), (1.05, value)])
     assert first == same == FINE
     limp = Reaction.DAMP if value == 0 else Reaction.SETTLE  # of a robot without support
@@ -244,11 +244,11 @@ def test_r10_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) 
     )
 
 
-def test_r10_one_wrong_refresh_between_right_ones_is_none() -> None:
+def test_torque_mismatch_one_wrong_refresh_between_right_ones_is_none() -> None:
     assert refreshes([(1.0, 0), (1.05, 1), (1.1, 0), (1.15, 1)]) == [FINE] * 4
 
 
-def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
+def test_torque_mismatch_each_joint_is_counted_by_its_own_refreshes() -> None:
     guard = Guard(LIMITS)
     off = np.array([0, 0, 1], np.int8)
     for times in (joints(1.0, 1.0, 1.0), joints(1.1, 1.0, 1.0)):
@@ -256,7 +256,7 @@ def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
     assert [finding.joint for finding in judgement.findings] == [0]
 
 
-def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
+def test_torque_mismatch_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
     guard = Guard(LIMITS)
 
     def read(time: float, settled: bool = True) -> GuardDecision:
@@ -272,11 +272,11 @@ def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
 
 
 @pytest.mark.parametrize("over", [{"mode": Mode.MIRROR}, {"torque_expected": False}])
-def test_r10_where_we_hold_nothing_torque_is_not_ours_to_judge(over: dict[str, object]) -> None:
+def test_torque_mismatch_where_we_hold_nothing_torque_is_not_ours_to_judge(over: dict[str, object]) -> None:
     assert refreshes([(1.0, 0), (1.1, 0), (1.2, 0)], **over) == [FINE] * 3
 
 
-def test_r10_while_settling_it_is_latched_without_a_hold() -> None:
+def test_torque_mismatch_while_settling_it_is_latched_without_a_hold() -> None:
     guard = Guard(LIMITS, support="gantry")
     off = np.array([1, 0, 1], np.int8)
     for time in (1.0, 1.1):
@@ -294,7 +294,7 @@ HARD = 2.05 + 0.0087
 @pytest.mark.parametrize(
     ("place", "fault"), [(2.05, False), (HARD - TINY, False), (HARD, False), (HARD + TINY, True), (9.0, True)]
 )
-def test_r14_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, fault: bool) -> None:
+def test_out_of_limit_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, fault: bool) -> None:
     there = joints(0.0, 0.0, side * place)
     given = {"measured": reading(list(there)), "previous": there, "goal": at_rest(list(there))}
     judgement = judge(**given)
@@ -323,7 +323,7 @@ def test_r14_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, f
         (1.95, 2.01, 2.011, False),
     ],
 )
-def test_r14_past_its_limit_a_joint_may_only_be_moved_inwards(
+def test_out_of_limit_past_its_limit_a_joint_may_only_be_moved_inwards(
     side: float, motion: Motion, place: float, before: float, goal: float, outward: bool
 ) -> None:
     judgement = judge(
@@ -341,7 +341,7 @@ def test_r14_past_its_limit_a_joint_may_only_be_moved_inwards(
         assert judgement == FINE
 
 
-def test_r14_before_anything_was_written_there_is_no_outwards() -> None:
+def test_out_of_limit_before_anything_was_written_there_is_no_outwards() -> None:
     assert judge(measured=reading([2.01, 0.0, 0.0]), previous=None, goal=at_rest([2.02, 0.0, 0.0])) == FINE
 
 

@@ -70,7 +70,7 @@ def levels(found: list[GuardDecision]) -> list[Finding]:
         (nan, None, NONE, 1.0),
     ],
 )
-def test_r18_warm_is_told_hot_goes_slower_and_hotter_is_lowered(
+def test_overtemp_warm_is_told_hot_goes_slower_and_hotter_is_lowered(
     celsius: float, bound: float | None, reaction: Reaction, pace: float
 ) -> None:
     watch = Watch()
@@ -93,21 +93,21 @@ def test_r18_warm_is_told_hot_goes_slower_and_hotter_is_lowered(
         ([80, 80, 30, 30, 30, 80], False),
     ],
 )
-def test_r18_three_of_five(row: list[float], trips: bool) -> None:
+def test_overtemp_three_of_five(row: list[float], trips: bool) -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     assert (watch.row(*row)[-1].reaction is SETTLE) is trips
 
 
 @given(st.lists(st.integers(20, 90), min_size=5, max_size=40))
-def test_r18_the_vote_is_that_of_an_oracle(row: list[int]) -> None:
+def test_overtemp_the_vote_is_that_of_an_oracle(row: list[int]) -> None:
     watch = Watch()
     for count, found in enumerate(watch.row(*map(float, row)), 1):
         last = [each for each in row[max(0, count - 5) : count] if each >= 70]
         assert (found.reaction is SETTLE) is (len(last) >= 3)
 
 
-def test_r18_a_reading_counts_once_however_often_it_is_seen() -> None:
+def test_overtemp_a_reading_counts_once_however_often_it_is_seen() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     watch.row(80.0)
@@ -117,7 +117,7 @@ def test_r18_a_reading_counts_once_however_often_it_is_seen() -> None:
         assert found.reaction is NONE
 
 
-def test_r18_each_joint_counts_its_own_readings() -> None:
+def test_overtemp_each_joint_counts_its_own_readings() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     for _ in range(4):  # joint 0 is read anew, joint 1 is not
@@ -127,7 +127,7 @@ def test_r18_each_joint_counts_its_own_readings() -> None:
     assert first.reaction is SETTLE  # three new readings of it by now
 
 
-def test_r18_who_is_not_read_anew_counts_no_more_however_often_the_others_are() -> None:
+def test_overtemp_who_is_not_read_anew_counts_no_more_however_often_the_others_are() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     watch.row(80.0)
@@ -137,7 +137,7 @@ def test_r18_who_is_not_read_anew_counts_no_more_however_often_the_others_are() 
         assert watch.read(30.0, 80.0, 30.0, health_time=stamps) == FINE
 
 
-def test_r18_who_was_never_read_is_neither_hot_nor_cold() -> None:
+def test_overtemp_who_was_never_read_is_neither_hot_nor_cold() -> None:
     watch = Watch()
     for _ in range(9):
         stamps = joints(watch.now + 0.2, watch.now + 0.2, -inf)
@@ -145,7 +145,7 @@ def test_r18_who_was_never_read_is_neither_hot_nor_cold() -> None:
         assert watch.guard.bars == ()
 
 
-def test_r18_a_spike_is_told_and_changes_nothing() -> None:
+def test_overtemp_a_spike_is_told_and_changes_nothing() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     spike, *after = watch.row(120.0, *[30.0] * 10)
@@ -162,13 +162,13 @@ def test_r18_a_spike_is_told_and_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(("celsius", "told"), [(40.0, False), (40.0 + TINY, True)])
-def test_r18_ten_degrees_more_than_the_others_are_a_spike(celsius: float, told: bool) -> None:
+def test_overtemp_ten_degrees_more_than_the_others_are_a_spike(celsius: float, told: bool) -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     assert bool(watch.row(celsius)[0].findings) is told
 
 
-def test_r18_before_there_are_three_readings_nothing_is_compared() -> None:
+def test_overtemp_before_there_are_three_readings_nothing_is_compared() -> None:
     assert Watch().row(90.0, 90.0) == [FINE, FINE]
     assert Watch().row(90.0, 90.0, 90.0)[-1].reaction is SETTLE
 
@@ -177,7 +177,7 @@ def test_r18_before_there_are_three_readings_nothing_is_compared() -> None:
     ("rise", "told"),
     [(0.0, False), (2.0, False), (2.5, False), (2.6, True), (20.0, True), (-20.0, False)],
 )
-def test_r18_half_a_degree_a_second_over_five_seconds_is_told(rise: float, told: bool) -> None:
+def test_overtemp_half_a_degree_a_second_over_five_seconds_is_told(rise: float, told: bool) -> None:
     watch = Watch()
     watch.row(*[30.0] * 3)
     found = watch.row(*[30.0 + rise] * 25)
@@ -189,7 +189,7 @@ def test_r18_half_a_degree_a_second_over_five_seconds_is_told(rise: float, told:
         assert said[0].value == pytest.approx(rise / 5.0, rel=0.05)
 
 
-def test_r18_each_joint_gets_warmer_by_its_own_time() -> None:
+def test_overtemp_each_joint_gets_warmer_by_its_own_time() -> None:
     watch = Watch()
     for count in range(32):  # joint 0 is known for three seconds only, when joint 1 is for five
         found = watch.read(nan if count < 10 else 30.0, 30.0 if count < 3 else 33.0, 30.0)
@@ -199,7 +199,7 @@ def test_r18_each_joint_gets_warmer_by_its_own_time() -> None:
 
 @pytest.mark.parametrize("motion", Motion)
 @pytest.mark.parametrize("state", [RobotState.ARMED, RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
-def test_r18_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion, state: RobotState) -> None:
+def test_overtemp_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion, state: RobotState) -> None:
     watch = Watch(motion=motion, state=state, setpoint_age=0.0)
     last = watch.row(*[66.0] * 4)[-1]
     moves = motion in (Motion.ACTIVE, Motion.STREAMING) and state is RobotState.ARMED
@@ -207,7 +207,7 @@ def test_r18_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion, stat
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
-def test_r18_what_we_do_not_hold_is_told_only_and_not_armed(over: dict[str, object]) -> None:
+def test_overtemp_what_we_do_not_hold_is_told_only_and_not_armed(over: dict[str, object]) -> None:
     watch = Watch(**over)
     found = watch.row(*[75.0] * 4)
     assert {(one.reaction, one.latches, one.pace) for one in found} == {(NONE, False, 1.0)}
@@ -216,12 +216,12 @@ def test_r18_what_we_do_not_hold_is_told_only_and_not_armed(over: dict[str, obje
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
-def test_r18_what_we_do_not_hold_is_not_slowed(over: dict[str, object]) -> None:
+def test_overtemp_what_we_do_not_hold_is_not_slowed(over: dict[str, object]) -> None:
     last = Watch(**over).row(*[66.0] * 4)[-1]
     assert (last.pace, last.reaction) == (1.0, NONE)
 
 
-def test_r18_who_got_that_hot_keeps_all_from_arming_until_it_is_cool() -> None:
+def test_overtemp_who_got_that_hot_keeps_all_from_arming_until_it_is_cool() -> None:
     watch = Watch(torque_expected=False)
     watch.row(*[69.0] * 5)
     assert watch.guard.bars == ()
@@ -235,7 +235,7 @@ def test_r18_who_got_that_hot_keeps_all_from_arming_until_it_is_cool() -> None:
     assert watch.guard.bars == ()
 
 
-def test_r18_what_lasts_is_reacted_to_in_every_tick() -> None:
+def test_overtemp_what_lasts_is_reacted_to_in_every_tick() -> None:
     watch = Watch()
     watch.row(*[80.0] * 4)
     same = np.full(N, watch.now)
@@ -243,7 +243,7 @@ def test_r18_what_lasts_is_reacted_to_in_every_tick() -> None:
         assert watch.read(30.0, 80.0, 30.0, dt=PERIOD, health_time=same).reaction is SETTLE
 
 
-def test_r18_what_is_read_oftener_is_counted_five_times_a_second() -> None:
+def test_overtemp_what_is_read_oftener_is_counted_five_times_a_second() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     found = [watch.read(30.0, 80.0, 30.0, dt=PERIOD) for _ in range(60)]
@@ -251,14 +251,14 @@ def test_r18_what_is_read_oftener_is_counted_five_times_a_second() -> None:
     assert SETTLE in {one.reaction for one in found}
 
 
-def test_r18_of_readings_a_little_oftener_every_second_one_is_counted() -> None:
+def test_overtemp_of_readings_a_little_oftener_every_second_one_is_counted() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     found = [watch.read(30.0, 80.0, 30.0, dt=0.19) for _ in range(6)]
     assert [one.reaction for one in found] == [NONE] * 5 + [SETTLE]
 
 
-def test_r18_a_time_that_stands_still_is_one_reading() -> None:
+def test_overtemp_a_time_that_stands_still_is_one_reading() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     watch.row(80.0)
@@ -267,7 +267,7 @@ def test_r18_a_time_that_stands_still_is_one_reading() -> None:
         assert watch.read(30.0, 80.0, 30.0, dt=0.0, period=PERIOD, health_time=stamps) == FINE
 
 
-def test_r18_a_look_that_found_nothing_new_puts_off_no_reading() -> None:
+def test_overtemp_a_look_that_found_nothing_new_puts_off_no_reading() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     for count in range(3):

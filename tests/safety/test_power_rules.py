@@ -61,7 +61,7 @@ class Watch:
     (0.95 - TINY, 900, NONE, 0.8), (0.95, 95, NONE, 0.8), (0.95, 110, HOLD, 0.95),
     (1.0, 110, HOLD, 0.95), (0.95, 195, HOLD, 0.95), (0.95, 210, DAMP, 0.95),
 ])  # fmt: skip
-def test_r17_near_the_current_limit_for_too_long(
+def test_overcurrent_near_the_current_limit_for_too_long(
     load: float, ticks: int, reaction: Reaction, bound: float | None
 ) -> None:
     found = Watch().load(load, ticks)
@@ -74,48 +74,48 @@ def test_r17_near_the_current_limit_for_too_long(
         assert (said[-1].joint, said[-1].value, said[-1].bound) == (2, load, bound)
 
 
-def test_r17_a_moment_below_begins_anew() -> None:
+def test_overcurrent_a_moment_below_begins_anew() -> None:
     watch = Watch()
     for _ in range(5):
         assert all(one == FINE for one in watch.load(1.0, 45))
         watch.load(0.5, 6)
 
 
-def test_r17_between_the_bounds_the_harder_begins_anew() -> None:
+def test_overcurrent_between_the_bounds_the_harder_begins_anew() -> None:
     watch = Watch()
     for _ in range(4):
         assert {one.reaction for one in watch.load(1.0, 90) + watch.load(0.85, 5)} == {NONE}
 
 
 @pytest.mark.parametrize("load", [nan, inf])
-def test_r17_a_load_that_nobody_knows_is_not_judged_and_hides_no_other(load: float) -> None:
+def test_overcurrent_a_load_that_nobody_knows_is_not_judged_and_hides_no_other(load: float) -> None:
     watch = Watch()
     for _ in range(110):
         last = watch.tick(load=joints(load, 0.0, 1.0))
     assert [finding.joint for finding in last.findings] == [2]
 
 
-def test_r17_while_all_is_well_it_looks_every_fifty_milliseconds() -> None:
+def test_overcurrent_while_all_is_well_it_looks_every_fifty_milliseconds() -> None:
     watch = Watch()
     watch.tick(load=joints(0.0, 0.9, 0.0))
     peaks = [0.0 if tick % 5 == 4 else 0.9 for tick in range(400)]  # at 100 Hz every fifth tick is a look
     assert all(watch.tick(load=joints(0.0, peak, 0.0)) == FINE for peak in peaks)
 
 
-def test_r17_it_is_damped_after_twice_the_time_whatever_that_is() -> None:
+def test_overcurrent_it_is_damped_after_twice_the_time_whatever_that_is() -> None:
     watch = Watch()
     watch.guard = Guard(LIMITS, GuardThresholds(load_hold_for=0.25), support="gantry", ratings=RATED)
     found = [one.reaction for one in watch.load(1.0, 60)]
     assert (found.index(HOLD), found.index(DAMP)) == (25, 50)
 
 
-def test_r17_all_may_be_loaded_at_once() -> None:
+def test_overcurrent_all_may_be_loaded_at_once() -> None:
     watch = Watch()
     watch.guard = Guard(LIMITS, support="gantry", ratings=replace(RATED, continuous=np.ones(N)))
     assert [watch.tick(load=np.ones(N)) for _ in range(110)][-1].here == (0, 1, 2)
 
 
-def test_r17_right_at_each_bound_it_counts_and_a_long_rest_is_no_credit() -> None:
+def test_overcurrent_right_at_each_bound_it_counts_and_a_long_rest_is_no_credit() -> None:
     """0.75 of the current limit, of which 0.5 is borne: 5/64 s in each quarter of a second, exactly."""
     bounds = GuardThresholds(tired_warn=10 / 64, tired_hold=20 / 64, tired_settle=40 / 64)
     watch = Watch()
@@ -129,17 +129,17 @@ def test_r17_right_at_each_bound_it_counts_and_a_long_rest_is_no_credit() -> Non
     assert bars == [True] * 5 + [False]
 
 
-def test_r17_of_nobody() -> None:
+def test_overcurrent_of_nobody() -> None:
     watch = Watch(load=None)
     assert all(watch.tick() == FINE for _ in range(300))
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
-def test_r17_without_our_torque_nothing_is_told(over: dict[str, object]) -> None:
+def test_overcurrent_without_our_torque_nothing_is_told(over: dict[str, object]) -> None:
     assert all(one == FINE for one in Watch(**over).load(1.0, 300))
 
 
-def test_r17_on_the_way_down_it_is_latched_and_not_held_but_still_damped() -> None:
+def test_overcurrent_on_the_way_down_it_is_latched_and_not_held_but_still_damped() -> None:
     watch = Watch(state=RobotState.SETTLING, torque_settled=False)
     found = watch.load(1.0, 110)[-1]
     assert (found.reaction, found.latches) == (NONE, True)
@@ -153,7 +153,7 @@ def tire(load: float, seconds: float) -> list[GuardDecision]:
 
 
 @pytest.mark.parametrize("load", [0.41, 0.5, 0.6, 0.79])
-def test_r17_what_tires_is_the_square_beyond_what_is_borne(load: float) -> None:
+def test_overcurrent_what_tires_is_the_square_beyond_what_is_borne(load: float) -> None:
     rate = load**2 - 0.35**2  # a second
     for amount, reaction, bound in ((0.25, NONE, 0.25), (0.5, HOLD, 0.5), (0.8, SETTLE, 0.8)):
         # a look, and a tick
@@ -169,7 +169,9 @@ def test_r17_what_tires_is_the_square_beyond_what_is_borne(load: float) -> None:
 
 
 @pytest.mark.parametrize(("load", "here"), [(0.36, (1,)), (0.35, ()), (0.0, ())])
-def test_r17_who_is_tired_is_held_where_it_is_while_it_pushes(load: float, here: tuple[int, ...]) -> None:
+def test_overcurrent_who_is_tired_is_held_where_it_is_while_it_pushes(
+    load: float, here: tuple[int, ...]
+) -> None:
     watch = Watch()
     while not watch.tick(load=joints(0.0, 0.79, 0.0)).reaction:
         assert watch.now < 20.0
@@ -178,14 +180,16 @@ def test_r17_who_is_tired_is_held_where_it_is_while_it_pushes(load: float, here:
 
 
 @pytest.mark.parametrize(("load", "reaction"), [(0.5, HOLD), (0.2, NONE)])
-def test_r17_under_a_latch_only_who_still_pushes_is_held_where_it_is(load: float, reaction: Reaction) -> None:
+def test_overcurrent_under_a_latch_only_who_still_pushes_is_held_where_it_is(
+    load: float, reaction: Reaction
+) -> None:
     watch = Watch()
     while not watch.tick(load=joints(0.0, 0.79, 0.0)).reaction:
         assert watch.now < 20.0
     assert watch.tick(load=joints(0.0, load, 0.0), state=RobotState.FAULT).reaction is reaction
 
 
-def test_r17_all_may_be_tired_at_once() -> None:
+def test_overcurrent_all_may_be_tired_at_once() -> None:
     watch = Watch()
     watch.guard = Guard(LIMITS, support="gantry", ratings=replace(RATED, continuous=np.full(N, 0.35)))
     while not watch.tick(load=np.full(N, 0.79)).reaction:
@@ -195,12 +199,12 @@ def test_r17_all_may_be_tired_at_once() -> None:
 
 
 @pytest.mark.parametrize("load", [0.0, 0.2, 0.35])
-def test_r17_what_is_borne_is_borne_for_ever(load: float) -> None:
+def test_overcurrent_what_is_borne_is_borne_for_ever(load: float) -> None:
     watch = Watch()
     assert all(watch.tick(0.5, load=joints(load, load, load)) == FINE for _ in range(2_000))
 
 
-def test_r17_a_rest_undoes_it_also_with_torque_off() -> None:
+def test_overcurrent_a_rest_undoes_it_also_with_torque_off() -> None:
     watch = Watch()
     rate = 0.6**2 - 0.35**2
     for over in ({}, {"torque_expected": False}):
@@ -211,7 +215,7 @@ def test_r17_a_rest_undoes_it_also_with_torque_off() -> None:
                 assert watch.tick(0.05, load=joints(0.0, 0.0, 0.0), **over) == FINE
 
 
-def test_r17_a_late_tick_does_not_tire_anybody_at_once() -> None:
+def test_overcurrent_a_late_tick_does_not_tire_anybody_at_once() -> None:
     watch = Watch(torque_expected=False)
     watch.tick(load=joints(0.0, 0.9, 0.0))
     watch.tick(60.0, load=joints(0.0, 0.9, 0.0))
@@ -222,7 +226,7 @@ def test_r17_a_late_tick_does_not_tire_anybody_at_once() -> None:
     assert [(one.value, one.bound) for one in found.findings] == [(pytest.approx(most, abs=0.002), 0.25)]
 
 
-def test_r17_load_before_an_arming_does_not_count_after_it() -> None:
+def test_overcurrent_load_before_an_arming_does_not_count_after_it() -> None:
     watch = Watch()
     assert watch.load(1.0, 90)[-1].reaction is NONE
     watch.load(1.0, 300, torque_expected=False)
@@ -230,7 +234,7 @@ def test_r17_load_before_an_arming_does_not_count_after_it() -> None:
     assert watch.load(1.0, 20)[-1].reaction is HOLD
 
 
-def test_r17_who_is_tired_is_not_armed_before_it_has_rested() -> None:
+def test_overcurrent_who_is_tired_is_not_armed_before_it_has_rested() -> None:
     watch = Watch()
     while not watch.tick(load=joints(0.0, 0.79, 0.0)).reaction:
         assert watch.now < 20.0
@@ -276,7 +280,7 @@ def twice(volts: list[float], **usual: object) -> GuardDecision:
     (10.0, 10.0, DAMP), (5.0, 10.0, DAMP), (0.0, 10.0, DAMP),
     (-1.0, 10.0, DAMP), (nan, 10.0, DAMP), (-inf, 10.0, DAMP),
 ])  # fmt: skip
-def test_r19_a_low_supply_is_told_then_lowers_then_damps(
+def test_voltage_a_low_supply_is_told_then_lowers_then_damps(
     volts: float, bound: float | None, reaction: Reaction
 ) -> None:
     found = twice([12.0, volts, 12.0])
@@ -289,7 +293,7 @@ def test_r19_a_low_supply_is_told_then_lowers_then_damps(
         assert (finding.code, finding.joint, finding.bound) == (ReasonCode.VOLTAGE, 1, exactly)
 
 
-def test_r19_a_bound_counts_though_a_milder_one_is_not_known() -> None:
+def test_voltage_a_bound_counts_though_a_milder_one_is_not_known() -> None:
     ratings = replace(ActuatorRatings.unknown(N), low_settle=np.full(N, 10.5))
     watch = Supply()
     watch.guard = Guard(LIMITS, support="gantry", ratings=ratings)
@@ -298,7 +302,7 @@ def test_r19_a_bound_counts_though_a_milder_one_is_not_known() -> None:
     assert watch.volts(10.0, 12.0, 12.0).reaction is SETTLE
 
 
-def test_r19_the_register_s_own_steps_are_on_the_bound() -> None:
+def test_voltage_the_register_s_own_steps_are_on_the_bound() -> None:
     for raw, reaction in ((111, NONE), (105, SETTLE), (100, DAMP)):
         assert twice([12.0, raw * 0.1, 12.0]).reaction is reaction
         assert codes(twice([12.0, raw * 0.1, 12.0])) == [ReasonCode.VOLTAGE]
@@ -307,27 +311,27 @@ def test_r19_the_register_s_own_steps_are_on_the_bound() -> None:
 @pytest.mark.parametrize(
     ("volts", "told"), [(14.8, False), (148 * 0.1, False), (14.9, True), (30.0, True), (inf, True)]
 )
-def test_r19_too_much_is_told_at_once_and_only_told(volts: float, told: bool) -> None:
+def test_voltage_too_much_is_told_at_once_and_only_told(volts: float, told: bool) -> None:
     found = Supply().volts(12.0, 12.0, volts)
     assert (found.reaction, found.latches) == (NONE, False)
     assert [(one.code, one.joint) for one in found.findings] == ([(ReasonCode.VOLTAGE, 2)] if told else [])
     assert all(one.bound == pytest.approx(14.8, rel=0.0, abs=1e-12) for one in found.findings)
 
 
-def test_r19_too_much_for_all_is_told_of_the_highest() -> None:
+def test_voltage_too_much_for_all_is_told_of_the_highest() -> None:
     assert [one.joint for one in Supply().volts(15.0, 30.0, 16.0).findings] == [1]
 
 
-def test_r19_the_lowest_of_all_says_it_for_all() -> None:
+def test_voltage_the_lowest_of_all_says_it_for_all() -> None:
     found = twice([10.4, 9.0, 9.9])
     assert [(one.joint, one.value, one.bound) for one in found.findings] == [(1, 9.0, pytest.approx(10.0))]
 
 
-def test_r19_a_supply_that_is_no_number_is_the_lowest_of_all() -> None:
+def test_voltage_a_supply_that_is_no_number_is_the_lowest_of_all() -> None:
     assert [one.joint for one in twice([0.5, nan, 9.0]).findings] == [1]
 
 
-def test_r19_who_was_never_read_has_no_supply() -> None:
+def test_voltage_who_was_never_read_has_no_supply() -> None:
     watch = Supply()
     for _ in range(9):
         read = joints(watch.now + 0.2, watch.now + 0.2, -inf)
@@ -335,7 +339,7 @@ def test_r19_who_was_never_read_has_no_supply() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 24])
-def test_r19_of_any_number_of_joints(count: int) -> None:
+def test_voltage_of_any_number_of_joints(count: int) -> None:
     low = {"low_warn": np.full(count, 11.1), "low_settle": np.full(count, 10.5)}
     rated = replace(ActuatorRatings.unknown(count), **low)
     rules = VoltageRules(rated, GuardThresholds())
@@ -345,7 +349,7 @@ def test_r19_of_any_number_of_joints(count: int) -> None:
     assert [(one.reaction, one.finding.joint) for one in found] == [(SETTLE, 0)]
 
 
-def test_r19_one_low_reading_between_good_ones_is_none() -> None:
+def test_voltage_one_low_reading_between_good_ones_is_none() -> None:
     watch = Supply()
     for _ in range(20):
         assert watch.volts(9.0, 12.0, 12.0) == FINE
@@ -355,7 +359,7 @@ def test_r19_one_low_reading_between_good_ones_is_none() -> None:
 @pytest.mark.parametrize(
     ("apart", "reaction"), [(0.05, NONE), (0.1 - 1e-6, NONE), (0.1, SETTLE), (0.15, SETTLE)]
 )
-def test_r19_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
+def test_voltage_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
     apart: float, reaction: Reaction
 ) -> None:
     """Of a bus that sags, each slice of servos is read at its own time."""
@@ -370,7 +374,7 @@ def test_r19_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
 
 
 @pytest.mark.parametrize(("rounds", "reaction"), [(1, SETTLE), (8, SETTLE), (11, NONE), (100, NONE)])
-def test_r19_a_low_reading_of_long_ago_confirms_nobody(rounds: int, reaction: Reaction) -> None:
+def test_voltage_a_low_reading_of_long_ago_confirms_nobody(rounds: int, reaction: Reaction) -> None:
     """One reads low once and is read no more; the others are read on, and then one of them is low, once."""
     watch = Supply()
     assert watch.volts(12.0, 12.0, 12.0) == FINE
@@ -383,14 +387,14 @@ def test_r19_a_low_reading_of_long_ago_confirms_nobody(rounds: int, reaction: Re
     assert last.reaction is reaction
 
 
-def test_r19_worse_is_told_again_and_better_is_over() -> None:
+def test_voltage_worse_is_told_again_and_better_is_over() -> None:
     watch = Supply()
     told = [watch.volts(volts, 12.0, 12.0) for volts in (11.0, 11.0, 10.4, 10.4, 9.9, 9.9, 12.0)]
     assert [one.reaction for one in told] == [NONE, NONE, NONE, SETTLE, SETTLE, DAMP, NONE]
     assert [len(one.findings) for one in told[:2]] == [0, 1]
 
 
-def test_r19_what_lasts_is_reacted_to_in_every_tick() -> None:
+def test_voltage_what_lasts_is_reacted_to_in_every_tick() -> None:
     watch = Supply()
     for _ in range(3):
         watch.volts(10.4, 12.0, 12.0)
@@ -399,7 +403,9 @@ def test_r19_what_lasts_is_reacted_to_in_every_tick() -> None:
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"mode": Mode.SIM}])
-def test_r19_where_we_hold_nothing_nothing_is_judged_and_nothing_remembered(over: dict[str, object]) -> None:
+def test_voltage_where_we_hold_nothing_nothing_is_judged_and_nothing_remembered(
+    over: dict[str, object],
+) -> None:
     watch = Supply()
     watch.volts(9.0, 12.0, 12.0)
     for _ in range(5):
@@ -408,7 +414,7 @@ def test_r19_where_we_hold_nothing_nothing_is_judged_and_nothing_remembered(over
     assert watch.volts(9.0, 12.0, 12.0).reaction is DAMP
 
 
-def test_r19_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() -> None:
+def test_voltage_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() -> None:
     watch = Supply()
     for _ in range(5):
         watch.volts(12.0, 12.0, 12.0)
@@ -423,7 +429,7 @@ def test_r19_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() -> Non
 
 
 @pytest.mark.parametrize(("age", "told"), [(2.0, False), (2.0 + TINY, True), (inf, True), (nan, True)])
-def test_r19_readings_that_are_old_are_told(age: float, told: bool) -> None:
+def test_voltage_readings_that_are_old_are_told(age: float, told: bool) -> None:
     watch = Supply()
     for _ in range(15):
         watch.volts(12.0, 12.0, 12.0)
@@ -433,7 +439,7 @@ def test_r19_readings_that_are_old_are_told(age: float, told: bool) -> None:
     assert found.reaction is NONE
 
 
-def test_r19_what_was_not_read_before_the_arming_has_two_seconds_to_be_read() -> None:
+def test_voltage_what_was_not_read_before_the_arming_has_two_seconds_to_be_read() -> None:
     watch = Supply(health_time=np.full(N, 1.0))
     assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
 
@@ -446,7 +452,7 @@ def test_without_ratings_no_supply_is_too_low() -> None:
         assert guard.judge(facts(**given, voltage=joints(0.0, 3.0, 60.0))) == FINE
 
 
-def test_r19_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_it() -> None:
+def test_voltage_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_it() -> None:
     """CAN actuators of the MIT family tell no voltage; those beside them are judged as ever."""
     watch = Supply()
     watch.guard = Guard(LIMITS, support="gantry", ratings=MUTE)
@@ -456,7 +462,7 @@ def test_r19_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_
     assert (last.reaction, {finding.joint for finding in last.findings}) == (DAMP, {1})
 
 
-def test_r19_a_supply_that_has_only_an_upper_bound_is_judged_by_it() -> None:
+def test_voltage_a_supply_that_has_only_an_upper_bound_is_judged_by_it() -> None:
     watch = Supply()
     watch.guard = Guard(LIMITS, support="gantry", ratings=replace(MUTE, high_warn=RATED.high_warn))
     assert all(watch.volts(12.0, 12.0, 14.8) == FINE for _ in range(3))

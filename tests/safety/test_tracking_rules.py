@@ -73,7 +73,7 @@ class Watch:
         (0.5, 11, True),
     ],
 )
-def test_r15_a_joint_off_for_a_tenth_of_a_second_is_held_where_it_is(
+def test_follow_err_a_joint_off_for_a_tenth_of_a_second_is_held_where_it_is(
     side: float, off: float, ticks: int, trips: bool
 ) -> None:
     watch = Watch()
@@ -95,7 +95,7 @@ def test_r15_a_joint_off_for_a_tenth_of_a_second_is_held_where_it_is(
 @pytest.mark.parametrize(
     ("off", "damps"), [(0.5 - TINY, False), (0.5, False), (0.5 + TINY, True), (1.9, True)]
 )
-def test_r15_further_still_is_damped_at_once(side: float, off: float, damps: bool) -> None:
+def test_follow_err_further_still_is_damped_at_once(side: float, off: float, damps: bool) -> None:
     first = Watch().tick([side * off, 0.0, 0.0])
     assert (first.reaction, first.latches) == (DAMP if damps else NONE, damps)
     if damps:
@@ -103,7 +103,7 @@ def test_r15_further_still_is_damped_at_once(side: float, off: float, damps: boo
         assert "soft" in first.findings[0].message
 
 
-def test_r15_counts_from_the_last_time_it_was_where_it_may_be() -> None:
+def test_follow_err_counts_from_the_last_time_it_was_where_it_may_be() -> None:
     watch = Watch()
     for _ in range(5):
         assert all(watch.tick([0.3, 0.0, 0.0]) == FINE for _ in range(10))
@@ -120,7 +120,7 @@ def test_r15_counts_from_the_last_time_it_was_where_it_may_be() -> None:
         (0.2 + TINY, 0.0, True),
     ],
 )
-def test_r15_a_goal_that_moves_may_be_ahead_by_the_lag_of_the_servos_loop(
+def test_follow_err_a_goal_that_moves_may_be_ahead_by_the_lag_of_the_servos_loop(
     behind: float, speed: float, trips: bool
 ) -> None:
     watch = Watch()
@@ -130,14 +130,14 @@ def test_r15_a_goal_that_moves_may_be_ahead_by_the_lag_of_the_servos_loop(
 
 
 @pytest.mark.parametrize("speed", [4.0, 40.0, inf, -inf])
-def test_r15_no_goal_moves_faster_than_its_joint_so_no_more_lag_is_allowed(speed: float) -> None:
+def test_follow_err_no_goal_moves_faster_than_its_joint_so_no_more_lag_is_allowed(speed: float) -> None:
     watch = Watch()
     for _ in range(11):
         last = watch.tick([0.0] * N, [0.0, 0.0, 0.2 + 0.03 * 4.0 + TINY], goal_speed=[0.0, 0.0, speed])
     assert last.latches
 
 
-def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> None:
+def test_follow_err_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> None:
     limp = np.array([0, 1, 1], np.int8)
     watch = Watch(torque=limp, status_time=np.full(N, 9.0))
     assert all(watch.tick([0.02 * tick, 0.0, 0.0]) == FINE for tick in range(60))
@@ -157,7 +157,7 @@ def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> No
         (128, 5, 1, True), (128, 5, -1, True), (0, 0, 1, True), (0, 0, -1, True),
     ],
 )  # fmt: skip
-def test_r15_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_either(
+def test_follow_err_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_either(
     alert: int, watchdog: int, torque: int, soft: bool
 ) -> None:
     alerts = np.array([alert, 0, 0], np.uint8)
@@ -167,7 +167,7 @@ def test_r15_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_
     assert (ReasonCode.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
 
 
-def test_r15_who_takes_no_goals_since_its_watchdog_tripped_does_not_make_the_others_soft() -> None:
+def test_follow_err_who_takes_no_goals_since_its_watchdog_tripped_does_not_make_the_others_soft() -> None:
     watch = Watch(watchdog=np.array([255, 5, 5], np.int16))
     for _ in range(30):
         found = watch.tick([0.9, 0.0, 0.0])
@@ -175,7 +175,7 @@ def test_r15_who_takes_no_goals_since_its_watchdog_tripped_does_not_make_the_oth
     assert watch.tick([0.9, 0.9, 0.0]).reaction is DAMP
 
 
-def test_r15_two_joints_are_two_findings_each_by_its_own_time() -> None:
+def test_follow_err_two_joints_are_two_findings_each_by_its_own_time() -> None:
     watch = Watch()
     for _ in range(5):
         watch.tick([0.3, 0.0, 0.0])
@@ -187,7 +187,7 @@ def test_r15_two_joints_are_two_findings_each_by_its_own_time() -> None:
     assert last.here == (0, 2)
 
 
-def test_r15_what_was_not_heard_is_not_judged_and_goes_on_counting() -> None:
+def test_follow_err_what_was_not_heard_is_not_judged_and_goes_on_counting() -> None:
     watch = Watch()
     silent = [False, True, True]
     assert all(watch.tick([1.9, 0.0, 0.0], heard=silent) == FINE for _ in range(30))
@@ -199,7 +199,7 @@ def test_r15_what_was_not_heard_is_not_judged_and_goes_on_counting() -> None:
     assert watch.tick([0.3, 0.0, 0.0]).here == (0,)
 
 
-def test_r15_a_place_that_is_no_number_is_far() -> None:
+def test_follow_err_a_place_that_is_no_number_is_far() -> None:
     found = Watch().tick([nan, 0.0, 0.0])
     assert (found.reaction, codes(found)) == (DAMP, [ReasonCode.FOLLOW_ERR])
 
@@ -208,7 +208,7 @@ def test_r15_a_place_that_is_no_number_is_far() -> None:
     "over",
     [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"previous": None}, {"previous": joints(inf, 0, 0)}],
 )
-def test_r15_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None:
+def test_follow_err_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None:
     watch = Watch(**over)
     for _ in range(20):
         assert ReasonCode.FOLLOW_ERR not in codes(watch.tick([1.0, 0.0, 0.0]))
@@ -228,7 +228,7 @@ def test_r15_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None
         (RobotState.ESTOP, True, NONE),
     ],
 )
-def test_r15_a_way_down_is_not_cut_short_but_the_fault_is_latched(
+def test_follow_err_a_way_down_is_not_cut_short_but_the_fault_is_latched(
     state: RobotState, settled: bool, reaction: Reaction
 ) -> None:
     watch = Watch(state=state, torque_settled=settled)
@@ -267,7 +267,7 @@ def servo(lag: float, dead: int, speed: float = 4.0, accel: float = 10.0) -> tup
 
 
 @pytest.mark.parametrize(("lag", "dead"), [(0.005, 1), (0.02, 1), (0.04, 1), (0.04, 2)])
-def test_r15_a_servo_that_follows_at_full_speed_never_trips(lag: float, dead: int) -> None:
+def test_follow_err_a_servo_that_follows_at_full_speed_never_trips(lag: float, dead: int) -> None:
     watch = Watch()
     goals, speeds, places = servo(lag, dead)
     assert np.abs(speeds).max() == pytest.approx(4.0)
@@ -420,7 +420,7 @@ FAST = 1.2 * 4.0 + 0.05
 @pytest.mark.parametrize(
     ("speed", "trips"), [(4.0, False), (4.8, False), (FAST, False), (FAST + TINY, True), (20.0, True)]
 )
-def test_r16_too_fast_in_two_readings_holds(side: float, speed: float, trips: bool) -> None:
+def test_overspeed_too_fast_in_two_readings_holds(side: float, speed: float, trips: bool) -> None:
     watch = Watch()
     assert watch.tick(speed=[0.0, 0.0, side * speed]) == FINE
     second = watch.tick(speed=[0.0, 0.0, side * speed])
@@ -431,7 +431,7 @@ def test_r16_too_fast_in_two_readings_holds(side: float, speed: float, trips: bo
         assert finding.bound == pytest.approx(FAST)
 
 
-def test_r16_one_fast_reading_between_slow_ones_or_unheard_is_none() -> None:
+def test_overspeed_one_fast_reading_between_slow_ones_or_unheard_is_none() -> None:
     watch = Watch()
     for _ in range(10):
         assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE
@@ -443,27 +443,27 @@ def test_r16_one_fast_reading_between_slow_ones_or_unheard_is_none() -> None:
 
 
 @pytest.mark.parametrize("speed", [nan, inf, -inf])
-def test_r16_a_speed_that_is_read_and_is_no_number_is_too_fast(speed: float) -> None:
+def test_overspeed_a_speed_that_is_read_and_is_no_number_is_too_fast(speed: float) -> None:
     watch = Watch()
     assert watch.tick(speed=[speed, 0.0, 0.0]) == FINE
     found = watch.tick(speed=[speed, 0.0, 0.0])
     assert (found.reaction, codes(found)) == (HOLD, [ReasonCode.OVERSPEED])
 
 
-def test_r16_an_old_reading_neither_counts_nor_forgives() -> None:
+def test_overspeed_an_old_reading_neither_counts_nor_forgives() -> None:
     watch = Watch()
     assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE
     assert watch.tick(speed=[9.0, 0.0, 0.0], heard=[False, True, True]) == FINE
     assert watch.tick(speed=[9.0, 0.0, 0.0]).reaction is HOLD
 
 
-def test_r16_a_slow_reading_forgives_and_no_more_than_that() -> None:
+def test_overspeed_a_slow_reading_forgives_and_no_more_than_that() -> None:
     watch = Watch()
     found = [watch.tick(speed=[speed, 0.0, 0.0]).reaction for speed in (9.0, 0.0, 9.0, 9.0)]
     assert found == [NONE, NONE, NONE, HOLD]
 
 
-def test_r16_a_slow_joint_has_a_slow_bound() -> None:
+def test_overspeed_a_slow_joint_has_a_slow_bound() -> None:
     slow = replace(LIMITS, velocity=joints(4.0, 0.3, 4.0))  # 0.41 rad/s
     for speed, reaction in ((0.4, NONE), (0.42, HOLD)):
         watch = Watch()
@@ -472,14 +472,14 @@ def test_r16_a_slow_joint_has_a_slow_bound() -> None:
         assert watch.tick(speed=[0.0, speed, 0.0]).reaction is reaction
 
 
-def test_r16_three_at_their_own_limit_are_none() -> None:
+def test_overspeed_three_at_their_own_limit_are_none() -> None:
     watch = Watch()
     assert all(watch.tick(speed=[FAST, -FAST, 1.0]) == FINE for _ in range(5))
     assert all(watch.tick(speed=[4.8, -4.8, 4.8]) == FINE for _ in range(5))
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"measured": None}])
-def test_r16_a_hand_may_move_a_limp_joint_as_fast_as_it_likes(over: dict[str, object]) -> None:
+def test_overspeed_a_hand_may_move_a_limp_joint_as_fast_as_it_likes(over: dict[str, object]) -> None:
     watch = Watch(**over)
     for _ in range(10):
         assert ReasonCode.OVERSPEED not in codes(watch.tick(speed=[9.0, 0.0, 0.0]))
@@ -488,7 +488,7 @@ def test_r16_a_hand_may_move_a_limp_joint_as_fast_as_it_likes(over: dict[str, ob
     assert watch.tick(speed=[9.0, 0.0, 0.0]).reaction is HOLD
 
 
-def test_r16_on_the_way_down_it_is_only_told() -> None:
+def test_overspeed_on_the_way_down_it_is_only_told() -> None:
     watch = Watch(state=RobotState.SETTLING, torque_settled=False)
     watch.tick(speed=[9.0, 0.0, 0.0])
     last = watch.tick(speed=[9.0, 0.0, 0.0])
@@ -509,7 +509,7 @@ def test_r16_on_the_way_down_it_is_only_told() -> None:
         (1.0, 56, True),
     ],
 )
-def test_r25_robot_and_simulation_apart_for_half_a_second_is_told_only(
+def test_mirror_drift_robot_and_simulation_apart_for_half_a_second_is_told_only(
     side: float, apart: float, ticks: int, told: bool
 ) -> None:
     watch = Watch()
@@ -522,7 +522,7 @@ def test_r25_robot_and_simulation_apart_for_half_a_second_is_told_only(
     )
 
 
-def test_r25_it_is_told_every_ten_seconds_at_most_and_of_a_simulation_that_is_no_number() -> None:
+def test_mirror_drift_it_is_told_every_ten_seconds_at_most_and_of_a_simulation_that_is_no_number() -> None:
     watch = Watch()
     found = [
         finding for _ in range(2000) for finding in watch.tick(simulated=reading([nan, 0.0, 0.0])).findings
@@ -530,13 +530,13 @@ def test_r25_it_is_told_every_ten_seconds_at_most_and_of_a_simulation_that_is_no
     assert [one.code for one in found] == [ReasonCode.MIRROR_DRIFT] * 2
 
 
-def test_r25_at_a_thousand_looks_a_second_it_is_half_a_second_too() -> None:
+def test_mirror_drift_at_a_thousand_looks_a_second_it_is_half_a_second_too() -> None:
     watch = Watch()
     found = [watch.tick(dt=0.001, simulated=reading([0.1, 0.0, 0.0])) for _ in range(560)]
     assert [count for count, one in enumerate(found) if one.findings] == [500]
 
 
-def test_r25_what_comes_together_again_counts_anew() -> None:
+def test_mirror_drift_what_comes_together_again_counts_anew() -> None:
     watch = Watch()
     for _ in range(10):
         for _ in range(30):
@@ -546,12 +546,14 @@ def test_r25_what_comes_together_again_counts_anew() -> None:
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.SIM}, {"simulated": None}])
-def test_r25_only_a_robot_that_we_hold_has_a_simulation_of_its_goals(over: dict[str, object]) -> None:
+def test_mirror_drift_only_a_robot_that_we_hold_has_a_simulation_of_its_goals(
+    over: dict[str, object],
+) -> None:
     watch = Watch(**({"simulated": reading([0.1, 0.0, 0.0])} | over))
     assert all(watch.tick() == FINE for _ in range(100))
 
 
-def test_r25_where_they_agree_they_agree_anywhere() -> None:
+def test_mirror_drift_where_they_agree_they_agree_anywhere() -> None:
     place = [1.0, -1.0, 0.5]
     watch = Watch(simulated=reading(place))
     assert all(watch.tick(place, place) == FINE for _ in range(100))
