@@ -248,8 +248,10 @@ def test_ranges_that_were_read_replace_those_that_were_given() -> None:
     assert feedback.effort == pytest.approx([28.0, 10.0])
     assert list(motor.ranges.position) == [12.5, 3.0, 12.5]
     zero = np.zeros(3)
-    with pytest.raises(WireClamp, match=r"id 2: position 3.1 outside -3.0..3.0"):
+    with pytest.raises(WireClamp) as clamp:
         motor.command(column(0, 3.1, 0), zero, zero, zero, zero)
+    assert (clamp.value.id, clamp.value.value) == (2, 3.1)
+    assert (clamp.value.lower, clamp.value.upper) == (-3.0, 3.0)
 
 
 @pytest.mark.parametrize("told", [0.0, -12.5, float("nan"), float("inf")])

@@ -142,8 +142,9 @@ def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
 
 def test_speeds_and_currents_are_only_zero_until_their_limits_have_been_read() -> None:
     bus = bench([1, 0])
-    with pytest.raises(WireClamp, match=r"id 1: goal 1 outside 0\.\.0"):
+    with pytest.raises(WireClamp) as clamp:
         bus.writer.goals(np.array([1, 0]))
+    assert (clamp.value.id, clamp.value.value, clamp.value.lower, clamp.value.upper) == (1, 1, 0, 0)
     bus.writer.goals(np.array([0, 0]))
     bus.run(bus.writer.prepare(np.array([0, 0])))
     bus.writer.goals(np.array([1023, -1193]))
@@ -352,7 +353,7 @@ def test_a_goal_register_of_another_mode_takes_no_byte(
     bus = bench([mode])
     bus.run(bus.writer.prepare(np.array([0])))
     before = len(bus.wire.writes)
-    with pytest.raises(WireClamp, match="packet not sent"):
+    with pytest.raises(WireClamp):
         bus.writer.begin(order, 0.0)
     assert len(bus.wire.writes) == before
 

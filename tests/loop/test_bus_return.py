@@ -167,7 +167,7 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     rig.seconds(0.5)
     power_on(rig, "upper")
     rig.seconds(1.5)  # servos begin anew, everybody is asked, and a second of the bus is good
-    assert "nobody answered for" in rig.events("HW_DISCONNECTED")[-1].message
+    assert rig.events("HW_DISCONNECTED")
     assert rig.loop.state is RobotState.CONNECTED
     rig.lease()
     assert rig.call(link.Arm).error is None
