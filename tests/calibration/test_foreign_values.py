@@ -177,7 +177,7 @@ def test_a_file_is_read_whole() -> None:
     }
 
 
-def told(data: bytes) -> str:
+def import_message(data: bytes) -> str:
     with pytest.raises(Rejected) as caught:
         read(data, "a.json")
     assert str(caught.value).startswith("a.json: ")
@@ -197,7 +197,7 @@ def told(data: bytes) -> str:
 )
 @pytest.mark.parametrize("field", list(FIELDS))
 def test_whatever_is_no_whole_number_is_refused_by_its_path(field: str, value: Any, word: str) -> None:
-    said = told(file({"shoulder": GOOD | {field: value}}))
+    said = import_message(file({"shoulder": GOOD | {field: value}}))
     assert f"shoulder.{field} is" in said
     assert word in said
 
@@ -205,7 +205,7 @@ def test_whatever_is_no_whole_number_is_refused_by_its_path(field: str, value: A
 @pytest.mark.parametrize("number", ["Infinity", "-Infinity", "NaN", "1e999", "9" * 30])
 def test_numbers_that_json_does_not_have_are_refused(number: str) -> None:
     text = file({"shoulder": GOOD}).replace(b"3200", number.encode())
-    assert "is not JSON" in told(text) or "beyond" in told(text)
+    assert "is not JSON" in import_message(text) or "beyond" in import_message(text)
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_numbers_that_json_does_not_have_are_refused(number: str) -> None:
     ],
 )
 def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
-    assert why in told(data)
+    assert why in import_message(data)
 
 
 @examples(40)

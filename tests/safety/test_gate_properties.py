@@ -79,7 +79,7 @@ def swapped(path: Trajectory, limits: JointLimits, before: Reference, order: np.
     )
 
 
-def said(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
+def joint_findings(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
     """Refusals, warnings and changes, joints by their place in the first order."""
     verdict = judged.verdict
     return [
@@ -106,7 +106,7 @@ def test_the_order_of_the_joints_has_no_effect(
     straight = judge(path, limits, before, demand)
     other_path, other_limits, other_before = swapped(path, limits, before, order)
     turned = judge(other_path, other_limits, other_before, demand)
-    assert said(turned, order) == said(straight, np.arange(3))
+    assert joint_findings(turned, order) == joint_findings(straight, np.arange(3))
     np.testing.assert_array_equal(turned.path.time, straight.path.time)
     np.testing.assert_array_equal(
         turned.path.position[:, commanded[order]], straight.path.position[:, order][:, commanded[order]]

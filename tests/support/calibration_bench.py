@@ -90,5 +90,5 @@ def benched(*words: str) -> Iterator[Bench]:
             made.daemon.process.wait(10)
 
 
-def told(said: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in said.splitlines()]
+def json_lines(output: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in output.splitlines()]

@@ -17,7 +17,7 @@ PWM = 885
 
 
 @contextmanager
-def said(rig: Rig, **more: Any) -> Iterator[None]:
+def injected_findings(rig: Rig, **more: Any) -> Iterator[None]:
     """While inside, the guard says this besides what it finds."""
     guard = rig.loop.parts.guard
     judge = guard.judge
