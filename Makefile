@@ -27,12 +27,12 @@ demo: $(VENV)/.ready
 
 # Whose claim is timing has the machine to itself; the others share it.
 test: $(VENV)/.ready
-	$(BIN)/pytest -n auto --ignore tests/end_to_end
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/end_to_end
 	$(BIN)/pytest -n 2 --dist loadfile tests/end_to_end/concurrent tests/end_to_end/wired
 	$(BIN)/pytest tests/end_to_end/exclusive
 
 test-fast: $(VENV)/.ready
-	$(BIN)/pytest -n auto --ignore tests/end_to_end
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/end_to_end
 
 test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m slow --ignore tests/end_to_end
@@ -55,7 +55,7 @@ TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 
 computed: $(VENV)/.ready
-	$(IDLE) $(BIN)/pytest -n auto -m '' --ignore tests/end_to_end
+	$(IDLE) $(BIN)/pytest -n auto --dist worksteal -m '' --ignore tests/end_to_end
 
 lived: $(VENV)/.ready
 	$(BIN)/python tools/second_run.py first tests/end_to_end/concurrent -n 2 --dist loadfile

@@ -1,12 +1,13 @@
 """Fixtures shared by the tests."""
 
 import atexit
+import gc
 import importlib
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +16,7 @@ import pytest
 from hypothesis import settings
 
 from tests.support.daemon_rig import Rig
+from tests.support.examples import ALL, FAST, register_profiles
 
 # Else each of a thousand processes compiles all that it imports, and each collection all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -24,9 +26,8 @@ sys.dont_write_bytecode = False
 os.environ["STATE_DIRECTORY"] = tempfile.mkdtemp(prefix="twind-tests-state-")
 atexit.register(shutil.rmtree, os.environ["STATE_DIRECTORY"], ignore_errors=True)
 
-# How long an example takes says how busy the machine is: no test here claims it.
-settings.register_profile("twind", deadline=None)
-settings.load_profile("twind")
+register_profiles()
+FAST_TESTS = "not slow"  # the marker expression of pyproject.toml; another one takes all examples
 
 
 # Begun first: two workers then end together.
@@ -43,11 +44,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Blank the texts in the workers of xdist too, and in all processes that the tests start."""
+    """Choose the number of examples. Blank the texts in the workers of xdist and in all processes."""
+    settings.load_profile(FAST if config.option.markexpr == FAST_TESTS else ALL)
     if config.getoption("--blank-messages"):
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(BLANKED), os.environ.get("PYTHONPATH"))))
         sys.path.insert(0, str(BLANKED))
         importlib.import_module("blanking").hook()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Import all test modules without the garbage collector, which takes a quarter of that time.
+
+    What is imported stays, so a later collection does not look at it.
+    """
+    gc.disable()
+    collected = yield
+    gc.freeze()
+    gc.enable()
+    return collected
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

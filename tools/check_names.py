@@ -1,8 +1,9 @@
-"""Check of names and docstrings, run by `make lint`: `python tools/check_names.py [--shrink] [ROOT]`.
+"""Check of names, docstrings and tests, run by `make lint`: `python tools/check_names.py [--shrink] [ROOT]`.
 
 Class names are unique in the program, module names in each package. A docstring begins with a noun or a verb.
-Retired words stand in no name of a class, module or function. `tools/allowed_names.txt` lists the offenders
-that are left. An entry without an offender fails the check too, so the list can only shrink.
+Retired words stand in no name of a class, module or function. No file of the tests imports a test module or
+uses a private attribute that it does not define. `tools/allowed_names.txt` lists the offenders that are left.
+An entry without an offender fails the check too, so the list can only shrink.
 """
 
 import argparse
@@ -17,6 +18,13 @@ HOME = Path(__file__).parents[1]
 ALLOWED = Path("tools/allowed_names.txt")
 WORDS = Path("tools/retired_words.txt")
 PACKAGES = ("twind", "drivers/twind_drivers", "calibration/twind_calibration", "bench")
+TESTS = "tests"
+REMEDIES = {
+    "test-import": "move what both need to tests/support",
+    "private-attribute": "assert what is visible from outside, or give the object a narrow public property",
+}
+# Attributes with an underscore that their documentation declares public.
+PUBLIC = {"_replace", "_fields", "_asdict", "_exit", "_getframe"}
 SAME_IN_EACH_PACKAGE = {"__init__", "__main__"}
 RELATIVE_CLAUSE = re.compile(r"(Of|Who|Whom|Whose|What is)\b")
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -47,10 +55,46 @@ def duplicates(kind: str, places: dict[str, list[str]]) -> Iterator[str]:
             yield f"{kind} {name}: {', '.join(sorted(paths))}"
 
 
+def imported_modules(node: ast.AST) -> list[str]:
+    """Names that an import statement makes available, with their packages."""
+    if isinstance(node, ast.ImportFrom):
+        return [f"{node.module}.{alias.name}" for alias in node.names]
+    return [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+
+
+def private_attributes(tree: ast.AST) -> set[str]:
+    """Private attributes that the file uses of other objects and does not define itself."""
+    used: set[str] = set()
+    own = set(PUBLIC)
+    for node in ast.walk(tree):
+        if isinstance(node, Definition):
+            own.add(node.name)
+        elif isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.endswith("__"):
+            if ast.unparse(node.value) not in {"self", "cls", "super()"}:
+                used.add(node.attr)
+            elif isinstance(node.ctx, ast.Store):
+                own.add(node.attr)
+    return used - own
+
+
+def offenders_in_tests(root: Path) -> Iterator[str]:
+    """Imports of test modules and uses of private attributes in the tests of the tree at `root`."""
+    for path in sorted((root / TESTS).rglob("*.py")):
+        place = path.relative_to(root).as_posix()
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            for module in imported_modules(node):
+                parts = module.split(".")
+                if parts[0] == TESTS and any(part.startswith("test_") for part in parts):
+                    yield f"test-import {place}: {module}"
+        for attribute in private_attributes(tree):
+            yield f"private-attribute {place}: {attribute}"
+
+
 def offenders(root: Path) -> set[str]:
     """All offenders of the tree at `root`, each as `KIND PLACE`."""
     retired = set((root / WORDS).read_text().split())
-    found: set[str] = set()
+    found = set(offenders_in_tests(root))
     classes: dict[str, list[str]] = defaultdict(list)
     for package in PACKAGES:
         modules: dict[str, list[str]] = defaultdict(list)
@@ -91,7 +135,9 @@ def main(arguments: list[str] | None = None) -> int:
         (options.root / ALLOWED).write_text("\n".join(line for line in listed if line not in gone) + "\n")
         gone = set()
     for each in sorted(found - allowed):
-        print(f"{each}: rename or reword it (glossary and words: tools/retired_words.txt)")
+        print(
+            f"{each}: {REMEDIES.get(each.split()[0], 'rename or reword it; words: tools/retired_words.txt')}"
+        )
     for each in sorted(gone):
         print(f"{each}: gone; remove it from {ALLOWED}: python tools/check_names.py --shrink")
     return int(bool(found - allowed or gone))

@@ -152,7 +152,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     recorder = bus_tap.recorder(described.robot, described.rate_hz, MonotonicClock())
     if recorder is not None:
         recorder.sign(fingerprint(__version__, described.files))
-    folder = _flights(settings, virtual=options.virtual)
+    folder = flight_folder(settings, virtual=options.virtual)
     link = assembly.front(briefing, listeners, recorder, folder, wreck)
     stack.callback(link.front.close)
     loop = _loop(described, one, buses, link, notifier, recorder)
@@ -224,7 +224,7 @@ def _made(described: LoadedConfig) -> tuple[BoundRobot, BusOpener]:
     return one, BusOpener(robot, one.binding.joint_map, described.ports, described.rate_hz)
 
 
-def _flights(settings: DaemonSettings, *, virtual: bool = False) -> Path:
+def flight_folder(settings: DaemonSettings, *, virtual: bool = False) -> Path:
     """Where flight recorders are written to. Those of a virtual or simulated robot push no real one's out."""
     folder = settings.state_dir.absolute() / "flight"
     if virtual:
@@ -239,7 +239,7 @@ def _write(described: LoadedConfig, one: BoundRobot, recorder: FlightRecorder, m
     """
     realtime.drop_realtime()
     settings = described.settings
-    folder = FlightFolder(_flights(settings))
+    folder = FlightFolder(flight_folder(settings))
     try:
         briefing = assembly.briefing(one, described.rate_hz, settings.parameters(), files=described.files)
         meta = meta_of(briefing, "failsafe", FAILSAFE, mode)

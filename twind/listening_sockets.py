@@ -75,7 +75,7 @@ def listen(directory: Path, name: str) -> socket.socket:
     path = directory / f"{name}.sock"
     try:
         _make(directory)
-        _check_folder(directory)
+        check_folder(directory)
         _clear_stale(path)
         listener = _bind(path)
     except OSError as error:
@@ -129,7 +129,7 @@ def _make(directory: Path) -> None:
         os.umask(old)
 
 
-def _check_folder(directory: Path) -> None:
+def check_folder(directory: Path) -> None:
     """Refuse a folder in which somebody else could put a socket in the place of ours."""
     if directory.is_symlink():
         raise OperationFailed(

@@ -47,7 +47,7 @@ class MonotonicClock:
 
     def __init__(self) -> None:
         # By descriptors: their poll, and the place of each.
-        self._polls: dict[tuple[int, ...], tuple[select.poll, dict[int, int]]] = {}
+        self.polls: dict[tuple[int, ...], tuple[select.poll, dict[int, int]]] = {}
 
     def now(self) -> float:
         """Monotonic time, s."""
@@ -71,11 +71,11 @@ class MonotonicClock:
         key = tuple([source.fileno() for source in sources])
         if -1 in key:
             return self._ask_and_wait(sources, deadline)
-        found = self._polls.get(key)
+        found = self.polls.get(key)
         if found is None:
-            if len(self._polls) > 64:  # descriptors of replugged ports: do not grow for ever
-                self._polls.clear()
-            found = self._polls[key] = select.poll(), {fd: place for place, fd in enumerate(key)}
+            if len(self.polls) > 64:  # descriptors of replugged ports: do not grow for ever
+                self.polls.clear()
+            found = self.polls[key] = select.poll(), {fd: place for place, fd in enumerate(key)}
             for fd in key:
                 found[0].register(fd, select.POLLIN)
         poll, places = found

@@ -79,7 +79,7 @@ def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
 def test_ends_of_others_are_not_ours_and_are_forgotten(hand: Hand) -> None:
     for number in range(1000):
         hand.driving.on_monitor_reply(ended(f"x{number}", "succeeded"))
-    assert hand.after(0.2) == [] and len(hand.driving._over) <= 64
+    assert hand.after(0.2) == [] and len(hand.driving.finished) <= 64
 
 
 def test_a_lease_of_another_is_not_taken(hand: Hand) -> None:

@@ -9,14 +9,14 @@ from twind.bridge.ros.peer_bridges import MOST, SILENT, PeerBridges
 from twind.ros import STRING, encode
 
 
-def said(**bridge: Any) -> bytes:
+def bridge_status(**bridge: Any) -> bytes:
     return encode(STRING, {"data": json.dumps({"robot": "right", "bridge": bridge})})
 
 
 def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent() -> None:
     time = [100.0]
     neighbours = PeerBridges(lambda: time[0])
-    neighbours.on_bridge_status(said(id="abc", commands=True))
+    neighbours.on_bridge_status(bridge_status(id="abc", commands=True))
     assert (
         "right (bridge abc)" in neighbours.conflict_text() and "ROS_DOMAIN_ID" in neighbours.conflict_text()
     )
@@ -26,10 +26,10 @@ def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent
 
 def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None:
     neighbours = PeerBridges()
-    neighbours.on_bridge_status(said(id=neighbours.id, commands=True))
-    neighbours.on_bridge_status(said(id="looks", commands=False))
-    neighbours.on_bridge_status(said(id="ends", commands=True))
-    neighbours.on_bridge_status(said(id="ends", commands=False))
+    neighbours.on_bridge_status(bridge_status(id=neighbours.id, commands=True))
+    neighbours.on_bridge_status(bridge_status(id="looks", commands=False))
+    neighbours.on_bridge_status(bridge_status(id="ends", commands=True))
+    neighbours.on_bridge_status(bridge_status(id="ends", commands=False))
     assert not neighbours.conflict_text()
 
 
@@ -44,5 +44,5 @@ def test_what_is_no_status_is_nobody(text: str) -> None:
 def test_of_many_some_are_kept() -> None:
     neighbours = PeerBridges()
     for number in range(10 * MOST):
-        neighbours.on_bridge_status(said(id=str(number), commands=True))
+        neighbours.on_bridge_status(bridge_status(id=str(number), commands=True))
     assert neighbours.conflict_text().count("(bridge ") == MOST

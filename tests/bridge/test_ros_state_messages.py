@@ -31,7 +31,7 @@ def state(rows: list[dict[str, Any]], time: float = 101.0, mode: str = "live", *
     return {"topic": "state", "time": time, "dropped": 0, "joints": rows, "mode": mode, **more}
 
 
-def said(messages: list[Message]) -> dict[RosTopic, dict[str, Any]]:
+def decoded_messages(messages: list[Message]) -> dict[RosTopic, dict[str, Any]]:
     assert len({topic for topic, _ in messages}) == len(messages)
     return {topic: decode(topic.kind, data) for topic, data in messages}
 
@@ -44,7 +44,7 @@ def bridged(connected: bool, mode: str) -> RosStateMessages:
 
 def test_a_joint_that_was_not_heard_is_in_no_message() -> None:
     rows = joints(l_knee={"heard": False, "age_ms": 40.0}, head_yaw={"position": None})
-    found = said(bridged(True, "live").state(state(rows), CLOCKS))
+    found = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))
     measured = found[HW_JOINTS]
     assert set(NAMES) - set(measured["name"]) == {"l_knee", "head_yaw"}
     assert measured == found[JOINTS]
@@ -60,7 +60,7 @@ def test_whoever_was_heard_is_there_and_the_stamp_is_when_the_last_of_them_was(
         joint(name, place, heard=told, age_ms=age)
         for place, (name, told) in enumerate(zip(NAMES, heard, strict=True))
     ]
-    found = said(bridged(True, "live").state(state(rows), CLOCKS))
+    found = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))
     assert (HW_JOINTS in found) == any(heard)
     if any(heard):
         assert found[HW_JOINTS]["name"] == [name for name, told in zip(NAMES, heard, strict=True) if told]
@@ -75,7 +75,7 @@ def test_each_mode_says_what_it_simulates_by_its_own_name_and_what_it_measures_i
     mode: str, simulated: RosTopic, connected: bool
 ) -> None:
     rows = joints() if connected or mode == "sim" else joints(**{name: {"heard": False} for name in NAMES})
-    found = said(bridged(connected, mode).state(state(rows, mode=mode), CLOCKS))
+    found = decoded_messages(bridged(connected, mode).state(state(rows, mode=mode), CLOCKS))
     assert {SIM_JOINTS, MIRRORED_JOINTS} & set(found) == {simulated}
     assert (HW_JOINTS in found) == (connected and mode != "sim")
     if mode == "live":  # a simulation never passes for a robot that moves
@@ -86,16 +86,16 @@ def test_each_mode_says_what_it_simulates_by_its_own_name_and_what_it_measures_i
 
 def test_the_mode_is_that_of_the_reading_whatever_the_last_status_said() -> None:
     speech = bridged(True, "live")
-    assert HW_JOINTS not in said(speech.state(state(joints(), mode="sim"), CLOCKS))
-    assert MIRRORED_JOINTS in said(speech.state(state(joints(), mode="mirror"), CLOCKS))
+    assert HW_JOINTS not in decoded_messages(speech.state(state(joints(), mode="sim"), CLOCKS))
+    assert MIRRORED_JOINTS in decoded_messages(speech.state(state(joints(), mode="mirror"), CLOCKS))
     older = state(joints())
     del older["mode"]  # a daemon that does not say it
-    assert HW_JOINTS in said(speech.state(older, CLOCKS))
+    assert HW_JOINTS in decoded_messages(speech.state(older, CLOCKS))
 
 
 def test_what_nobody_knows_is_nan_and_a_column_of_nothing_is_empty() -> None:
     rows = [joint("a", 0, effort=None), joint("b", 1, velocity=None, effort=None)]
-    measured = said(bridged(True, "live").state(state(rows), CLOCKS))[HW_JOINTS]
+    measured = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))[HW_JOINTS]
     assert measured["effort"] == []
     assert measured["velocity"][0] == 0.25 and math.isnan(measured["velocity"][1])
 
@@ -111,26 +111,30 @@ def test_rosbags_reads_the_same() -> None:
 def test_a_clock_that_is_set_is_seen_in_the_next_stamp() -> None:
     speech = bridged(True, "live")
     day = 86_400 * SECOND
-    first = said(speech.state(state(joints()), CLOCKS))[JOINTS]["header"]["stamp"]
+    first = decoded_messages(speech.state(state(joints()), CLOCKS))[JOINTS]["header"]["stamp"]
     other = ClockPair(CLOCKS.monotonic, CLOCKS.wall_ns - day)
-    second = said(speech.state(state(joints(), time=101.01), other))[JOINTS]["header"]["stamp"]
+    second = decoded_messages(speech.state(state(joints(), time=101.01), other))[JOINTS]["header"]["stamp"]
     assert first["sec"] - second["sec"] in (86_399, 86_400)
 
 
 @pytest.mark.parametrize("wall", [-5 * SECOND, 2 * LAST])
 def test_a_clock_beyond_all_stamps_is_the_first_or_the_last_stamp(wall: int) -> None:
-    message = said(bridged(True, "live").state(state(joints()), ClockPair(101.0, wall)))[JOINTS]
+    message = decoded_messages(bridged(True, "live").state(state(joints()), ClockPair(101.0, wall)))[JOINTS]
     assert message["header"]["stamp"] == stamp(min(max(wall, 0), LAST))
 
 
 def test_an_imu_is_told_when_it_was_heard_and_never_twice() -> None:
     speech = bridged(True, "live")
     imu = {"gyro": [1.0, 2.0, 3.0], "acceleration": [0.0, 0.0, 9.81], "quaternion": [1.0, 0.0, 0.0, 0.0]}
-    first = said(speech.state(state([], imu=imu | {"age_ms": 4.0}), CLOCKS))[INERTIAL]
+    first = decoded_messages(speech.state(state([], imu=imu | {"age_ms": 4.0}), CLOCKS))[INERTIAL]
     assert first["header"]["stamp"] == stamp(CLOCKS.wall(100.996))
     assert first["angular_velocity"] == {"x": 1.0, "y": 2.0, "z": 3.0} and first["orientation"]["w"] == 1.0
-    assert INERTIAL not in said(speech.state(state([], time=101.01, imu=imu | {"age_ms": 14.0}), CLOCKS))
-    assert INERTIAL in said(speech.state(state([], time=101.02, imu=imu | {"age_ms": 4.0}), CLOCKS))
+    assert INERTIAL not in decoded_messages(
+        speech.state(state([], time=101.01, imu=imu | {"age_ms": 14.0}), CLOCKS)
+    )
+    assert INERTIAL in decoded_messages(
+        speech.state(state([], time=101.02, imu=imu | {"age_ms": 4.0}), CLOCKS)
+    )
 
 
 def test_what_passed_the_gate_is_a_trajectory_that_begins_at_its_stamp() -> None:
@@ -148,4 +152,4 @@ def test_a_bus_that_loses_answers_costs_no_memory() -> None:
     for number in range(4 * SHAPES):
         rows = [joint(name, place, heard=bool(number >> place & 1)) for place, name in enumerate(NAMES[:8])]
         speech.state(state(rows), CLOCKS)
-    assert len(speech._prepared) <= SHAPES
+    assert len(speech.prepared) <= SHAPES

@@ -2,12 +2,12 @@
 
 import contextlib
 import json
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.ros_trajectory_messages import NOW, command, point
 from twind.bridge.ros.ros_trajectory import (
     AHEAD,
     FRAME,
@@ -22,21 +22,11 @@ from twind.bridge.ros.ros_trajectory import (
 from twind.bridge.ros.trajectory_dispatcher import MORE
 from twind.client import Refused
 from twind.front.front_server import LIMITS
-from twind.ros import JOINT_TRAJECTORY, encode, stamp
+from twind.ros import stamp
 from twind.ros.cdr import CdrReader
 from twind.ros.joint_state_message import SECOND
 
-NOW = 1_795_000_000_000_000_000  # ns since 1970
 DAY = 86_400 * SECOND
-
-
-def point(time: float, positions: Any = (0.5,), **more: Any) -> dict[str, Any]:
-    return {"positions": list(positions), "time_from_start": stamp(round(time * SECOND)), **more}
-
-
-def command(*points: dict[str, Any], when: int = 0, joints: Any = ("l_knee",), frame: str = "") -> bytes:
-    message = {"header": {"stamp": stamp(when), "frame_id": frame}, "joint_names": list(joints)}
-    return encode(JOINT_TRAJECTORY, message | {"points": list(points)})
 
 
 def code_of(data: bytes) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.bridge.test_ros_trajectory import NOW, command, point
+from tests.support.ros_trajectory_messages import NOW, command, point
 from tests.support.scripted_line import ToldDaemon, ended, ended_in_words, moving
 from twind.bridge.ros import trajectory_dispatcher
 from twind.bridge.ros.ros_command_queue import PACE, ROOM

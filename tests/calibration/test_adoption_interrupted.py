@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from tests.support.adoption_rig import Bench, Killed, fresh, is_home, robot_of, settled, there
+from tests.support.examples import examples
 from twind.command_line.verb import Rejected
 from twind.config.calibration_file import fitting, load_calibration, save_calibration
 from twind.config.device_check import compare
@@ -52,7 +53,7 @@ def test_killed_at_any_write_the_same_command_ends_the_job(
     assert writes > 5  # three registers, id, rate
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_whatever_goes_wrong_it_is_at_one_of_its_places_and_the_next_run_ends_it(
     robot: RobotFile, data: st.DataObject

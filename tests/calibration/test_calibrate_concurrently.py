@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_calibration_file import ROBOT, made
+from tests.support.h24_calibration import ROBOT, made
 from twind.command_line.verb import Rejected
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text
@@ -358,7 +358,7 @@ def test_what_is_refused_says_as_well_that_a_sweep_was_left_out(
     now = replace(OTHERWISE, min_ticks=0, max_ticks=4095)
     slot = next(each for each in import_command.slots(ROBOT) if each.name == KNEE)
     then = CalibrationDraft({KNEE: DraftTravel(OTHERWISE, (1910, 3390), AT)})
-    folded: ImportResult = import_command._fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
+    folded: ImportResult = import_command.fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
     assert folded.entry is None
     assert "as delivered" in "; ".join(folded.wrong)
     assert "not what was swept" in folded.note

@@ -168,14 +168,14 @@ def test_nobody_arms_however_long_the_readings_take(
     clock = FakeClock(0.0)
     monkeypatch.setattr(zero_command, "MonotonicClock", lambda: clock)
 
-    real = daemon._readings
+    real = daemon.readings
 
     def readings() -> Any:
         for each in real():
             clock.time = daemon.now
             yield each
 
-    monkeypatch.setattr(daemon, "_readings", readings)
+    monkeypatch.setattr(daemon, "readings", readings)
     assert zero_command.zero(options_of(zero, "l_knee", "--samples", "400", "--yes")) == DONE
     assert daemon.now > 104.0 and set(daemon.states) == {"calibrating"}
     assert daemon.state == "connected"
@@ -230,9 +230,9 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
     assert "spread unknown" in one.line(6)
     two = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.endstops_by_side.values()).sigma
-    said = zero_command._coarse([one, two])
+    said = zero_command.describe_coarse_zeros([one, two])
     assert "+-" in said and "nobody knows how coarse where one end alone is known: l_knee" in said
-    assert "+-" not in zero_command._coarse([one])
+    assert "+-" not in zero_command.describe_coarse_zeros([one])
 
 
 def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path:
     place = CalibrationContext(robot, tmp_path / "linked.yaml", named=True)
     options = options_of(zero, "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
     with pytest.raises(Rejected, match="`--at waist_roll=RAD --at waist_yaw=RAD` gives waist_roll and"):
-        zero_command._angles(options, place, slots(robot))
+        zero_command.parse_angles(options, place, slots(robot))
 
 
 # --------------------------------------------------------------------------------- tags
@@ -314,11 +314,11 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
 ) -> None:
     """`silent`: nobody tells what the servo in hand holds."""
     broken_off(daemon, writes, error)
-    scan = daemon._scan
+    scan = daemon.scan
     if silent:
         known = list(scan())
         scans = iter([known])
-        daemon._scan = lambda: iter(next(scans, []))  # type: ignore[method-assign]
+        daemon.scan = lambda: iter(next(scans, []))  # type: ignore[method-assign]
     with pytest.raises((Rejected, type(error))) as raised:
         limits_command.limits(options_of(limits, *PAIR, "--yes"))
     said = capsys.readouterr().err + str(raised.value)
@@ -329,7 +329,7 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
             assert held(daemon, name) == recorded(daemon, name), name
     # type: ignore[method-assign]
     daemon.break_off = lambda method, how: None
-    daemon._scan = scan
+    daemon.scan = scan
     assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE
     for name in PAIR:
         assert held(daemon, name) == recorded(daemon, name) == fence_of(name)

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.command_line.verb import DONE, Rejected, UsageError
 from twind.config.calibration_file import load_calibration, save_calibration
 from twind.config.counts import ticks_of
@@ -114,7 +115,7 @@ def stop_of(name: str, side: str, off: int = 0) -> int:
     turns=st.integers(-3, 3),
     scatter=st.lists(st.integers(-2, 2), min_size=2, max_size=5),
 )
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_the_zero_is_where_the_stop_says_it_is(
     place: int, side: str, off: int, turns: int, scatter: list[int]
 ) -> None:

@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.command_line.verb import Rejected
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
@@ -176,7 +177,7 @@ def test_a_file_is_read_whole() -> None:
     }
 
 
-def told(data: bytes) -> str:
+def import_message(data: bytes) -> str:
     with pytest.raises(Rejected) as caught:
         read(data, "a.json")
     assert str(caught.value).startswith("a.json: ")
@@ -196,7 +197,7 @@ def told(data: bytes) -> str:
 )
 @pytest.mark.parametrize("field", list(FIELDS))
 def test_whatever_is_no_whole_number_is_refused_by_its_path(field: str, value: Any, word: str) -> None:
-    said = told(file({"shoulder": GOOD | {field: value}}))
+    said = import_message(file({"shoulder": GOOD | {field: value}}))
     assert f"shoulder.{field} is" in said
     assert word in said
 
@@ -204,7 +205,7 @@ def test_whatever_is_no_whole_number_is_refused_by_its_path(field: str, value: A
 @pytest.mark.parametrize("number", ["Infinity", "-Infinity", "NaN", "1e999", "9" * 30])
 def test_numbers_that_json_does_not_have_are_refused(number: str) -> None:
     text = file({"shoulder": GOOD}).replace(b"3200", number.encode())
-    assert "is not JSON" in told(text) or "beyond" in told(text)
+    assert "is not JSON" in import_message(text) or "beyond" in import_message(text)
 
 
 @pytest.mark.parametrize(
@@ -227,10 +228,10 @@ def test_numbers_that_json_does_not_have_are_refused(number: str) -> None:
     ],
 )
 def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
-    assert why in told(data)
+    assert why in import_message(data)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.binary(max_size=60) | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(file))
 def test_whatever_the_file_holds_it_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(Rejected):

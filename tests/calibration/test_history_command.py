@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_calibration_file import ROBOT, made
+from tests.support.h24_calibration import ROBOT, made
 from twind.config.calibration_file import Calibration, dump_calibration, load_calibration, save_calibration
 from twind.ctl.ctl_main import main
 from twind_calibration.calibrating.calibration_actuators import slots
@@ -76,19 +76,19 @@ def test_a_number_that_is_not_there_is_refused_with_those_that_are(verb: Verb, w
 # ------------------------------------------------------------------------------------------- diff
 
 
-def told(out: str) -> Any:
+def json_output(out: str) -> Any:
     return json.loads(out)["changes"]
 
 
 def test_diff_is_by_default_what_the_last_write_changed(verb: Verb) -> None:
     code, out, _ = verb("diff", "--json")
     assert code == 0
-    assert told(out) == [{"joint": ROBOT.names[0], "what": "proof", "before": None, "after": SHOWN}]
+    assert json_output(out) == [{"joint": ROBOT.names[0], "what": "proof", "before": None, "after": SHOWN}]
 
 
 def test_diff_tells_ticks_and_degrees_at_the_joint(verb: Verb) -> None:
     _, out, _ = verb("diff", "1", "2", "--json")
-    zeros = [each for each in told(out) if each["what"] == "zero_ticks"]
+    zeros = [each for each in json_output(out) if each["what"] == "zero_ticks"]
     assert [each["joint"] for each in zeros] == list(ROBOT.names)
     for each, joint in zip(zeros, ROBOT.joints, strict=True):
         assert each["after"] - each["before"] == 2

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.proof_rig import ANY, BASES, FRICTION, H24, PLACES, body, measured_by, place
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -110,7 +111,7 @@ def test_whose_servo_is_here_is_named_where_few_measure_so_much(base: str, name:
 
 
 @given(st.sampled_from(BASES), ANY, st.sampled_from(H24.names))
-@settings(max_examples=15)
+@examples(15)
 def test_exchanged_servos_are_contradicted_or_left_untold_never_excluded(
     base: str, name: str, other: str
 ) -> None:

@@ -1,6 +1,6 @@
 """What a small move shows, and what it cannot: a daemon on servos that MuJoCo moves, under a fake clock."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.move_evidence_rig import FRICTION, stays_of
 from tests.support.mujoco_servo_rig import H24, WAY, armed, built
 from twind.config.robot_spec import JointSpec
-from twind.robot.arrays import Floats
 from twind_calibration.wiggling.move_evidence import (
     EncoderObservation,
     EncoderResponse,
@@ -22,10 +22,9 @@ from twind_calibration.wiggling.move_evidence import (
     weigh,
 )
 from twind_calibration.wiggling.posed_model import PosedModel
-from twind_calibration.wiggling.state_trace import HoldMean, HoldMeans, StateTrace
+from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
 
 BODY = PosedModel(H24)
-FRICTION = 0.1  # N·m
 BENT = {"l_hip_pitch": -1.0, "r_hip_pitch": -1.0}  # both legs forward: the waist carries them
 Change = Callable[[JointSpec], JointSpec]
 
@@ -102,19 +101,6 @@ def test_another_gear_ratio_is_not_seen_by_the_encoder() -> None:
 
 
 # ------------------------------------------------------------------------------------- the numbers
-
-
-def stays_of(moved: Mapping[int, float], twin: float = WAY, *, off: float = 0.0, count: int = 3) -> HoldMeans:
-    """Joint 0 was sent WAY."""
-
-    def stay(position: Floats, simulated: Floats) -> HoldMean:
-        return HoldMean(position, simulated, np.zeros(count))
-
-    nothing, out, simulated, home = (np.zeros(count) for _ in range(4))
-    out[list(moved)] = list(moved.values())
-    simulated[0] = twin
-    home[0] = off
-    return HoldMeans(stay(nothing, nothing), stay(out, simulated), stay(home, nothing))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from tests.calibration.test_proof_report import CONTRADICTED, verdict
+from tests.support.proof_verdicts import CONTRADICTED, verdict
 from twind.command_line.verb import Rejected
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_file import load_robot

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from tests.calibration.test_move_evidence import FRICTION, WAY, stays_of
+from tests.support.move_evidence_rig import FRICTION, stays_of
+from tests.support.mujoco_servo_rig import WAY
 from twind_calibration.wiggling.joint_move import MoveResult
 from twind_calibration.wiggling.move_evidence import EncoderObservation, EncoderResponse, answer, weigh
 from twind_calibration.wiggling.wiggle_report import WiggleVerdict

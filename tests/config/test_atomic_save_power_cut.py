@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_calibration_file import ROBOT, made
+from tests.support.h24_calibration import ROBOT, made
 from tests.support.power_cut_recorder import Recording, holding, laid_out, recorded
 from twind.config import atomic_save
 from twind.config.atomic_save import FileOwnership, draft_of, lock_folder, save_text

@@ -4,11 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
+from tests.support.h24_calibration import DEVICES, ROBOT, TEXT, made, rehashed
 from twind.config.calibration_file import (
-    Calibration,
     dump_calibration,
     fitting,
     load_calibration,
@@ -19,36 +20,7 @@ from twind.config.calibration_file import (
     turn_band,
 )
 from twind.config.config_reader import Plain
-from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
-from twind_drivers.bus import IdentifiedDevice
-
-ROBOT = load_robot("h24")
-SETTINGS = {
-    "homing_offset": 0,
-    "drive_mode": 0,
-    "operating_mode": 3,
-    "min_position_limit": 0,
-    "max_position_limit": 4095,
-}
-DEVICES = {
-    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
-    for joint in ROBOT.joints
-}
-
-
-def made(zero: int = 2048) -> Calibration:
-    zeros = {name: zero + place for place, name in enumerate(ROBOT.names)}
-    return fitting(ROBOT, zeros, DEVICES, created="2026-11-21T09:14:03Z", tool="twind 0.1.0")
-
-
-TEXT = dump_calibration(made())
-
-
-def rehashed(text: str) -> str:
-    """The same with a hash that fits: an edit by someone who knows how."""
-    body = "\n".join(line for line in text.split("\n") if not line.startswith("sha256:"))
-    return f'{body}sha256: "{text_hash(body)}"\n'
 
 
 def refused(text: str) -> str:
@@ -68,7 +40,7 @@ numbers = st.integers(-(10**18) + 1, 10**18 - 1)
 proofs = st.none() | st.dictionaries(words, numbers | st.booleans() | words | st.none(), max_size=3)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(-20_000, 20_000), st.floats(0, 50).map(lambda x: round(x, 6)), proofs)
 def test_any_calibration_survives_the_file(zero: int, sigma: float, proof: Plain) -> None:
     calibration = made(zero)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.config.test_device_check import CALIBRATION, DEVICES, KEY, KNEE, ROBOT
+from tests.support.h24_calibration import CALIBRATION, DEVICES, KEY, KNEE, ROBOT
 from twind.config.calibration_file import Calibration
 from twind.config.device_check import check_devices, compare
 from twind.robot.finding import Finding, ReasonCode

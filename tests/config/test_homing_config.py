@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.config.test_robot_file import read
+from tests.support.small_robot_file import read
 from twind.config.robot_file import load_robot
 from twind.config.yaml_tree import ConfigError
 

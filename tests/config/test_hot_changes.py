@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.doc_pages_text import ROOT, table
+from tests.support.reload_rig import files, reread_of
 from twind.config import hot_changes, reload_plan
-from twind.config.config_files import ConfigSources, LoadedConfig, describe, pack, unpacked
+from twind.config.config_files import describe, pack, unpacked
 from twind.config.hot_changes import HOT, applied, robot_difference, same
 from twind.config.hot_keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.robot_file import load_robot
@@ -239,24 +240,6 @@ def test_what_was_shrunk_does_not_come_back_without_a_restart(shares: Any) -> No
 
 
 # ------------------------------------------------------------------------------------------- files
-
-
-def files(folder: Path, settings: str = "", robot: Mapping[str, str] | None = None) -> ConfigSources:
-    """A sim of a copy of h24 in `folder`; `robot`: what stands in its file -> what shall."""
-    source = ROOT / "twind" / "robots"
-    text = (source / "h24.yaml").read_text().replace("mjcf: h24.xml", f"mjcf: {source}/h24.xml")
-    for old, new in (robot or {}).items():
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "body.yaml").write_text(text)
-    (folder / "twind.yaml").write_text(f"mode: sim\nrobot: body.yaml\n{settings}")
-    return ConfigSources(config=str(folder / "twind.yaml"))
-
-
-def reread_of(old: LoadedConfig, sources: ConfigSources) -> tuple[hot_changes.ConfigDifference, LoadedConfig]:
-    new = describe(sources)
-    found = reload_plan.difference(old, new)
-    return found, reload_plan.in_force(old, new, found)
 
 
 def test_settings_split_into_hot_ones_and_those_that_wait(tmp_path: Path) -> None:

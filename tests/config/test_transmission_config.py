@@ -56,7 +56,7 @@ def test_the_span_of_an_actuator_is_where_its_joints_take_it(robot: RobotFile) -
     assert robot.joints[1].span == (0.0, 2.0)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5))
 def test_a_pose_is_found_again_from_its_actuators(robot: RobotFile, shares: list[float]) -> None:
     pose = {j.name: j.lower + s * (j.upper - j.lower) for j, s in zip(robot.joints, shares, strict=True)}

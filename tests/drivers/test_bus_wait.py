@@ -43,8 +43,8 @@ def test_a_bus_that_waits_for_a_silent_servo_is_not_looked_at_when_the_other_spe
 class Watched(Rig):
     """Of each whole CAN reading: how long after its last frame it was taken, and after how many looks."""
 
-    def _open(self, name: str) -> Any:
-        reader = super()._open(name)
+    def open_port(self, name: str) -> Any:
+        reader = super().open_port(name)
         if isinstance(reader, CanReader):
             self._watch(self.virtual[name].controller, reader)
         return reader

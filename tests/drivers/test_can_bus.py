@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_driver_rig import EDGE, CanRig
 from tests.support.driver_rig import is_output_full
+from tests.support.examples import examples
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, PortError, WireClamp, WriteRequest
 from twind_drivers.can.actuator_family import HEAT, ValuelessCommand
 from twind_drivers.can.can_bus import CanActuator, CanReader, CanWriter
@@ -296,7 +297,7 @@ def test_speed_beside_a_goal_is_its_step_and_a_jump_has_none() -> None:
     assert int(rig.reader.line.goals.frames["data"][0, 2]) << 4 >> 4 == 0x7F, "a jump of 115 rad/s"
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(st.integers(-EDGE, EDGE), min_size=4, max_size=4))
 def test_every_goal_inside_passes_its_last_check_and_says_what_was_meant(ticks: list[int]) -> None:
     rig = CanRig(("DM4310", "RS02", "AK70-10", "ODrive"))

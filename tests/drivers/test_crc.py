@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.dynamixel.crc import Crc, _positions, byte_table, crc16
 
 
@@ -26,7 +27,7 @@ def test_the_published_check_values_hold() -> None:
 
 
 @given(st.binary(max_size=400))
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_it_equals_the_bitwise_definition(data: bytes) -> None:
     assert crc16(data) == bitwise(data)
 

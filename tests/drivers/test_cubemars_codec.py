@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
@@ -119,7 +120,7 @@ def test_strangers_are_left_alone(stranger: Frames) -> None:
 
 
 @given(noise((0, *IDS)))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(drive(), frames)
 

@@ -4,10 +4,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, RegisterType, ValuelessCommand
@@ -143,9 +144,9 @@ def test_register_traffic_never_passes_for_feedback(order: int, register: int) -
 
 def test_the_traps_that_were_met_would_otherwise_be_places() -> None:
     motor = damiao()
-    acknowledged = motor._scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
+    acknowledged = motor.scale.values(np.array([[0x0055], [0x090], [0]], np.float64), np.array([0]))
     assert acknowledged[0, 0] == pytest.approx(-12.468, abs=1e-3)
-    asked = motor._scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
+    asked = motor.scale.values(np.array([[0x00CC], [0x000], [0]], np.float64), np.array([0]))
     assert asked[0, 0] == pytest.approx(-12.422, abs=1e-3)
     assert not motor.feedback(frame(0x11, "01 00 55 09 00 00 00 00"))[1].any()
     assert not motor.feedback(frame(0x7FF, "01 00 CC 00 00 00 00 00"))[1].any()
@@ -185,13 +186,13 @@ def test_an_answer_must_name_its_sender_in_full() -> None:
 
 
 @given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(damiao(), frames)
 
 
 @given(noise((*IDS, *MASTERS)))
-@settings(max_examples=30)
+@examples(30)
 def test_nothing_is_both_feedback_and_a_register(frames: Frames) -> None:
     motor = damiao()
     assert not (motor.feedback(frames)[1] & motor.decode_register_replies(frames)[1]).any()
@@ -247,8 +248,10 @@ def test_ranges_that_were_read_replace_those_that_were_given() -> None:
     assert feedback.effort == pytest.approx([28.0, 10.0])
     assert list(motor.ranges.position) == [12.5, 3.0, 12.5]
     zero = np.zeros(3)
-    with pytest.raises(WireClamp, match=r"id 2: position 3.1 outside -3.0..3.0"):
+    with pytest.raises(WireClamp) as clamp:
         motor.command(column(0, 3.1, 0), zero, zero, zero, zero)
+    assert (clamp.value.id, clamp.value.value) == (2, 3.1)
+    assert (clamp.value.lower, clamp.value.upper) == (-3.0, 3.0)
 
 
 @pytest.mark.parametrize("told", [0.0, -12.5, float("nan"), float("inf")])
@@ -280,7 +283,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
 
 
 @given(st.floats(-1e6, 1e6, width=32))
-@settings(max_examples=40)
+@examples(40)
 def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
     (answer,), _ = damiao().decode_register_replies(made)

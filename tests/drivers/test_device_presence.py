@@ -10,7 +10,7 @@ from twind_drivers.device_presence import FIRST, MISSES, PROBE, DevicePresence
 ALL = np.ones(3, np.bool_)
 
 
-def heard(*flags: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def answered_flags(*flags: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     return np.array(flags, np.bool_)
 
 
@@ -18,10 +18,10 @@ def test_misses_count_in_a_row_only() -> None:
     roll = DevicePresence(3)
     for _ in range(5):
         for _ in range(MISSES - 1):
-            assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
-        assert not roll.record_missing_reply(heard(1, 1, 0), ALL, 0.0)
+            assert not roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 0.0)
+        assert not roll.record_missing_reply(answered_flags(1, 1, 0), ALL, 0.0)
         for _ in range(MISSES - 1):
-            assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
+            assert not roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 0.0)
         roll.record_complete_reply()
     assert not roll.parked
 
@@ -29,16 +29,16 @@ def test_misses_count_in_a_row_only() -> None:
 def test_who_could_not_be_heard_is_not_missed() -> None:
     roll = DevicePresence(3)
     for _ in range(9):
-        assert not roll.record_missing_reply(heard(1, 0, 0), heard(1, 0, 0), 0.0)
+        assert not roll.record_missing_reply(answered_flags(1, 0, 0), answered_flags(1, 0, 0), 0.0)
     for _ in range(MISSES - 1):
-        assert not roll.record_missing_reply(heard(1, 0, 0), heard(1, 1, 0), 0.0)
-    assert roll.record_missing_reply(heard(1, 0, 0), heard(1, 1, 0), 0.0)
+        assert not roll.record_missing_reply(answered_flags(1, 0, 0), answered_flags(1, 1, 0), 0.0)
+    assert roll.record_missing_reply(answered_flags(1, 0, 0), answered_flags(1, 1, 0), 0.0)
     assert roll.asked.tolist() == [True, False, True]
 
 
 def test_a_reading_that_nobody_answered_parks_nobody() -> None:
     roll = DevicePresence(3)
-    assert not any(roll.record_missing_reply(heard(0, 0, 0), ALL, 0.0) for _ in range(9))
+    assert not any(roll.record_missing_reply(answered_flags(0, 0, 0), ALL, 0.0) for _ in range(9))
 
 
 def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> None:
@@ -46,7 +46,7 @@ def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> N
     now = 5.0
     assert roll.due(1e9) is None
     for _ in range(MISSES):
-        roll.record_missing_reply(heard(1, 0, 1), ALL, now)
+        roll.record_missing_reply(answered_flags(1, 0, 1), ALL, now)
     assert roll.due(now + 0.99 * FIRST) is None
     pauses = []
     for _ in range(9):
@@ -70,7 +70,7 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
     for _ in range(8):
         for _ in range(MISSES):
             now += 0.01
-            roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
+            roll.record_missing_reply(answered_flags(1, 0), np.ones(2, np.bool_), now)
         before = now
         while roll.due(now) is None:
             now += 0.001
@@ -84,20 +84,20 @@ def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> 
     roll = DevicePresence(2)
     now = 0.0
     for _ in range(MISSES):
-        roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
+        roll.record_missing_reply(answered_flags(1, 0), np.ones(2, np.bool_), now)
     for _ in range(9):
         roll.probed(1, now)
     roll.back(1, now)
     now += 1.5 * PROBE
     for _ in range(MISSES):
-        roll.record_missing_reply(heard(1, 0), np.ones(2, np.bool_), now)
+        roll.record_missing_reply(answered_flags(1, 0), np.ones(2, np.bool_), now)
     assert roll.due(now + 1.01 * FIRST) == 1
 
 
 def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
     roll = DevicePresence(3)
     for _ in range(MISSES):
-        roll.record_missing_reply(heard(1, 0, 0), ALL, 5.0)
+        roll.record_missing_reply(answered_flags(1, 0, 0), ALL, 5.0)
     before = roll.asked
     roll.probed(1, 6.0)
     roll.probed(2, 6.01)
@@ -113,8 +113,8 @@ def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
 def test_who_came_back_is_missed_anew_before_it_is_parked_again() -> None:
     roll = DevicePresence(3)
     for _ in range(MISSES):
-        roll.record_missing_reply(heard(1, 0, 1), ALL, 0.0)
+        roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 0.0)
     roll.back(1, 1.0)
     for _ in range(MISSES - 1):
-        assert not roll.record_missing_reply(heard(1, 0, 1), ALL, 1.0)
-    assert roll.record_missing_reply(heard(1, 0, 1), ALL, 1.0)
+        assert not roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 1.0)
+    assert roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 1.0)

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.dynamixel_responder import Servos, Wire
+from tests.support.examples import examples
 from twind_drivers.bus import BusSample, ReadRequest
 from twind_drivers.clock import FakeClock
 from twind_drivers.device_presence import MISSES, PROBE
@@ -220,7 +221,7 @@ def test_parked_servos_are_in_no_slice_of_the_upkeep() -> None:
 
 
 @given(st.lists(st.sets(st.integers(1, 6)), min_size=1, max_size=60))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_whoever_answers_is_heard_again_within_a_second_whatever_went_before(dead: list[set[int]]) -> None:
     ids = tuple(range(1, 7))
     servos = Servos(ids)
@@ -295,7 +296,7 @@ def test_a_single_error_is_no_refusal_of_the_longer_blocks(error: int) -> None:
     upkeep=st.booleans(),
     burst=st.integers(1, 5),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)  # see `cyclic`: improbable, not impossible
+@examples(60, derandomize=True)  # see `cyclic`: improbable, not impossible
 def test_a_late_answer_is_never_taken_for_the_new_one(
     delays: list[int], fast: bool, upkeep: bool, burst: int
 ) -> None:

@@ -77,7 +77,7 @@ def test_a_device_that_answers_only_pings_has_no_settings() -> None:
     servos.error = {4: 7}
     servos.memory[4][68] = 0
     wire = Wire(servos)
-    silent_reads = servos._answer  # status return level 0: reads stay unanswered
+    silent_reads = servos.answer_packet  # status return level 0: reads stay unanswered
     servos.error = {}
 
     def answer(each):  # type: ignore[no-untyped-def]
@@ -87,7 +87,7 @@ def test_a_device_that_answers_only_pings_has_no_settings() -> None:
         servos.silent = set()
         return reply
 
-    servos._answer = answer  # type: ignore[method-assign]
+    servos.answer_packet = answer  # type: ignore[method-assign]
     bus = reader(servos, wire)
     devices = perform(bus, bus.identify(), FakeClock())
     assert devices[3].id == 4

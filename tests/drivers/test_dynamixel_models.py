@@ -50,7 +50,9 @@ def test_counts_and_velocities_agree_with_the_vendors_file(each: ControlTable) -
 
 def _file(stem: str) -> tuple[float, float, int]:
     """Counts a turn, rad/s of a count, and the count of 0 rad."""
-    text = (control_tables._folder() / f"{stem}.model").read_text("utf-8").partition("[control table]")[0]
+    text = (
+        (control_tables.model_folder() / f"{stem}.model").read_text("utf-8").partition("[control table]")[0]
+    )
     rows = {row[0]: row[1] for line in text.splitlines() if len(row := line.split("\t")) > 1}
     span = [float(rows[f"value_of_{end}_radian_position"]) for end in ("min", "max")]
     angles = [float(rows[f"{end}_radian"]) for end in ("min", "max")]

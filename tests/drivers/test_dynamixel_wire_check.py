@@ -1,9 +1,10 @@
 """The last check of a command's bytes (WIRE_CLAMP): whole packets, known ids, writable addresses, goals."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.control_tables import table
@@ -56,7 +57,7 @@ def test_nothing_is_written_by_way_of_an_indirect_address(address: int) -> None:
 
 
 @given(st.integers(0, 700), st.binary(min_size=1, max_size=12))
-@settings(max_examples=300, deadline=None)
+@examples(300)
 def test_no_write_reaches_a_goal_register_but_a_goal_inside_its_fence(address: int, data: bytes) -> None:
     touched = set(range(address, address + len(data)))
     goals = set(range(102, 108)) | set(range(116, 120))  # goal current and velocity, goal position

@@ -41,8 +41,10 @@ def test_goals_and_the_next_read_request_leave_in_one_write() -> None:
 def test_goals_outside_the_range_leave_nothing_pending() -> None:
     bench = Bench()
     bench.writer.goals(HERE)
-    with pytest.raises(WireClamp, match=r"id 2: goal 3001 outside 1000..3000"):
+    with pytest.raises(WireClamp) as clamp:
         bench.writer.goals(np.array([2000, 3001, 2000]))
+    assert (clamp.value.id, clamp.value.value) == (2, 3001)
+    assert (clamp.value.lower, clamp.value.upper) == (1000, 3000)
     bench.cycle()
     assert bench.addresses() == [(FAST, 126)]
     bench.writer.goals(HERE)
@@ -148,8 +150,9 @@ def test_torque_is_read_back_and_off_is_written_twice() -> None:
     assert bench.addresses(before) == [(SYNC, 64), (SYNC, 64)]
     assert bench.reader.registers.torque.tolist() == [0, 0, 0]
     bench.servos.frozen = {1: {64}}
-    with pytest.raises(DeviceRefused, match="id 1: torque enable"):
+    with pytest.raises(DeviceRefused) as refused:
         bench.run(bench.writer.torque(True))
+    assert refused.value.id == 1
 
 
 def test_a_servo_that_does_not_obey_is_explained_by_what_its_registers_said() -> None:
@@ -173,8 +176,9 @@ def test_aim_reads_back_and_refuses_what_is_outside_without_a_byte() -> None:
         bench.run(bench.writer.write_goals(HERE + 5000))
     assert len(bench.wire.writes) == before
     bench.servos.frozen = {2: {116}}
-    with pytest.raises(DeviceRefused, match="id 2: goal position"):
+    with pytest.raises(DeviceRefused) as refused:
         bench.run(bench.writer.write_goals(HERE + 1))
+    assert refused.value.id == 2
 
 
 def test_a_register_is_written_by_name_and_read_back() -> None:
@@ -223,8 +227,9 @@ def test_what_may_not_be_written_sends_no_byte(name: str, value: int, words: str
 def test_a_servo_that_says_no_is_quoted() -> None:
     bench = Bench()
     bench.servos.error = {2: 4}
-    with pytest.raises(DeviceRefused, match="watchdog has tripped"):
+    with pytest.raises(DeviceRefused) as refused:
         bench.run(bench.writer.write(2, "led", 1))
+    assert (refused.value.id, refused.value.what) == (2, "LED = 1")
     with pytest.raises(InvalidInput, match="led"):
         bench.run(bench.writer.write(2, "lad", 1))
 
@@ -255,19 +260,19 @@ def test_a_value_beyond_a_limit_register_is_refused_with_that_register() -> None
 def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> None:
     bench = Bench()
     bench.run(bench.writer.torque(True))
-    with pytest.raises(DeviceRefused, match=r"torque is on.*disarm"):
+    with pytest.raises(DeviceRefused):
         bench.run(bench.writer.reboot(2))
+    assert Instruction.REBOOT not in [each.instruction for each in bench.servos.seen]
     bench.servos.put(2, 64, 0, 1)
     bench.servos.deaf_until = {2: 20}
     bench.run(bench.writer.reboot(2))
     assert Instruction.REBOOT in [each.instruction for each in bench.servos.seen]
     assert bench.reader.registers.torque.tolist() == [1, 0, 1]
     bench.servos.deaf_until = {2: 10_000}
-    with pytest.raises(NoReply, match="after a reboot"):
-        bench.run(bench.writer.reboot(2))
-    bench.servos.silent = {2}
-    with pytest.raises(NoReply, match=r"\[2\]"):
-        bench.run(bench.writer.reboot(2))
+    for bench.servos.silent in (set(), {2}):
+        with pytest.raises(NoReply) as lost:
+            bench.run(bench.writer.reboot(2))
+        assert lost.value.ids == (2,)
 
 
 # ------------------------------------------------------------------------------------------- the last check
@@ -294,13 +299,13 @@ def test_an_order_outside_the_white_list_sends_no_byte(
     order: WriteRequest | BurstWriteRequest | RebootRequest,
 ) -> None:
     bench = Bench()
-    with pytest.raises(WireClamp, match="packet not sent"):
+    with pytest.raises(WireClamp):
         bench.writer.begin(order, 0.0)
     assert bench.wire.writes == []
 
 
 def test_a_writer_begins_no_query() -> None:
-    with pytest.raises(TypeError, match="does not ask"):
+    with pytest.raises(TypeError):
         Bench().writer.begin(PingRequest(1), 0.0)  # type: ignore[arg-type]
 
 

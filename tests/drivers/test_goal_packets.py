@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.device_layout import RegisterBlock
@@ -24,7 +25,7 @@ def goals(lower: int = -WIDE, upper: int = WIDE, ids: tuple[int, ...] = IDS) -> 
         st.one_of(st.integers(-WIDE, WIDE), st.sampled_from([-131073, -3, 0xFDFFFF])), min_size=3, max_size=3
     )
 )
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_it_equals_the_sync_write_of_the_same_goals(ticks: list[int]) -> None:
     data = goals().encode(np.array(ticks))
     assert data == p.sync_write(
@@ -69,7 +70,7 @@ def test_anything_but_one_whole_tick_per_device_is_refused(ticks: np.ndarray) ->
 @pytest.mark.parametrize("at", [7, 8, 10, 12, 17])  # instruction, address, length, ids
 def test_a_packet_whose_frame_was_damaged_in_memory_is_not_handed_out(at: int) -> None:
     packet = goals()
-    packet._packet[at] ^= 1
+    packet.packet[at] ^= 1
     with pytest.raises(WireClamp):
         packet.encode(np.array([1, 2, 3]))
 

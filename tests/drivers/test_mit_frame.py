@@ -5,10 +5,11 @@ from math import floor, pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, frame, ranges
+from tests.support.examples import examples
 from twind_drivers.bus import Floats, WireClamp
 from twind_drivers.can.can_models import MODELS
 from twind_drivers.can.frame import Octets
@@ -54,7 +55,7 @@ def exact(value: float, most: float, bits: int, *, gain: bool) -> Fraction:
 
 
 @given(st.sampled_from(sorted(MODELS)), st.tuples(*[st.floats(0.0, 1.0)] * 5), st.sampled_from((BITS, WIDE)))
-@settings(max_examples=100)
+@examples(100)
 def test_each_field_is_truncated_and_within_one_count(
     name: str, shares: tuple[float, ...], bits: tuple[int, ...]
 ) -> None:
@@ -90,7 +91,7 @@ def test_a_reply_holds_its_three_fields(fields: tuple[int, int, int]) -> None:
 
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFF))
-@settings(max_examples=50)
+@examples(50)
 def test_what_was_told_can_be_commanded_again_within_one_count(position: int, velocity: int) -> None:
     by = scale()
     told = by.values(np.array([[position], [velocity], [0]], np.float64), np.array([0]))[:, 0]

@@ -5,10 +5,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import FamilyRegister, ValuelessCommand
@@ -114,7 +115,7 @@ def test_what_a_field_cannot_hold_is_refused() -> None:
 
 
 @given(st.floats(-600.0, 600.0), st.floats(-200.0, 200.0), st.floats(-32.0, 32.0))
-@settings(max_examples=50)
+@examples(50)
 def test_a_command_is_within_half_a_thousandth(position: float, velocity: float, torque: float) -> None:
     data = bytes.fromhex(wire(command(position, velocity, torque))[0][1])
     turns, fed, pulled = struct.unpack("<fhh", data)
@@ -233,7 +234,7 @@ def test_strangers_are_left_alone(stranger: Frames) -> None:
 
 
 @given(noise([node << 5 | cmd for node in IDS for cmd in range(32)]))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(axes(), frames)
 

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import FAST, SYNC, Bench
+from tests.support.examples import examples
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
 from twind_drivers.dynamixel.control_tables import number_of, table
 from twind_drivers.dynamixel.dynamixel_writer import DynamixelWriter
@@ -93,7 +94,7 @@ def mixes(draw: st.DrawFn) -> tuple[list[int], list[int], list[int]]:
 
 
 @given(mixes())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_what_is_encoded_decodes_to_the_goals_in_as_few_packets_as_there_are_registers(
     mix: tuple[list[int], list[int], list[int]],
 ) -> None:
@@ -114,7 +115,7 @@ def test_what_is_encoded_decodes_to_the_goals_in_as_few_packets_as_there_are_reg
 
 
 @given(mixes(), st.data())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
     mix: tuple[list[int], list[int], list[int]], data: st.DataObject
 ) -> None:
@@ -141,8 +142,9 @@ def test_a_goal_outside_its_bounds_is_never_sent_and_leaves_nothing_pending(
 
 def test_speeds_and_currents_are_only_zero_until_their_limits_have_been_read() -> None:
     bus = bench([1, 0])
-    with pytest.raises(WireClamp, match=r"id 1: goal 1 outside 0\.\.0"):
+    with pytest.raises(WireClamp) as clamp:
         bus.writer.goals(np.array([1, 0]))
+    assert (clamp.value.id, clamp.value.value, clamp.value.lower, clamp.value.upper) == (1, 1, 0, 0)
     bus.writer.goals(np.array([0, 0]))
     bus.run(bus.writer.prepare(np.array([0, 0])))
     bus.writer.goals(np.array([1023, -1193]))
@@ -351,7 +353,7 @@ def test_a_goal_register_of_another_mode_takes_no_byte(
     bus = bench([mode])
     bus.run(bus.writer.prepare(np.array([0])))
     before = len(bus.wire.writes)
-    with pytest.raises(WireClamp, match="packet not sent"):
+    with pytest.raises(WireClamp):
         bus.writer.begin(order, 0.0)
     assert len(bus.wire.writes) == before
 

@@ -4,9 +4,10 @@ from itertools import product
 
 import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.packet import Framer, Instruction, Packet
@@ -173,7 +174,7 @@ def test_unstuffing_undoes_stuffing_for_every_word_up_to_nine() -> None:
 
 
 @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55, 0x07]), max_size=60).map(bytes))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_stuffing_equals_what_the_vendors_sdk_returns(params: bytes) -> None:
     body = bytes((3,)) + params
     raw = [*p.HEADER, 1, *(len(body) + 2).to_bytes(2, "little"), *body, 0, 0]

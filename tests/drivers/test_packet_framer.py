@@ -1,9 +1,10 @@
 """Packets are found in a stream of bytes, whatever stands between and in them, in pieces of any size."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.packet import Framer, Packet
@@ -14,7 +15,7 @@ PACKETS = st.builds(p.status, st.integers(0, 252), st.integers(0, 255), st.binar
 
 
 @given(st.lists(st.one_of(st.binary(max_size=30), PACKETS), max_size=12), st.integers(1, 50))
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_no_bytes_raise_or_grow_the_buffer_and_every_byte_is_accounted_for(
     parts: list[bytes], chunk: int
 ) -> None:
@@ -29,7 +30,7 @@ def test_no_bytes_raise_or_grow_the_buffer_and_every_byte_is_accounted_for(
 
 
 @given(st.binary(max_size=3000), PACKETS)
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_a_packet_is_found_behind_any_garbage(garbage: bytes, good: bytes) -> None:
     framer = Framer(status=True)
     found = framer.feed(garbage) + framer.feed(good)
@@ -85,7 +86,7 @@ NOISE = st.lists(
 
 
 @given(NOISE, st.sampled_from([True, False, None]), st.booleans())
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_byte_by_byte_the_same_packets_are_found_as_at_once(
     stream: bytes, status: bool | None, broken: bool
 ) -> None:
@@ -196,7 +197,7 @@ class Watched(bytearray):
 
 def test_not_even_a_flood_makes_the_buffer_longer_than_its_capacity() -> None:
     framer = Framer(status=True)
-    framer._buffer = buffer = Watched()
+    framer.buffer = buffer = Watched()
     framer.feed(b"\xff\xff\xfd\x00\x01\xf9\x07\x55" * 10_000)
     framer.feed(p.HEADER[:3] * 5_000)
     assert 8 < buffer.longest <= p.CAPACITY == 2048

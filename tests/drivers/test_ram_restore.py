@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.dynamixel_responder import Servos
 from tests.support.dynamixel_rig import Bench
+from tests.support.examples import examples
 from twind_drivers.bus import DeviceRefused, NoReply, RestartResult
 from twind_drivers.dynamixel.packet import Instruction, Packet
 from twind_drivers.dynamixel.ram_restore import RESTORED
@@ -76,7 +77,7 @@ def values(draw: st.DrawFn) -> dict[str, int]:
 
 
 @given(st.composite(values)())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_every_setting_comes_back_and_neither_torque_nor_goal_nor_watchdog(wanted: dict[str, int]) -> None:
     bus = bench()
     for name, (address, size) in KEYS.items():

@@ -14,11 +14,11 @@ FIELDS = (SensorField(22, "<i2", 3), SensorField(16, "<i2", 3), SensorField(28, 
 WHOLE = ReadRequest((200,), 16, 16)
 
 
-def told(*data: bytes) -> RequestReply:
+def request_reply(*data: bytes) -> RequestReply:
     return RequestReply(dict.fromkeys((200,), data[0]) if data else {}, {}, 0.001, 0)
 
 
-SOUND = told(struct.pack("<3h3hf", 1, -2, 3, 4, 5, -32768, 0.25))
+SOUND = request_reply(struct.pack("<3h3hf", 1, -2, 3, 4, 5, -32768, 0.25))
 
 
 def test_the_block_that_holds_all_fields_is_read_and_each_found_in_it() -> None:
@@ -33,7 +33,7 @@ def test_after_a_miss_another_length_is_asked_until_two_are_answered() -> None:
     """What was asked before may still be answered: a late answer is known by its length."""
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
-    assert sensor.take(told(), 0.002) is None
+    assert sensor.take(request_reply(), 0.002) is None
     sizes = []
     for cycle in range(2):
         asked = sensor.ask(0.01 * cycle)
@@ -43,13 +43,13 @@ def test_after_a_miss_another_length_is_asked_until_two_are_answered() -> None:
     assert len(set(sizes)) == 2 and WHOLE.size not in sizes
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
-    sensor.take(told(), 0.002)
+    sensor.take(request_reply(), 0.002)
     sizes = []
     for tick in range(1, 1 + PROOFS):
         asked = sensor.ask(0.01 * tick)
         assert asked is not None
         sizes.append(asked.size)
-        assert sensor.take(told(bytes(asked.size)), 0.01 * tick + 0.001) is None, "proof, no reading"
+        assert sensor.take(request_reply(bytes(asked.size)), 0.01 * tick + 0.001) is None, "proof, no reading"
     assert len(set(sizes)) == PROOFS and WHOLE.size not in sizes
     assert sensor.ask(0.03) == WHOLE
 
@@ -57,7 +57,7 @@ def test_after_a_miss_another_length_is_asked_until_two_are_answered() -> None:
 def test_the_late_answer_itself_ends_the_doubt() -> None:
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
-    sensor.take(told(), 0.002)
+    sensor.take(request_reply(), 0.002)
     assert sensor.owes(0.009) and not sensor.late(WHOLE.size - 1, 0.009) and sensor.late(WHOLE.size, 0.009)
     assert not sensor.owes(0.009) and not sensor.late(WHOLE.size, 0.009), "one answer to one question"
     assert sensor.ask(0.01) == WHOLE
@@ -67,16 +67,16 @@ def test_who_was_late_is_doubted_for_as_long() -> None:
     """80 ms late once: after the next miss the short answers of 30 ms prove nothing."""
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
-    sensor.take(told(), 0.002)
+    sensor.take(request_reply(), 0.002)
     assert sensor.late(WHOLE.size, 0.08)
     assert sensor.ask(0.1) == WHOLE
-    sensor.take(told(), 0.102)
+    sensor.take(request_reply(), 0.102)
     whole = []
     for tick in range(11, 25):
         asked = sensor.ask(0.01 * tick)
         assert asked is not None
         whole += [0.01 * tick] * (asked == WHOLE)
-        sensor.take(told(bytes(asked.size)), 0.01 * tick + 0.001)
+        sensor.take(request_reply(bytes(asked.size)), 0.01 * tick + 0.001)
     assert whole[0] == pytest.approx(0.19)
 
 
@@ -90,7 +90,7 @@ def served(sensor: Sensor, seconds: float, fails: Callable[[int], bool], harm: b
             continue
         asked.append(now)
         bad = fails(len(asked))
-        sensor.take(told() if bad else told(bytes(query.size)), now + 0.002)
+        sensor.take(request_reply() if bad else request_reply(bytes(query.size)), now + 0.002)
         if bad and harm:
             assert sensor.owes(now + 0.009)
             sensor.spoil(now + 0.009)
@@ -121,10 +121,10 @@ def test_who_is_sound_for_long_enough_is_forgiven() -> None:
     for tick in range(2000):
         query = sensor.ask(2.0 + 0.01 * tick)
         if query is not None:
-            sensor.take(told(bytes(query.size)), 2.0 + 0.01 * tick)
+            sensor.take(request_reply(bytes(query.size)), 2.0 + 0.01 * tick)
     assert sensor.calm(22.0, WINDOW)
     sensor.ask(22.0)
-    sensor.take(told(), 22.002)
+    sensor.take(request_reply(), 22.002)
     sensor.spoil(22.009)
     assert sensor.ask(22.03) is None and sensor.ask(22.05) is not None, "the first pause again"
 
@@ -136,7 +136,7 @@ def test_one_that_stays_silent_is_asked_ever_more_rarely_and_at_last_once_a_seco
         now = tick * 0.01
         if sensor.ask(now) is not None:
             asked.append(now)
-            sensor.take(told(), now + 0.002)
+            sensor.take(request_reply(), now + 0.002)
     assert asked[:MISSES] == pytest.approx([0.0, 0.01, 0.02])
     assert sensor.parked
     pauses = np.diff(asked[MISSES - 1 :])
@@ -149,11 +149,11 @@ def test_it_comes_back_with_its_first_answer() -> None:
     sensor = Sensor(200, FIELDS)
     for tick in range(20):
         if sensor.ask(tick * 0.01) is not None:
-            sensor.take(told(), tick * 0.01)
+            sensor.take(request_reply(), tick * 0.01)
     assert sensor.parked
     asked = sensor.ask(10.0)
     assert asked is not None
-    sensor.take(told(bytes(asked.size)), 10.001)
+    sensor.take(request_reply(bytes(asked.size)), 10.001)
     assert not sensor.parked
     assert sensor.ask(10.01) == WHOLE and sensor.take(SOUND, 10.011) is not None
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
 
@@ -66,7 +67,7 @@ def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[PendingReply, bytes
 
 
 @given(garbage=st.binary(max_size=200), chunk=st.integers(1, 100))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @pytest.mark.parametrize("kind", ["plain", "fast"])
 def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, chunk: int) -> None:
     reply: PendingReply = StatusReply(IDS, SIZE) if kind == "plain" else FastSyncReadReply(IDS, SIZE)
@@ -77,7 +78,7 @@ def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, 
 
 
 @given(st.lists(st.one_of(st.binary(max_size=80), st.just(plain()), st.just(fast())), max_size=80))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
 def test_no_bytes_raise(kind: type[StatusReply | FastSyncReadReply], parts: list[bytes]) -> None:
     reply = kind(IDS, SIZE)
@@ -177,7 +178,7 @@ def many(kind: type[StatusReply | FastSyncReadReply]) -> list[bytes]:
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
 def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
     kind: type[StatusReply | FastSyncReadReply], data: st.DataObject
@@ -199,7 +200,7 @@ def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
 
 
 @given(lost=st.sets(st.integers(1, 24), max_size=5), noise=st.binary(max_size=60), chunk=st.integers(1, 400))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_every_intact_answer_is_heard_within_the_same_transaction(
     lost: set[int], noise: bytes, chunk: int
 ) -> None:

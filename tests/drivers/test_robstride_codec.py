@@ -5,10 +5,11 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.can_codec_frames import column, decode_all, frame, noise, ranges, wire
+from tests.support.examples import examples
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import actuator_family as bits
 from twind_drivers.can.actuator_family import RegisterType, ValuelessCommand
@@ -31,7 +32,7 @@ def motors() -> RobStrideCodec:
     return RobStrideCodec("can0", IDS, ranges(2, 12.57, 33.0, 14.0))
 
 
-def told(id: int, data: str = MIDDLE, faults: int = 0, mode: int = 2, host: int = HOST) -> Frames:
+def feedback_frame(id: int, data: str = MIDDLE, faults: int = 0, mode: int = 2, host: int = HOST) -> Frames:
     return frame(EXTENDED | 2 << 24 | mode << 22 | faults << 16 | id << 8 | host, data)
 
 
@@ -124,14 +125,14 @@ def test_a_float_that_is_no_reading_says_nothing(raw: str) -> None:
 
 
 def test_feedback_is_read_field_by_field() -> None:
-    feedback, found = motors().feedback(told(1, "FF FF 00 00 FF FF 01 2C"))
+    feedback, found = motors().feedback(feedback_frame(1, "FF FF 00 00 FF FF 01 2C"))
     assert found.all()
     assert list(feedback.rows) == [1]
     assert (feedback.position[0], feedback.velocity[0], feedback.effort[0]) == pytest.approx(
         (12.57, -33.0, 14.0)
     )
     assert (feedback.temperature[0], feedback.enabled[0], feedback.fault[0]) == (30.0, 1, 0)
-    cold, _ = motors().feedback(told(1, "7F FF 7F FF 7F FF FF CE"))
+    cold, _ = motors().feedback(feedback_frame(1, "7F FF 7F FF 7F FF FF CE"))
     assert cold.temperature[0] == -5.0
 
 
@@ -141,7 +142,7 @@ FAULTS = (bits.VOLTAGE, bits.ELECTRICAL, bits.HEAT, bits.ENCODER, bits.OVERLOAD,
 def test_every_pattern_of_fault_and_mode_bits() -> None:
     for faults in range(64):
         for mode, enabled in ((0, 0), (1, 1), (2, 1), (3, -1)):
-            feedback, _ = motors().feedback(told(0x7F, faults=faults, mode=mode))
+            feedback, _ = motors().feedback(feedback_frame(0x7F, faults=faults, mode=mode))
             wanted = sum(meaning for bit, meaning in enumerate(FAULTS) if faults >> bit & 1)
             assert feedback.fault[0] == wanted | (bits.UNKNOWN if mode == 3 else 0)
             assert feedback.enabled[0] == enabled
@@ -177,9 +178,9 @@ def test_the_number_of_the_processor_comes_in_two_halves() -> None:
 @pytest.mark.parametrize(
     "stranger",
     [
-        told(2),
-        told(1, host=0xFE),
-        told(1, host=0x1F),
+        feedback_frame(2),
+        feedback_frame(1, host=0xFE),
+        feedback_frame(1, host=0x1F),
         frame(0x0200FD01 & 0x7FF, MIDDLE),  # a standard frame
         frame(EXTENDED | ERROR | 2 << 24 | 1 << 8 | HOST, MIDDLE),
         frame(EXTENDED | REMOTE | 2 << 24 | 1 << 8 | HOST, b"", 8),
@@ -200,7 +201,7 @@ NEAR += [EXTENDED | kind << 24 | HOST << 8 | id for kind in KINDS for id in IDS]
 
 
 @given(noise(NEAR))
-@settings(max_examples=30)
+@examples(30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(motors(), frames)
 
@@ -227,12 +228,12 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
                 assert list(motor.commanded_rows(motor.write(row, parameter, bytes(4)))) == [row]
     for kind in (7, 22, 23, 24, 25):  # new id, save, rate, report, another protocol
         assert list(motor.commanded_rows(frame(EXTENDED | kind << 24 | HOST << 8 | 1, bytes(8)))) == [1]
-    assert (motor.commanded_rows(told(1)) == -1).all()
+    assert (motor.commanded_rows(feedback_frame(1)) == -1).all()
     assert (motor.commanded_rows(frame(1, bytes(8))) == -1).all()
 
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
-@settings(max_examples=50)
+@examples(50)
 def test_what_was_told_can_be_commanded_again_within_one_count(position: int, torque: int) -> None:
     motor = RobStrideCodec("can0", [1], ranges(1, 12.57, 33.0, 14.0))
     data = struct.pack(">HHHH", position, 0, torque, 300)
@@ -275,5 +276,5 @@ def test_ids_that_cannot_be_told_apart_are_refused(ids: tuple[int, int], host: i
 def test_another_host_id_is_used_both_ways() -> None:
     motor = RobStrideCodec("can0", IDS, ranges(2), host=0x1F)
     assert wire(motor.encode_valueless_command(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
-    assert motor.feedback(told(1, host=0x1F))[1].all()
-    assert not motor.feedback(told(1))[1].any()
+    assert motor.feedback(feedback_frame(1, host=0x1F))[1].all()
+    assert not motor.feedback(feedback_frame(1))[1].any()

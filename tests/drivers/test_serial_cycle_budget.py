@@ -3,9 +3,10 @@
 from math import ceil
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.serial_cycle_budget import budget, indirect_bytes, upkeep, wire
 
@@ -36,7 +37,7 @@ def test_bytes_and_rates_equal_the_table(shape: tuple[int, bool, int]) -> None:
 
 @pytest.mark.parametrize("fast", [True, False])
 @given(count=st.integers(1, 60))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_bytes_equal_those_of_real_packets(fast: bool, count: int) -> None:
     ids = range(count)
     block = bytes(10)
@@ -70,7 +71,7 @@ def test_the_longest_upkeep_and_the_adapter_are_in_the_sum(fast: bool, longest: 
 
 @pytest.mark.parametrize("fast", [True, False])
 @given(groups=st.lists(st.integers(1, 30), min_size=1, max_size=2), rate=st.integers(40, 1000))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_the_upkeep_plan_reaches_its_refresh_rates(fast: bool, groups: list[int], rate: int) -> None:
     plan = upkeep(groups, rate, fast=fast)
 

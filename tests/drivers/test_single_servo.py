@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.dynamixel_rig import LIMITS, Bench
+from tests.support.examples import examples
 from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
 from twind_drivers.dynamixel.single_servo import SingleServoControl
 
@@ -59,7 +60,7 @@ def test_it_is_prepared_read_back_and_nobody_else_is_written() -> None:
 
 
 @given(st.integers(-5000, 9000))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_no_goal_outside_its_window_ever_leaves(tick: int) -> None:
     bus = bench()
     alone, _ = driven(bus)

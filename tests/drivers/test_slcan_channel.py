@@ -6,10 +6,11 @@ from math import inf
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.driver_rig import is_output_full
+from tests.support.examples import examples
 from twind_drivers.bus import PortError, PortFault, output_full
 from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
@@ -17,7 +18,7 @@ from twind_drivers.can.slcan_channel import RATES, SlcanChannel, opening
 from twind_drivers.can.slcan_codec import PATIENCE, SlcanDecoder, encode
 from twind_drivers.can.transmit_stall import TransmitStall
 
-MANY = settings(max_examples=100, deadline=None)
+MANY = examples(100)
 
 
 @st.composite
@@ -83,7 +84,7 @@ def test_a_cycle_of_one_kind_is_the_same_as_its_lines_one_by_one(count: int, ext
 
 @given(st.lists(st.binary(max_size=400), max_size=8))
 @example([b"t" * 2000, b"\r"])
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_no_bytes_raise_and_none_are_kept_for_long(chunks: list[bytes]) -> None:
     lines = SlcanDecoder()
     for chunk in chunks:
@@ -99,7 +100,7 @@ LINE = st.text("tTrR0123456789ABCDEFabcdefzF \x80", max_size=30).map(lambda text
 
 
 @given(st.lists(LINE, max_size=30))
-@settings(max_examples=100, deadline=None)
+@examples(100)
 def test_whatever_is_taken_for_a_frame_is_that_frame_to_the_last_character(texts: list[bytes]) -> None:
     lines = SlcanDecoder()
     found = lines.take(b"".join(text + b"\r" for text in texts))

@@ -95,7 +95,7 @@ def test_at_the_highest_rate_that_the_budget_accepts_a_slice_waits_a_few_ticks_a
             waits.append(waited)
             waited = 0
         else:
-            waited += port._due is not None
+            waited += port.due_upkeep is not None
         assert rig.clock.now() <= begin + period, f"tick {tick} ends late"
         rig.clock.sleep_until(begin + period)
     assert waits

@@ -164,7 +164,7 @@ def test_a_link_in_the_place_of_its_draft_is_not_followed(tmp_path: Path) -> Non
 
 def forged(path: Path, head: bytes, *parts: bytes) -> Path:
     """A file whose head is right as far as its checksum goes."""
-    start = file_module._MAGIC + file_module._HEAD.pack(len(head), zlib.crc32(head))
+    start = file_module.MAGIC + file_module.HEAD.pack(len(head), zlib.crc32(head))
     path.write_bytes(b"".join([start, head, *parts]))
     return path
 

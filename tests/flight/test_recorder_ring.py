@@ -10,9 +10,10 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.exceptions import InvalidInput
 from twind.flight import (
     NO_BUS,
@@ -53,7 +54,7 @@ def is_the_end_of(read_back: tuple[FlightEntry, ...], written: list[FlightEntry]
     return list(read_back) == written[len(written) - len(read_back) :]
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(
     size=st.integers(4096, 20_000),
     sizes=st.lists(st.one_of(st.integers(0, 90), st.integers(0, 900), st.integers(0, 2048)), max_size=300),

@@ -74,7 +74,7 @@ def test_what_is_told_is_what_the_loop_follows(
     waiting, (moment,) = sent(armed, path, **asked)
     accepted = waiting.resolve(moment)
     assert accepted is not None
-    (layer,) = armed.loop.executor._layers
+    (layer,) = armed.loop.executor.layers
     assert layer.goal.id == accepted.id
     told = interpolate(accepted.path, begin)
     assert np.isfinite(told.sample(0.0).position[armed.names.index(JOINT)])
@@ -170,7 +170,7 @@ def submitting(method: str, *, room: bool) -> PendingVerdict:
 
 
 def test_only_what_was_sent_and_may_move_waits_for_its_verdict_and_without_its_points_twice() -> None:
-    (waiting,) = submitting("SubmitTrajectory", room=True)._waiting.values()
+    (waiting,) = submitting("SubmitTrajectory", room=True).waiting.values()
     assert waiting.asked == {"start_in": 2.0, "goal_time": None, "tolerances": None}
-    assert not submitting("SubmitTrajectory", room=False)._waiting
-    assert not submitting("Check", room=True)._waiting
+    assert not submitting("SubmitTrajectory", room=False).waiting
+    assert not submitting("Check", room=True).waiting

@@ -12,23 +12,23 @@ from twind.link import Annotation
 from twind.loop.requests import MARKS
 
 
-def said(kind: str, **given: Any) -> Annotation:
+def make_annotation(kind: str, **given: Any) -> Annotation:
     return annotation({"kind": kind} | given)
 
 
 def wrong(kind: str, **given: Any) -> str:
     with pytest.raises(InvalidInput) as caught:
-        said(kind, **given)
+        make_annotation(kind, **given)
     return caught.value.where
 
 
 def test_each_kind_has_its_own_fields() -> None:
-    assert said("begin", task="pick", text=None) == Annotation("begin", task="pick")
-    assert said("begin", task="pick", text="red cube").text == "red cube"
-    assert said("end", success=False) == Annotation("end", success=False)
-    assert said("end") == Annotation("end")
-    assert said("end", task="pick", success=True).task == "pick"
-    assert said("note", text="the gripper slips") == Annotation("note", text="the gripper slips")
+    assert make_annotation("begin", task="pick", text=None) == Annotation("begin", task="pick")
+    assert make_annotation("begin", task="pick", text="red cube").text == "red cube"
+    assert make_annotation("end", success=False) == Annotation("end", success=False)
+    assert make_annotation("end") == Annotation("end")
+    assert make_annotation("end", task="pick", success=True).task == "pick"
+    assert make_annotation("note", text="the gripper slips") == Annotation("note", text="the gripper slips")
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_what_is_no_line_of_text_is_refused(text: str) -> None:
 def test_the_longest_text_passes_and_one_character_more_does_not(field: str) -> None:
     most = LONGEST[field]
     given = {"task": "pick", field: "ü" * most}
-    assert getattr(said("begin", **given), field) == "ü" * most
+    assert getattr(make_annotation("begin", **given), field) == "ü" * most
     assert wrong("begin", **given | {field: "ü" * (most + 1)}) == field
 
 

@@ -142,7 +142,7 @@ def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
     desk.listening.open()
     desk.remove("control")
     desk.remove("observe")
-    check_folder = listening_sockets._check_folder
+    check_folder = listening_sockets.check_folder
     gone = list[Path]()
 
     def checked(folder: Path) -> None:
@@ -151,7 +151,7 @@ def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
             gone.append(folder)
             folder.rmdir()
 
-    monkeypatch.setattr(listening_sockets, "_check_folder", checked)
+    monkeypatch.setattr(listening_sockets, "check_folder", checked)
     desk.listening.check()
     reports = [each for each in desk.wire.sent if isinstance(each, link.Reachable)]
     assert gone and [(each.missing, len(each.rebound)) for each in reports] == [("", 2)]

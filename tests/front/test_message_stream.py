@@ -6,16 +6,18 @@ import socket
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.front.message_stream import LARGE, PATIENCE, QUEUE, MessageStream
 
 
 class Owner:
     """Takes messages; says no after every `pause`-th."""
 
-    def __init__(self, pause: int = 0) -> None:
+    def __init__(self, pause: int, loop: asyncio.AbstractEventLoop) -> None:
+        self.loop = loop
         self.messages: list[bytes] = []
         self.limit: int | None = None
         self.closed = 0
@@ -43,7 +45,7 @@ def run(
     loop = asyncio.new_event_loop()
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
-    owner = Owner(pause)
+    owner = Owner(pause, loop)
     stream = MessageStream(ours, limit, loop)
     stream.start(owner)
     try:
@@ -56,14 +58,13 @@ def run(
     return owner
 
 
-def turn(stream: MessageStream) -> None:
-    """One turn of the stream's loop."""
-    loop = stream._loop
+def turn(loop: asyncio.AbstractEventLoop) -> None:
+    """Run one turn of the stream's loop."""
     loop.call_soon(loop.stop)
     loop.run_forever()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.lists(
         st.binary(min_size=1, max_size=30).map(lambda b: b"{" + b.replace(b"\0", b"0").replace(b"\n", b"n"))
@@ -85,11 +86,11 @@ def test_however_it_is_cut_the_same_messages_come(
             place += 1
             peer.sendall(rest[:size])
             rest = rest[size:]
-            turn(stream)
+            turn(owner.loop)
             stream.resume()
         for _ in messages:
             stream.resume()
-            turn(stream)
+            turn(owner.loop)
 
     assert run(body, pause=pause).messages == messages
 
@@ -99,7 +100,7 @@ def test_however_it_is_cut_the_same_messages_come(
 def test_the_limit_is_exact_and_holds_without_a_terminator(terminated: bool, excess: int) -> None:
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.sendall(b"x" * (1000 + excess) + (b"\0" if terminated else b""))
-        turn(stream)
+        turn(owner.loop)
 
     owner = run(body)
     assert owner.limit == (1000 if excess else None)
@@ -121,7 +122,7 @@ def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
         stream.finish()
         while data := peer.recv(1 << 20):
             received += data
-            turn(stream)
+            turn(owner.loop)
         said = [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
         news = [message for message in said if "n" in message]
         assert [message["answer"] for message in said if "answer" in message] == list(range(0, sent, 50))
@@ -155,7 +156,7 @@ def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them
         stream.finish()
         while data := peer.recv(1 << 20):
             received += data
-            turn(stream)
+            turn(owner.loop)
         said = [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
         assert [message["n"] for message in said if "n" in message] == list(range(130))
         assert [message["path"] for message in said if "path" in message] == [2]
@@ -166,7 +167,7 @@ def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them
 
 def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
-        now = stream._loop.time()
+        now = owner.loop.time()
         assert not stream.stuck(now + 1000.0)
         stream.send(b"x" * (4 << 20))
         assert not stream.stuck(now + PATIENCE)
@@ -178,7 +179,7 @@ def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
 def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
     def half(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.shutdown(socket.SHUT_WR)
-        turn(stream)
+        turn(owner.loop)
         assert stream.half_closed
         assert not stream.peer_gone()
         stream.send(b"still here")
@@ -186,7 +187,7 @@ def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
 
     def whole(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.close()
-        turn(stream)
+        turn(owner.loop)
         assert stream.closed
 
     run(half)
@@ -201,7 +202,7 @@ def test_finishing_waits_until_all_is_sent() -> None:
         got = 0
         while got <= 1 << 20:
             got += len(peer.recv(1 << 18))
-            turn(stream)
+            turn(owner.loop)
         assert stream.closed
 
     run(body)

@@ -6,31 +6,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.config.test_hot_changes import files
+from tests.support.reload_rig import briefed, files
 from twind.briefing import Briefing, ReloadResult
-from twind.config.config_files import ConfigSources, describe, pack, unpacked
+from twind.config.config_files import unpacked
 from twind.exceptions import InvalidInput
 from twind.front.next_config import BY_CLIENT, with_settings
 from twind.front.reload_worker import read_again
-from twind.loop import assembly
-from twind.loop.bound_robot import BoundRobot
-from twind.memfd import unseal
 from twind.twin import binding_transfer
-from twind.twin.binding import bind
 
 YAW_ID = "head_yaw:         {id: 1, "
 YAW = {YAW_ID: "head_yaw: {velocity_limit_rad_s: 0.5, id: 1, "}
-
-
-def briefed(sources: ConfigSources) -> Briefing:
-    """As the daemon's start does it."""
-    told = describe(sources)
-    one = BoundRobot(told.robot, told.calibration, bind(told.robot, told.calibration))
-    settings = told.settings
-    fd = assembly.make_briefing(
-        one, told.rate_hz, settings.parameters(), settings.log_level, told.files, pack(sources, told)
-    )
-    return msgspec.msgpack.decode(unseal(fd), type=Briefing)
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.learn.task.action_shaping import BEND, ActionShaper, ActionShaping
 from twind.motion.stop_profiles import LimitedFollower, still
 from twind.robot.arrays import Floats
@@ -31,7 +32,7 @@ def actions(rng: np.random.Generator, steps: int, n: int) -> Floats:
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.5), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_targets_keep_position_velocity_and_acceleration(
     seed: int, smoothing: float, velocity_share: float, acceleration_share: float
 ) -> None:
@@ -57,7 +58,7 @@ def test_targets_keep_position_velocity_and_acceleration(
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int) -> None:
     rng = np.random.default_rng(seed)
     bounds = limits(rng, 6)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.learn.test_episode_spans import recording
+from tests.support.robot_recordings import recording
 from twind.learn.dataset.episode_frames import (
     ACTION,
     EFFORT,

@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 from math import nan
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support.robot_recordings import recording
 from twind.learn.dataset.episode_spans import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
 from twind.observe.recording.recording_columns import (
     RecordedEpisode,
@@ -16,17 +15,7 @@ from twind.observe.recording.recording_columns import (
     SlowColumns,
 )
 
-JOINTS = ("hip", "knee")
 ALL = EpisodeSpan("pick", 0.0, 10.0, True)
-
-
-def recording(count: int = 300, rate: float = 100.0, **more: Any) -> RobotRecording:
-    """A robot that was armed and live all the time, from 0 s on."""
-    time = np.arange(count) / rate
-    rows = {name: np.full((count, 2), 0.5) for name in ("measured", "velocity", "effort", "goal")}
-    given: dict[str, Any] = {"path": Path("a.mcap"), "start_ns": 0, "joints": JOINTS, "time": time}
-    given["simulated"] = np.full((count, 2), nan)
-    return RobotRecording(**given | rows | more)
 
 
 def without(column: str, rows: slice, joint: int | slice = slice(None)) -> RobotRecording:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.learn.test_policy_controller import PERIOD, World
+from tests.support.policy_world import PERIOD, World
 from twind.client import Disconnected, Refused
 from twind.learn.policy.policy_run import PolicyRun
 from twind_drivers.clock import FakeClock

@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.learn.test_stream_samples import ROBOT, some
+from tests.support.spool_rig import ROBOT, some
 from twind.client.clock_pair import ClockPair
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.stream_samples import PostMessage, SampleBatch, StreamedRobot

@@ -2,38 +2,25 @@
 
 import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
+from tests.support.spool_rig import WIDE, carrying, folder
 from twind.exceptions import OperationFailed
 from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolLimits, dead_letters
 from twind.learn.streaming.stream_samples import PostMessage
-
-MEMORY = Path("/dev/shm")  # a thousand syncs to a disk would take minutes, and show nothing more
-WIDE = SpoolLimits(1 << 30, 1e9)
-
-
-@contextmanager
-def folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as name:
-        yield Path(name) / "spool"
 
 
 @pytest.fixture
 def place() -> Iterator[Path]:
     with folder() as found:
         yield found
-
-
-def carrying(text: str) -> PostMessage:
-    return PostMessage(text.encode(), {"Content-Type": "text/plain"}, 1)
 
 
 def waiting(spool: Spool) -> list[int]:
@@ -78,7 +65,7 @@ class Model:
             del self.rows[sequence]
 
 
-@settings(max_examples=120)
+@examples(120)
 @given(STEPS)
 def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bounds(
     steps: list[tuple[str, int]],

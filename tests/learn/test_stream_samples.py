@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from tests.support.spool_rig import ROBOT, some
 from twind.client import CallError, ClientError
 from twind.client.clock_pair import ClockPair
 from twind.learn.streaming.stream_samples import (
@@ -14,14 +15,12 @@ from twind.learn.streaming.stream_samples import (
     NDJSON,
     ROWS,
     SampleBatch,
-    StreamedRobot,
     StreamSample,
     message,
     picture,
     sample,
 )
 
-ROBOT = StreamedRobot("h24", "one", "0.1.0", "live")
 CLOCKS = ClockPair(100.0, 1_800_000_000_000_000_000)
 IMU = {
     "gyro": [0.0, 0.1, 0.2],
@@ -36,20 +35,22 @@ def joint(name: str, **fields: Any) -> dict[str, Any]:
     return {"name": name, "bus": "main", "id": 1, "simulated": 0.0, "faults": ["a"], **known, **fields}
 
 
-def told(joints: list[dict[str, Any]], **fields: Any) -> bytes:
+def state_bytes(joints: list[dict[str, Any]], **fields: Any) -> bytes:
     state = {"dropped": 0, "topic": "state", "time": 12.5, "sequence": 7, "joints": joints, "skew_ms": 0.1}
     return msgspec.json.encode({"continues": True, "parameters": state | fields})
 
 
 def test_a_message_is_a_sample_of_what_was_measured_and_commanded() -> None:
-    found = sample(told([joint("l_knee"), joint("r_knee", position=None, goal=None)], dropped=2, imu=IMU))
+    found = sample(
+        state_bytes([joint("l_knee"), joint("r_knee", position=None, goal=None)], dropped=2, imu=IMU)
+    )
     assert (found.time, found.tick, found.names, found.dropped) == (12.5, 7, ["l_knee", "r_knee"], 2)
     rows = dict(zip(ROWS, found.rows, strict=True))
     assert rows["position"] == [0.5, None]
     assert rows["commanded"] == [0.75, None]
     assert (rows["velocity"], rows["effort"], rows["age_ms"]) == ([-0.25, -0.25], [1.5, 1.5], [4.0, 4.0])
     assert found.imu == IMU
-    assert sample(told([joint("l_knee")])).imu is None
+    assert sample(state_bytes([joint("l_knee")])).imu is None
 
 
 def test_an_error_of_the_daemon_is_the_error_that_it_is() -> None:
@@ -69,11 +70,6 @@ def test_what_is_no_message_is_an_error_in_words(data: bytes) -> None:
 
 def batch(*samples: StreamSample) -> SampleBatch:
     return SampleBatch(ROBOT, CLOCKS, samples, {"daemon": 1, "here": 0})
-
-
-def some(tick: int, position: float | None = 0.1234567891, imu: dict[str, Any] | None = None) -> StreamSample:
-    rows: list[list[float | None]] = [[position, -0.0] for _ in ROWS]
-    return StreamSample(tick / 100.0, tick, ["l_knee", "r_knee"], rows, imu)
 
 
 def test_a_batch_is_one_object_whose_times_can_be_made_dates() -> None:

@@ -6,6 +6,7 @@ import threading
 from argparse import Namespace
 from contextlib import suppress
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import pytest
 
 from tests.support.trainer_rig import TINY, course
 
-pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
+# Tests that train import it: two seconds that the other tests' worker need not take.
+if find_spec("stable_baselines3") is None:
+    pytest.skip("make extras EXTRAS=learn", allow_module_level=True)
 
 from tests.support import trained_policy as trained
 from twind.command_line.progress import ProgressLine

@@ -9,9 +9,10 @@ from typing import Any, Union, get_args, get_origin
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
@@ -61,7 +62,7 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
 
 @pytest.mark.parametrize("kind", INWARD)
 def test_every_command_arrives_as_it_was_sent(kind: type[Any]) -> None:
-    @settings(max_examples=8, deadline=None)
+    @examples(8)
     @given(values(kind))
     def there_and_back(command: Any) -> None:
         data = link.encode(command)
@@ -74,7 +75,7 @@ def test_every_command_arrives_as_it_was_sent(kind: type[Any]) -> None:
 
 @pytest.mark.parametrize("kind", OUTWARD)
 def test_all_news_arrive_as_they_were_sent(kind: type[Any]) -> None:
-    @settings(max_examples=8, deadline=None)
+    @examples(8)
     @given(values(kind))
     def there_and_back(news: Any) -> None:
         data = link.encode(news)
@@ -163,7 +164,7 @@ def same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
     return one.shape == other.shape and one.tobytes() == other.tobytes()
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(paths())
 def test_a_trajectory_arrives_bit_by_bit_as_it_was_packed(path: Trajectory) -> None:
     arrived = link.unpack_path(link.pack_path(path), submit(path), len(path.commanded))
@@ -180,7 +181,7 @@ def test_columns_in_any_memory_order_are_packed_by_rows() -> None:
     assert link.unpack_path(link.pack_path(path), submit(path), 2).position.tolist() == rows.tolist()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(paths(), st.integers(-100, 100).filter(bool))
 def test_bytes_too_many_or_too_few_are_refused(path: Trajectory, difference: int) -> None:
     data = link.pack_path(path)

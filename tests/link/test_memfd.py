@@ -6,9 +6,10 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind import memfd
 
 
@@ -19,7 +20,7 @@ def sealed() -> Iterator[int]:
     os.close(fd)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.binary(max_size=100_000))
 def test_what_was_sealed_is_what_is_read(data: bytes) -> None:
     fd = memfd.seal("test", data)

@@ -40,7 +40,7 @@ def moved(rig: Rig, seconds: float) -> np.ndarray:
     return most
 
 
-def told(rig: Rig) -> list[str]:
+def joint_codes(rig: Rig) -> list[str]:
     return [
         event.message for event in rig.events(ReasonCode.OUT_OF_LIMIT) if "would be a step" in event.message
     ]
@@ -53,14 +53,14 @@ def test_who_is_found_with_a_joint_beyond_its_hard_limit_is_let_go_where_it_stan
         assert moved(rig, 4.0).max() < 0.01
         assert not rig.register("torque_enable").any()
         assert rig.replies(ticket)[-1].error is None
-        assert any("l_knee" in message and "torque goes off" in message for message in told(rig))
+        assert any("l_knee" in message and "torque goes off" in message for message in joint_codes(rig))
 
 
 def test_who_is_a_count_beyond_is_lowered() -> None:
     with found_on(l_knee=2.2505) as rig:
         assert rig.call(link.Disarm).error is None
         assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
-        assert not told(rig)
+        assert not joint_codes(rig)
 
 
 def test_where_all_is_to_be_taken_over_or_nothing_torque_stays() -> None:
@@ -88,7 +88,7 @@ def test_sigterm_lets_go_of_a_robot_of_ours_that_went_beyond_while_its_bus_was_a
     assert moved(rig, 4.0).max() < 0.01
     assert rig.loop.finished
     assert not rig.register("torque_enable").any()
-    assert told(rig)
+    assert joint_codes(rig)
     rig.close()
 
 
@@ -106,7 +106,7 @@ def test_a_bus_that_is_back_with_a_joint_beyond_is_not_taken_over_and_the_others
     rig.send(link.Disarm)
     assert moved(rig, 6.0)[away].max() < 0.01
     assert not rig.register("torque_enable").any()
-    assert any("not taken over" in message and "l_knee" in message for message in told(rig))
+    assert any("not taken over" in message and "l_knee" in message for message in joint_codes(rig))
     rig.close()
 
 
@@ -116,5 +116,5 @@ def push(rig: Rig, joint: str, to: float) -> None:
     bus = rig.virtual[found.bus]
     row = [each.name for each in rig.robot.joints if each.bus == found.bus].index(joint)
     counts = rig.zeros[joint] + to * found.sign * found.ratio * found.type.ticks_per_turn / (2 * np.pi)
-    rig._advance()
-    bus.servos.muscles.position[row] = bus.servos.muscles._goal[row] = counts
+    rig.advance_servos()
+    bus.servos.muscles.position[row] = bus.servos.muscles.goal[row] = counts

@@ -396,7 +396,7 @@ def test_half_a_minute_fits_and_no_robot_takes_more_than_its_share() -> None:
     joint = rig.names[3]
     at = float(rig.loop.measured.position[3])
     rig.submit(rig.path(joint, [at, at + 0.2] * 20, [0.5 * i for i in range(40)]))
-    rig.seconds(40.0)
+    rig.seconds(32.0)
     entries = read(ring.fd).entries
     assert entries[-1].time - entries[0].time >= SPAN
     rig.close()

@@ -271,7 +271,7 @@ def test_a_robot_that_is_none_writes_its_faults_beside_those_of_the_real_one(
     tmp_path: Path, mode: str, virtual: bool, folder: str
 ) -> None:
     settings: Any = SimpleNamespace(mode=mode, state_dir=tmp_path)
-    assert cli._flights(settings, virtual=virtual) == tmp_path / folder
+    assert cli.flight_folder(settings, virtual=virtual) == tmp_path / folder
 
 
 def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_ends_it(

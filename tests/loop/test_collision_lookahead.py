@@ -108,8 +108,8 @@ def test_a_slow_robot_is_looked_further_ahead_in_as_many_poses(tmp_path: Path) -
     text = (tmp_path / "arm.yaml").read_text().replace("gains:", "acceleration_limit_rad_s2: 3.0, gains:")
     (tmp_path / "arm.yaml").write_text(text)
     slow = World(bind(read_robot(robot.path), None))
-    assert slow.look._times[-1] == pytest.approx(2.0 / 3.0, abs=PERIOD)
-    assert len(slow.look._times) <= 30
+    assert slow.look.times[-1] == pytest.approx(2.0 / 3.0, abs=PERIOD)
+    assert len(slow.look.times) <= 30
 
 
 def test_who_stands_too_close_and_leaves_is_let_go(world: World) -> None:

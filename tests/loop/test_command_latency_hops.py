@@ -123,7 +123,7 @@ def test_a_change_of_mode_ends_what_was_looked_for() -> None:
 # ------------------------------------------------------------------------------------- alerts
 
 
-def said(rig: Rig) -> list[tuple[str, str]]:
+def latency_events(rig: Rig) -> list[tuple[str, str]]:
     found: list[Any] = [event for event in rig.events() if event.code.startswith("LATENCY")]
     return [(event.code, event.message) for event in found]
 
@@ -135,7 +135,7 @@ def test_a_stream_that_comes_late_is_told_once_and_once_that_it_comes_in_time_ag
         fields = {"joints": [joint], "positions": [place], "received": ready.clock.now() - late}
         ready.send(link.Setpoint, **fields)
         ready.ticks(1)
-    messages = said(ready)
+    messages = latency_events(ready)
     assert [code for code, _ in messages] == ["LATENCY_WARN"] * 2 + ["LATENCY_CALM"] * 2
     assert [message.split()[0] for _, message in messages] == ["received", "command"] * 2
     assert "40 ms" in messages[-1][1]
@@ -150,7 +150,7 @@ def test_what_was_told_of_a_robot_is_over_when_it_is_let_go() -> None:
     rig.lease()
     rig.loop.health.hop("reply", 0.08, rig.clock.now())
     rig.call(link.SetMode, mode="sim")
-    assert [message for _, message in said(rig)] == [
+    assert [message for _, message in latency_events(rig)] == [
         "reply is above its threshold",
         "reply is not measured any longer: no robot is read",
     ]
@@ -161,7 +161,7 @@ def test_a_trajectory_that_was_long_judged_is_no_alarm(ready: Rig) -> None:
     ready.submit(bent(ready, 0.1), received=ready.clock.now() - 3.0)
     ready.seconds(0.2)
     assert last(ready)["received"].now_ms > 3000.0
-    assert said(ready) == []
+    assert latency_events(ready) == []
 
 
 # ------------------------------------------------------------------------------------- as it is told

@@ -48,7 +48,7 @@ def given_up(
             for row in range(len(bus.servos["torque_enable"])):
                 bus.servos.torque(row, True)
     rig.clock.sleep_until(rig.clock.now() + 0.5)
-    rig._advance()
+    rig.advance_servos()
     rig.loop = rig.born(mode)
     rig.news.clear()
     try:

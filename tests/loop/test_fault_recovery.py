@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.loop.test_reactions import said
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import injected_findings
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
@@ -109,7 +109,7 @@ def test_a_latch_holds_until_somebody_resets_and_arms(
 ) -> None:
     situation(live)
     why = (Finding(code, message="latched by the test"),)
-    with said(live, reaction=Reaction.HOLD, latches=True, findings=why, causes=why):
+    with injected_findings(live, reaction=Reaction.HOLD, latches=True, findings=why, causes=why):
         live.ticks(1)
     assert live.loop.state == "fault"
     assert code in live.loop.latches
@@ -154,7 +154,7 @@ def test_harder_reactions_end_without_torque_or_without_a_word_and_stay_so(
 ) -> None:
     armed.submit(armed.path(JOINT, [0.8], [2.0]), more=True)
     armed.seconds(0.5)
-    with said(armed, reaction=reaction, latches=True):
+    with injected_findings(armed, reaction=reaction, latches=True):
         armed.ticks(1)
     watch(armed, 600, ask=50)
     if reaction is Reaction.INHIBIT:

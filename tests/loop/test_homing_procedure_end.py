@@ -120,7 +120,7 @@ def test_captures_that_differ_are_refused() -> None:
         ):
             made.ticks(1)
         muscles = made.bus.servos.muscles
-        muscles.set_endstops(muscles._lower - 9.0, muscles._upper + 9.0)
+        muscles.set_endstops(muscles.lower - 9.0, muscles.upper + 9.0)
         assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
 
 

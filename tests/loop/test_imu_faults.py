@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.loop.test_imu_poller import Standing
+from tests.support.imu_rig import Standing
 from twind import link
 from twind.loop.imu_poller import HARMS, SILENT, TARDY
 from twind.robot.modes import Mode
@@ -93,7 +93,7 @@ def test_one_that_babbles_unasked_costs_nobody_anything(rig: Standing) -> None:
     said = status(200, 0, bytes(12))
 
     def babble(faults: Any, tick: int) -> None:
-        bus._wire.interject(rig._deadline + 0.0002 + 0.0001 * (tick % 90), said)
+        bus.wire.interject(rig.next_tick + 0.0002 + 0.0001 * (tick % 90), said)
 
     assert suffered(rig, babble, 270) == {}
     assert rig.loop.hardware.inertial.late > 200

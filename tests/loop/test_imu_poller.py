@@ -12,49 +12,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.support.daemon_rig import Rig
+from tests.support.imu_rig import Standing
 from twind import link
 from twind.config.robot_spec import ImuSpec, RegistersSpec
 from twind.link import Tick
 from twind.loop.imu_poller import SHOCK, SPIN, ImuPoller
 from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
-from twind.robot.state import Imu
 from twind.twin.base_pose import BASES
 from twind.virtual.virtual_imu import sensor_of
 from twind.virtual.virtual_robot_spec import body_for, buses
 from twind_drivers.dynamixel.register_sensor import decoded
 
 ODD = st.sampled_from([inf, -inf, nan, 3e38, -3e38, 0.0, 9.8, 1e-38, 0.5])
-
-
-class Standing(Rig):
-    """h24-standing on servos without load, its base at rest; `imu` changes the description of the IMU."""
-
-    def __init__(self, mode: Mode = Mode.MIRROR, **imu: Any) -> None:
-        self._changes = imu
-        super().__init__("h24-standing", mode)
-
-    def _virtual(self, bus: str, start: Any) -> Any:
-        if self._changes:
-            assert self.robot.imu is not None
-            self.robot = replace(self.robot, imu=replace(self.robot.imu, **self._changes))
-            self.made = replace(self.made, robot=self.robot)
-        return super()._virtual(bus, start)
-
-    @property
-    def spec(self) -> ImuSpec:
-        assert self.robot.imu is not None
-        return self.robot.imu
-
-    @property
-    def imu(self) -> Imu:
-        found = self.loop.measured.imu
-        assert found is not None
-        return found
-
-    @property
-    def ticks_told(self) -> list[Tick]:
-        return [news for news in self.news if isinstance(news, Tick)]
 
 
 class Lying(Standing):
@@ -212,10 +182,10 @@ def test_an_accelerometer_that_feels_nothing_at_all_is_no_reading(told: str, zer
     last = rig.imu.time
     registers = []
     for felt in (np.zeros(3), np.full(3, -zero * force.lsb)):
-        numbers = [np.zeros(3), felt, np.array([1.0, 0.0, 0.0, 0.0])][: len(sensor._cells)]
-        sensor._tell = lambda numbers=numbers: numbers
+        numbers = [np.zeros(3), felt, np.array([1.0, 0.0, 0.0, 0.0])][: len(sensor.cells)]
+        sensor.measure = lambda numbers=numbers: numbers
         rig.seconds(0.2)
-        registers.append(sensor._registers()[22:28])
+        registers.append(sensor.registers()[22:28])
     assert rig.imu.time <= last + 0.011
     assert registers[1] == bytes(6), "the chip's own zeros, too"
     assert not rig.loop.hardware.inertial.parked, "it answers: no fault of the line"
@@ -231,7 +201,7 @@ def test_any_bytes_are_a_reading_that_a_body_can_have_or_none(data: bytes) -> No
     """No warning on the way (warnings are errors here), no number without bound told on as fresh. The example
     is a NaN that signals."""
     inertial = ImuPoller(FLOATS, (1.0, 0.0, 0.0, 0.0), 0)
-    imu = inertial._reading([decoded(data, at, "<f4", 3) for at in (0, 12)], 1.0)
+    imu = inertial.make_reading([decoded(data, at, "<f4", 3) for at in (0, 12)], 1.0)
     if imu is not None:
         assert np.linalg.norm(imu.gyro) <= SPIN and 0.0 < np.linalg.norm(imu.acceleration) <= SHOCK
 
@@ -242,8 +212,8 @@ def test_a_quaternion_that_is_none_is_no_reading(wrong: str, rigs: Made) -> None
     rig.connect()
     sensor = rig.virtual["main"].sensor
     last = rig.imu.time
-    told = sensor._tell
-    sensor._tell = lambda: [*told()[:2], np.zeros(4) if wrong == "zero" else 1.3 * told()[2]]
+    told = sensor.measure
+    sensor.measure = lambda: [*told()[:2], np.zeros(4) if wrong == "zero" else 1.3 * told()[2]]
     rig.seconds(0.5)
     assert rig.imu.time <= last + 0.02
 

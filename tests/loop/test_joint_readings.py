@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.two_bus_rig import JOINTS, PERIOD, TURN, TwoBuses
 from twind.loop.joint_readings import JointReadings, ticks, where
 from twind_drivers.bus import BusSample
@@ -25,7 +26,7 @@ def test_goals_are_rounded_to_the_nearest_tick_on_both_sides_of_zero(share: floa
     assert (ticks(left, position) - left.zero).tolist() == [expected] * 3
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(ANGLES)
 def test_a_quantised_position_is_a_whole_tick_less_than_half_a_tick_away(position: np.ndarray) -> None:
     held = BUSES.quantised(position)

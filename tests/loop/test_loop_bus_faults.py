@@ -219,7 +219,7 @@ def test_servo_rebooted_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
 
 def shift(rig: Rig, id: int, ticks: float) -> None:
     bus = rig.virtual["main"]
-    rig._advance()
+    rig.advance_servos()
     bus.servos.muscles.position[bus.faults.rows(id)] += ticks
     bus.servos.invalidate_cache()
 

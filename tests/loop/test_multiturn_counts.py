@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.two_bus_rig import JOINTS, LOWER, PERIOD, UPPER, TwoBuses
 from twind.loop.joint_readings import JointReadings
 from twind_drivers.bus import BusSample, WireClamp
@@ -53,7 +54,7 @@ def test_a_joint_stands_where_its_count_and_its_turns_say(
 
 
 @pytest.mark.slow
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(TURNS, st.lists(st.integers(LOWER, UPPER), min_size=3, max_size=3).map(np.array))
 def test_goals_leave_as_the_counts_of_the_wire_and_never_others(off: np.ndarray, goal: np.ndarray) -> None:
     world = TwoBuses()

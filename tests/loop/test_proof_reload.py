@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.config.test_calibration_file import DEVICES
-from tests.config.test_hot_changes import files, reread_of
-from tests.front.test_reload_worker import briefed
 from tests.support.daemon_rig import Rig
+from tests.support.h24_calibration import DEVICES
+from tests.support.reload_rig import briefed, files, reread_of
 from twind import link
 from twind.config.calibration_file import Calibration, fitting, save_calibration
 from twind.config.config_files import ConfigSources, describe

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.loop.test_reactions import PWM, P, raised, said, soft
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import RobotState
@@ -32,7 +32,9 @@ def test_an_inhibit_on_the_way_down_writes_nothing_more_and_torque_stays(armed: 
     elif begin == "shutdown":
         armed.loop.stop_wanted = True
     else:
-        with said(armed, reaction=Reaction.SETTLE if begin == "settle" else Reaction.DAMP, latches=True):
+        with injected_findings(
+            armed, reaction=Reaction.SETTLE if begin == "settle" else Reaction.DAMP, latches=True
+        ):
             armed.ticks(1)
     armed.ticks(40)
     assert torques(armed).all()
@@ -70,7 +72,7 @@ def test_nothing_softer_ends_an_inhibit(armed: Rig, reaction: Reaction) -> None:
     armed.loop.inhibit(BUG, armed.clock.now())
     armed.ticks(5)
     goals = armed.register("goal_position")
-    with said(armed, reaction=reaction, latches=True, here=(3,)):
+    with injected_findings(armed, reaction=reaction, latches=True, here=(3,)):
         armed.seconds(2.0)
     assert torques(armed).all()
     assert np.array_equal(armed.register("goal_position"), goals)
@@ -80,7 +82,7 @@ def test_nothing_softer_ends_an_inhibit(armed: Rig, reaction: Reaction) -> None:
 
 def test_a_damping_whose_buses_are_lost_does_not_make_the_next_way_down_a_drop(armed: Rig) -> None:
     """Power gone while damped, so torque is off when it is back: armed anew, a fault must lower again."""
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(5)
     bus = armed.virtual["main"]
     bus.faults.unplug()
@@ -95,7 +97,7 @@ def test_a_damping_whose_buses_are_lost_does_not_make_the_next_way_down_a_drop(a
     armed.lease()
     assert armed.call(link.Arm).error is None
     raised(armed)
-    with said(armed, reaction=Reaction.SETTLE, latches=True):
+    with injected_findings(armed, reaction=Reaction.SETTLE, latches=True):
         armed.ticks(2)
     armed.seconds(0.6)
     assert torques(armed).all(), "let go at once, with the arm raised"
@@ -107,7 +109,7 @@ def test_a_damping_whose_buses_are_lost_does_not_make_the_next_way_down_a_drop(a
 def test_a_damped_robot_whose_watchdogs_trip_does_not_stiffen_again(armed: Rig) -> None:
     """An e-stop takes the damping over after the loop stood still: no gains come back on the way to off."""
     raised(armed)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     armed.ticks(20)
     assert soft(armed)
@@ -132,7 +134,7 @@ def test_what_a_disarm_had_begun_to_prepare_does_not_stiffen_a_damped_robot(arme
     assert (armed.loop.hardware.slow.watchdog == 255).any()
     armed.send(link.Disarm)
     armed.ticks(after)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     armed.ticks(25)
     for _ in range(200):

@@ -1,7 +1,5 @@
 """What the whole loop does about a judgement: the ladder HOLD, SETTLE, DAMP; pace; holding where measured."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -9,40 +7,19 @@ import numpy as np
 import pytest
 
 from tests.support.daemon_rig import Rig
+from tests.support.reaction_rig import PWM, P, injected_findings, raised, soft
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import damping, torque_release
 from twind.loop.reactions import react
-from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
 from twind.safety.guard import FINE
 from twind.safety.guard_types import Reaction
 from twind.twin.mujoco_physics import body_of
 from twind.virtual.virtual_robot_spec import specimen
-from twind_drivers.dynamixel.damping import SHARE, SOFT
+from twind_drivers.dynamixel.damping import SHARE
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
-
-WHY = (Finding(ReasonCode.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
-# of the h24
-P = 1600
-PWM = 885
-
-
-@contextmanager
-def said(rig: Rig, **more: Any) -> Iterator[None]:
-    """While inside, the guard says this besides what it finds."""
-    guard = rig.loop.parts.guard
-    judge = guard.judge
-
-    def also(facts: Any) -> Any:
-        return replace(judge(facts), **{"findings": WHY, "causes": WHY, **more})
-
-    guard.judge = also  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        guard.judge = judge  # type: ignore[method-assign]
 
 
 def unjudged(rig: Rig) -> None:
@@ -62,29 +39,12 @@ def steps(rig: Rig, ticks: int) -> np.ndarray:
     return track
 
 
-def raised(rig: Rig) -> None:
-    """An arm goes up, and the robot holds it there."""
-    ticket = rig.submit(rig.path("l_shoulder_pitch", [-1.5], [1.5]), more=True)
-    rig.seconds(1.8)
-    assert rig.replies(ticket)[0].error is None
-    assert rig.loop.executor.motion is Motion.HOLDING
-    rig.lease()  # it has lapsed meanwhile
-
-
-def soft(rig: Rig) -> bool:
-    return bool(
-        (rig.register("goal_pwm") == int(SHARE * PWM)).all()
-        and (rig.register("position_p_gain") == P // SOFT).all()
-        and (rig.register("position_d_gain") == P).all()
-    )
-
-
 # ------------------------------------------------------------------------------------------- DAMP
 
 
 def test_a_damped_robot_is_soft_with_torque_on_then_off(armed: Rig) -> None:
     raised(armed)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         steps(armed, 1)
     steps(armed, 20)
     assert soft(armed)
@@ -98,7 +58,7 @@ def test_a_damped_robot_is_soft_with_torque_on_then_off(armed: Rig) -> None:
 
 
 def test_a_robot_that_never_rests_is_let_go_after_five_seconds(armed: Rig) -> None:
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     began = armed.clock.now()
     shake = armed.loop.hardware.readings
@@ -123,16 +83,16 @@ def test_damp_takes_every_way_down_over_and_none_takes_it_over(armed: Rig, begin
     elif begin == "shutdown":
         armed.loop.stop_wanted = True
     else:
-        with said(armed, reaction=Reaction.SETTLE, latches=True):
+        with injected_findings(armed, reaction=Reaction.SETTLE, latches=True):
             armed.ticks(1)
     steps(armed, 20)
     assert armed.loop.executor.motion is Motion.ACTIVE
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         steps(armed, 1)
     steps(armed, 30)
     assert soft(armed)
     high = armed.loop.written[armed.names.index("l_shoulder_pitch")]  # type: ignore[index]
-    with said(armed, reaction=Reaction.SETTLE, latches=True):
+    with injected_findings(armed, reaction=Reaction.SETTLE, latches=True):
         armed.send(link.EStop, level="settle", reason="again")
         steps(armed, 30)
     assert soft(armed)
@@ -146,9 +106,9 @@ def test_damp_takes_every_way_down_over_and_none_takes_it_over(armed: Rig, begin
 
 def test_a_hold_does_not_end_a_damping(armed: Rig) -> None:
     raised(armed)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
-    with said(armed, reaction=Reaction.HOLD, here=(3,)):
+    with injected_findings(armed, reaction=Reaction.HOLD, here=(3,)):
         armed.ticks(20)
     assert soft(armed)
     assert armed.loop.soft_since is not None
@@ -157,7 +117,7 @@ def test_a_hold_does_not_end_a_damping(armed: Rig) -> None:
 
 
 def test_a_cut_overtakes_a_damping(armed: Rig) -> None:
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     reply = armed.call(link.EStop, level="cut", reason="test", ticks=20)
     assert reply.error is None
@@ -166,7 +126,7 @@ def test_a_cut_overtakes_a_damping(armed: Rig) -> None:
 
 def test_an_estop_of_a_damped_robot_is_answered_when_everybody_is_soft(armed: Rig) -> None:
     raised(armed)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     reply = armed.call(link.EStop, reason="test", ticks=50)
     assert reply.error is None
@@ -177,7 +137,7 @@ def test_an_estop_of_a_damped_robot_is_answered_when_everybody_is_soft(armed: Ri
 def test_a_silent_servo_is_named_and_holds_nobody_up(armed: Rig) -> None:
     raised(armed)
     armed.virtual["main"].faults.silence(7, on=True)
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     armed.seconds(0.6)
     others = np.arange(24) != 6
@@ -188,7 +148,7 @@ def test_a_silent_servo_is_named_and_holds_nobody_up(armed: Rig) -> None:
 
 
 def test_arming_after_a_damping_gives_the_strength_back(armed: Rig) -> None:
-    with said(armed, reaction=Reaction.DAMP, latches=True):
+    with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
     armed.seconds(2.0)
     assert soft(armed)
@@ -228,7 +188,7 @@ def test_a_raised_arm_sinks_slowly_where_torque_off_drops_it() -> None:
             rig.arm()
             raised(rig)
             if way == "damp":
-                with said(rig, reaction=Reaction.DAMP, latches=True):
+                with injected_findings(rig, reaction=Reaction.DAMP, latches=True):
                     rig.ticks(1)
             else:
                 rig.send(link.EStop, level="cut", reason="test")
@@ -318,7 +278,7 @@ def test_a_sigterm_on_a_free_robot_lets_go_at_rest_only(armed: Rig, support: str
 
 
 def test_a_settle_that_latches_nothing_ends_disarmed(armed: Rig) -> None:
-    with said(armed, reaction=Reaction.SETTLE):
+    with injected_findings(armed, reaction=Reaction.SETTLE):
         armed.ticks(1)
     assert armed.loop.state == "settling"
     armed.seconds(torque_release.SETTLE)
@@ -340,7 +300,7 @@ def test_a_named_joint_is_held_where_it_is_and_the_others_as_commanded(armed: Ri
     away = armed.loop.written[place] - armed.truth[place]  # type: ignore[index]
     assert abs(away) > 0.1
     held = armed.loop.executor.reference
-    with said(armed, reaction=Reaction.HOLD, here=(place,)):
+    with injected_findings(armed, reaction=Reaction.HOLD, here=(place,)):
         steps(armed, 2)
     track = steps(armed, 100)
     assert held is not None
@@ -356,7 +316,7 @@ def test_a_joint_beyond_its_hard_limit_is_held_at_that(armed: Rig) -> None:
     beyond[place] = armed.loop.limits.hard_upper[place] + 0.3
     unjudged(armed)
     armed.loop.measured = replace(armed.loop.measured, position=beyond)
-    with said(armed, reaction=Reaction.HOLD, here=(place,)):
+    with injected_findings(armed, reaction=Reaction.HOLD, here=(place,)):
         react(armed.loop, armed.loop.parts.guard.judge(None), None, armed.clock.now())  # type: ignore[arg-type]
     track = steps(armed, 100)
     hard = armed.loop.limits.hard_upper[place]
@@ -375,7 +335,7 @@ def test_a_pace_slows_the_robot_says_so_once_and_gives_its_speed_back(armed: Rig
     place = armed.names.index("l_shoulder_pitch")
     ticket = armed.submit(armed.path("l_shoulder_pitch", [1.2], [3.0]), more=True)
     armed.seconds(1.0)
-    with said(armed, pace=0.25, findings=()):
+    with injected_findings(armed, pace=0.25, findings=()):
         steps(armed, 50)
         slow = np.diff(steps(armed, 50)[:, place]) / armed.loop.period
         assert np.abs(slow).max() <= 0.3 * 1.2 / 3.0 * 2.0
@@ -387,7 +347,7 @@ def test_a_pace_slows_the_robot_says_so_once_and_gives_its_speed_back(armed: Rig
 
 def test_the_way_to_the_rest_pose_is_never_slowed(armed: Rig) -> None:
     raised(armed)
-    with said(armed, pace=0.1, findings=()):
+    with injected_findings(armed, pace=0.1, findings=()):
         armed.send(link.EStop, level="settle", reason="test")
         armed.seconds(torque_release.SETTLE)
     assert armed.loop.torque_off

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from typing import Any
 
 import pytest
@@ -57,6 +58,7 @@ print(json.dumps({
 """
 
 
+@cache
 def entered(rights: str = "ours", before: str = "", cpu: str = "") -> dict[str, Any]:
     done = subprocess.run(
         [sys.executable, "-c", CODE, rights, before, cpu], capture_output=True, text=True, timeout=30

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.loop.test_reload_coordinator import NARROW, codes, held
 from tests.support.daemon_rig import Rig
+from tests.support.reload_changes import NARROW, codes, held
 from twind import link
 from twind.loop import reload_coordinator
 from twind.loop.service_notify import Notifier

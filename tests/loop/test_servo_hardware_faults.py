@@ -52,7 +52,7 @@ def until(rig: Rig, what: Callable[[], bool], ticks: int) -> int:
     raise AssertionError(f"not within {ticks} ticks: {rig.loop.state}, {said}")
 
 
-def told(rig: Rig, code: str, joint: int | None = None) -> Callable[[], bool]:
+def is_reported(rig: Rig, code: str, joint: int | None = None) -> Callable[[], bool]:
     def said() -> bool:
         return any(joint in {one.joint for one in event.findings} for event in rig.events(code))
 
@@ -116,7 +116,7 @@ def test_overcurrent_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: R
     rig.lease()
     rig.submit(rig.path("head_yaw", [0.15], [1.0]), more=True)
     until(rig, lambda: rig.loop.hardware.readings.load[place] >= 0.8, 200)
-    until(rig, told(rig, "OVERCURRENT", place), 50 + LOOK + SLACK)
+    until(rig, is_reported(rig, "OVERCURRENT", place), 50 + LOOK + SLACK)
     until(rig, latched(rig, "OVERCURRENT"), 100 + LOOK + SLACK)
     rig.seconds(0.3)
     assert rig.loop.hardware.readings.load[place] < 0.1  # aimed at where it is, it pushes no more
@@ -173,7 +173,7 @@ def test_overtemp_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(ri
     for bound in (60.0, 65.0, 70.0):
         assert 0 < seen[bound] - crossed[bound] <= 100, (bound, seen, crossed)
     let_go(rig)
-    assert told(rig, "PACE")
+    assert is_reported(rig, "PACE")
     assert any("°C/s" in event.message for event in rig.events("OVERTEMP"))
 
 
@@ -194,7 +194,7 @@ def test_overtemp_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
 def test_overtemp_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.spike(1, 120.0, 0.15)
-    until(rig, told(rig, "OVERTEMP", 0), 2 * HEALTH + SLACK)
+    until(rig, is_reported(rig, "OVERTEMP", 0), 2 * HEALTH + SLACK)
     rig.seconds(3.0)
     assert rig.loop.state is RobotState.ARMED
     assert (rig.loop.executor.motion, rig.loop.executor.pace) == (Motion.ACTIVE, 1.0)
@@ -245,7 +245,7 @@ def test_voltage_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
     """Its own second reading confirms it."""
     protection = rig.virtual["main"].servos.protection
     nod(rig)
-    protection._fed[4] = 10.3
+    protection.connector_volts[4] = 10.3
     until(rig, latched(rig, "VOLTAGE"), 10 + 2 * HEALTH + SLACK)
     assert rig.loop.latches["VOLTAGE"].joint == 4
 

@@ -6,10 +6,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from hypothesis import strategies as st
 
 from tests.support.daemon_rig import Rig
+from tests.support.examples import examples
 from tests.support.planar_arm import arm_in
 from twind import link
 from twind.exceptions import InvalidInput
@@ -64,7 +65,7 @@ STARTS = st.fixed_dictionaries({name: st.floats(-0.7, 0.7) for name in NAMES})
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, phases=[Phase.generate])
+@examples(40, phases=[Phase.generate])
 @given(truths(), STARTS, st.floats(-0.6, 0.6))
 def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(
     arm: str, truth: Truth, start: dict[str, float], goal: float

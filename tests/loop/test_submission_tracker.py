@@ -40,13 +40,13 @@ def raw(rig: Rig, data: bytes, **fields: Any) -> int:
     import os
     import socket
 
-    rig._ticket += 1
-    given = {"id": f"t{rig._ticket}", "points": 2, "commanded": [0]} | fields
-    command = link.Submit(ticket=rig._ticket, client=CLIENT, **given)
+    rig.last_ticket += 1
+    given = {"id": f"t{rig.last_ticket}", "points": 2, "commanded": [0]} | fields
+    command = link.Submit(ticket=rig.last_ticket, client=CLIENT, **given)
     fd = memfd.seal("path", data)
     socket.send_fds(rig.front.outer, [link.encode(command)], [fd])
     os.close(fd)
-    return rig._ticket
+    return rig.last_ticket
 
 
 # ------------------------------------------------------------------------------------- the verdict

@@ -31,8 +31,8 @@ class Body(Rig):
 
     @property
     def truth(self) -> Floats:
-        self._advance()
-        whole = self.served["main"].servos.muscles._whole
+        self.advance_servos()
+        whole = self.served["main"].servos.muscles.whole
         places = [whole.model.joint(joint.model_joint).qposadr[0] for joint in self.robot.joints]
         return np.array(whole.data.qpos[places])
 

@@ -5,9 +5,11 @@ from itertools import pairwise
 from math import nan
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.endstop_parameters import RAD, SEARCH, TICK
+from tests.support.examples import examples
 from twind.motion.endstop_search import (
     GAP,
     LOST,
@@ -19,21 +21,6 @@ from twind.motion.endstop_search import (
     StandstillCheck,
 )
 from twind.robot.finding import Finding, ReasonCode
-
-TICK = 0.01  # s
-RAD = 4096 / 6.283185
-SEARCH = HomingParameters(
-    way=1,
-    expected=3000.0,
-    margin=0.2 * RAD,
-    speed=0.2 * RAD,
-    cap=100.0,
-    back=0.1 * RAD,
-    lead=0.2 * RAD,
-    astray=0.15 * RAD,
-    still=2.0,
-    times=3,
-)
 
 
 @dataclass
@@ -83,7 +70,7 @@ def run(course: EndstopSearch, joint: Joint, seconds: float = 120.0, begin: floa
     speed=st.floats(0.05, 0.5),
     times=st.integers(2, 5),
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_stop_is_found_so_often_wherever_it_begins(
     way: int, off: float, far: float, speed: float, times: int
 ) -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.motion.test_endstop_search import SEARCH, TICK
+from tests.support.endstop_parameters import SEARCH, TICK
 from twind.motion.endstop_search import (
     MARGIN,
     USUAL_SHARE,

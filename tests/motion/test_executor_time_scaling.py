@@ -4,9 +4,10 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.executor_rig import LIMITS, PERIOD, holding, only, phases, reading, run, smooth
 from tests.support.gate_rig import path
 from twind.motion.trajectory_executor import GoalTolerances, TrajectoryExecutor
@@ -50,7 +51,7 @@ def assert_within_limits(rows: Floats) -> None:
     assert (np.abs(bend) <= LIMITS.acceleration * (1 + 1e-6) + 1e-6).all()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(PACES, st.floats(1.0, 3.0))
 def test_any_sequence_of_paces_keeps_every_limit_and_ends_at_the_same_place(
     paces: list[tuple[float, int]], scale: float
@@ -64,7 +65,7 @@ def test_any_sequence_of_paces_keeps_every_limit_and_ends_at_the_same_place(
     assert phases(executor) == [("a", "succeeded")]
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(PACES)
 def test_a_slowed_path_is_the_same_path(paces: list[tuple[float, int]]) -> None:
     """Both joints share one curve: whatever the pace, the second is where the first says."""
@@ -225,7 +226,7 @@ def test_starts_stay_on_the_clock_where_nothing_was_slowed() -> None:
     assert phases(executor) == [("a", "succeeded")]
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(PACES)
 def test_a_stream_and_what_is_left_of_a_motion_keep_their_limits_at_any_pace(
     paces: list[tuple[float, int]],

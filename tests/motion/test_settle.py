@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.gate_rig import ask, at_rest, codes, limits
 from twind.motion.settle import settle
 from twind.motion.stop_profiles import stopping_point
@@ -40,7 +41,7 @@ def test_a_rest_pose_on_the_hard_limit_is_approached_slowly_enough_to_brake() ->
     assert codes(ask(way, edge, at_rest([0.0]))) == set()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     places,
     places,
@@ -61,7 +62,7 @@ def test_the_way_to_rest_passes_the_gate(
     assert (way.position[-1] == rest).all()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(places, speeds, places, st.floats(3.0, 8.0), st.floats(5.0, 50.0), st.floats(0.5, 4.0))
 def test_a_moving_robot_brakes_first_and_its_way_passes_the_gate_too(
     start: np.ndarray,

@@ -3,9 +3,10 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.executor_rig import LIMITS, PERIOD, holding, only, phases, reading, run, smooth
 from tests.support.gate_rig import ask, at_rest, path
 from twind.motion.trajectory_executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
@@ -278,7 +279,7 @@ def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
         executor.observe(reading([operation[1], 0.0]))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(OPERATIONS, min_size=2, max_size=12))
 def test_whatever_passes_the_gate_no_goal_steps_further_than_the_velocity_limit_allows(
     operations: list[tuple],
@@ -309,7 +310,7 @@ def test_whatever_passes_the_gate_no_goal_steps_further_than_the_velocity_limit_
     assert position.max() <= LIMITS.hard_upper[0]
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.lists(OPERATIONS, min_size=1, max_size=6), st.integers(0, 80))
 def test_the_reference_ahead_is_the_one_that_comes(operations: list[tuple], count: int) -> None:
     executor = holding()

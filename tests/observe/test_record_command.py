@@ -89,7 +89,7 @@ def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_wer
         told.run(1.0)
         now = ClockPair(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
         monkeypatch.setattr(record_run, "clocks", lambda now=now: now)
-        course._look_at_clock(listening)
+        course.check_clock(listening)
     told.writer.close()
     found = open_recording(told.writer.tally.files[0])
     assert found.duration == pytest.approx(4.99) and found.start_ns == CLOCKS.wall(100.01)
@@ -113,7 +113,7 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
     listening: Any = SimpleNamespace(session=SESSION)
     for _ in range(8):
         told.run(1.0)
-        course._look_at_clock(listening)
+        course.check_clock(listening)
     told.writer.close()
     first, second = (open_recording(path) for path in told.writer.tally.files)
     assert [each.what["kind"] for each in first.notes] == ["clock_step"] and not second.notes
@@ -127,8 +127,8 @@ def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_
     told.writer.start()
     course = Recorder(options(task="pick", socket=str(tmp_path)), told.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
-    course._mark(listening, "begin")
-    course._mark(listening, "end")
+    course.send_mark(listening, "begin")
+    course.send_mark(listening, "end")
     told.writer.close()
     found = open_recording(told.writer.tally.files[0])
     assert [each.task for each in found.episodes] == ["pick"]
@@ -145,9 +145,9 @@ def test_every_file_is_named_as_soon_as_it_is_there(
     course = Recorder(options(), told.writer, threading.Event())
     with ProgressLine(options(), "record") as progress:
         for _ in range(3):
-            course._name_files(progress, "two")
+            course.name_files(progress, "two")
             told.run(1.5)
-        course._name_files(progress, "two")
+        course.name_files(progress, "two")
     told.writer.close()
     assert len(told.writer.tally.files) == 3
     assert capsys.readouterr().err.splitlines() == [

@@ -16,13 +16,13 @@ from twind.protocol import CONTROL, load
 from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 
 
-def told(*answers: dict[str, Any], mode: str = "live") -> list[RecordLine]:
+def encoded_lines(*answers: dict[str, Any], mode: str = "live") -> list[RecordLine]:
     scribe = RecordEncoder(JOINTS, CLOCKS, mode)
     return [line for answer in answers for line in scribe.take(answer)]
 
 
 def test_a_state_is_what_was_measured_the_goals_and_the_simulation_all_of_one_moment() -> None:
-    lines = told(state(101.5, goal=0.25, simulated=-0.5))
+    lines = encoded_lines(state(101.5, goal=0.25, simulated=-0.5))
     assert [line.topic for line in lines] == [
         "/hw/joint_states",
         "/hw/joint_commands",
@@ -40,27 +40,27 @@ def test_a_state_is_what_was_measured_the_goals_and_the_simulation_all_of_one_mo
 
 def test_what_nobody_knows_is_no_row_and_one_joint_that_is_not_heard_is_nan() -> None:
     nothing = {"topic": "state", "time": 1.0, "joints": [joint(name, None) for name in JOINTS]}
-    assert [line.topic for line in told(nothing)] == ["/twind/joints"]
+    assert [line.topic for line in encoded_lines(nothing)] == ["/twind/joints"]
     half = {"topic": "state", "time": 1.0, "joints": [joint("hip", 1.0), joint("knee", None, velocity=None)]}
-    message = decode(JOINT_STATE, told(half)[0].data)
+    message = decode(JOINT_STATE, encoded_lines(half)[0].data)
     assert message["position"][0] == 1.0 and math.isnan(message["position"][1])
     assert math.isnan(message["velocity"][1])
 
 
 def test_in_sim_there_is_no_robot_that_was_measured() -> None:
     live = "/hw/joint_states"
-    assert live not in [line.topic for line in told(state(1.0), mode="sim")]
-    switched = told(status(1.0, "sim"), state(1.1), status(1.2, "mirror"), state(1.3))
+    assert live not in [line.topic for line in encoded_lines(state(1.0), mode="sim")]
+    switched = encoded_lines(status(1.0, "sim"), state(1.1), status(1.2, "mirror"), state(1.3))
     assert [line.time_ns for line in switched if line.topic == live] == [CLOCKS.wall(1.3)]
 
 
 def test_what_is_slow_is_told_twice_a_second() -> None:
-    lines = told(*(state(100.0 + place / 100.0) for place in range(300)))
+    lines = encoded_lines(*(state(100.0 + place / 100.0) for place in range(300)))
     assert len([line for line in lines if line.topic == "/twind/joints"]) == 6
 
 
 def test_an_event_that_marks_something_says_so_beside_its_bytes() -> None:
-    plain, marked = told(event(1.0, "ESTOP"), event(2.0, "NOTE", {"kind": "note", "text": "x"}))
+    plain, marked = encoded_lines(event(1.0, "ESTOP"), event(2.0, "NOTE", {"kind": "note", "text": "x"}))
     assert plain.mark is None and marked.mark == {"kind": "note", "text": "x"}
     assert json.loads(marked.data)["annotation"] == marked.mark
 
@@ -73,7 +73,7 @@ def test_a_trajectory_is_stamped_with_its_start_and_named_by_its_frame() -> None
         "time": 102.0,
         "accepted": {"id": "7f", "holder": "x", "trajectory": path},
     }
-    (line,) = told(answer)
+    (line,) = encoded_lines(answer)
     message = decode(JOINT_TRAJECTORY, line.data)
     assert message["header"] == {"stamp": stamp(CLOCKS.wall(102.5)), "frame_id": "7f"}
     (kept,) = message["points"]
@@ -120,7 +120,7 @@ def felt(time: float, age: float) -> dict[str, Any]:
 
 
 def test_what_an_imu_told_is_a_message_of_ros_with_the_order_of_ros() -> None:
-    (line,) = [line for line in told(felt(101.5, 2.0)) if line.topic == "/imu"]
+    (line,) = [line for line in encoded_lines(felt(101.5, 2.0)) if line.topic == "/imu"]
     message = decode(IMU, line.data)
     assert message["header"] == {"stamp": stamp(line.time_ns), "frame_id": "base"}
     assert message["angular_velocity"] == {"x": 0.1, "y": 0.2, "z": 0.3}
@@ -130,6 +130,6 @@ def test_what_an_imu_told_is_a_message_of_ros_with_the_order_of_ros() -> None:
 
 
 def test_a_silent_imu_is_not_written_again_with_a_new_stamp() -> None:
-    lines = told(*(felt(100.0 + tick / 100, 10.0 * tick + 0.3 * (tick % 2)) for tick in range(50)))
+    lines = encoded_lines(*(felt(100.0 + tick / 100, 10.0 * tick + 0.3 * (tick % 2)) for tick in range(50)))
     assert len([line for line in lines if line.topic == "/imu"]) == 1
-    assert not [line for line in told(state(100.0)) if line.topic == "/imu"]
+    assert not [line for line in encoded_lines(state(100.0)) if line.topic == "/imu"]

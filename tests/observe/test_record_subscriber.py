@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.support.processes import until
 from tests.support.sample_recordings import JOINTS, event, joint, state
 from twind.client import Disconnected
 from twind.observe import record
@@ -74,7 +75,7 @@ def test_what_nobody_understands_ends_the_listening_and_counts_as_lost(tmp_path:
     robot.says = {"state": [state(100.0), RUBBISH, state(102.0)]}
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
-    listening._threads[0].join(5.0)
+    until(lambda: listening.ended, 5.0, "the end of the subscription")
     assert listening.ended == "what it says cannot be understood: KeyError: 'position'"
     assert isinstance(listening.failure, KeyError)
     into.close()
@@ -106,13 +107,13 @@ def test_after_a_reload_the_next_file_has_what_is_in_force_now(tmp_path: Path, r
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
     robot.over.set()
-    listening._threads[1].join(5.0)
+    until(lambda: listening.answers == 4, 5.0, "all answers")
+    listening.close()
     into.close()
     first, second = (open_recording(path) for path in into.tally.files)
     assert (first.robot, second.robot) == ({"name": "two", "limit": 1}, {"name": "two", "limit": 2})
     assert [each.what["code"] for each in first.events] == ["ARMED", "RELOADED"]
     assert [each.what["code"] for each in second.events] == ["ESTOP", "ESTOP"]
-    listening.close()
 
 
 def test_a_robot_of_other_joints_is_listened_to_anew(tmp_path: Path, robot: Robot) -> None:
@@ -123,7 +124,7 @@ def test_a_robot_of_other_joints_is_listened_to_anew(tmp_path: Path, robot: Robo
     robot.says = {"status": [reload, event(102.0, "ESTOP")]}
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
-    listening._threads[1].join(5.0)
+    until(lambda: listening.ended, 5.0, "the end of the subscription")
     assert listening.ended == "the robot has other joints now" and listening.failure is None
     into.close()
     assert len(into.tally.files) == 1

@@ -127,7 +127,7 @@ def test_names_are_of_the_robot_and_never_taken_twice(tmp_path: Path) -> None:
 def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(tmp_path: Path) -> None:
     told = Told(lambda now: RecordWriter(tmp_path, WIDE, now))
     told.run(1.0)
-    told.writer._bounds = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
+    told.writer.quota = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
     told.run(1.0)
     assert "MiB are free, 1099511627776 MiB are to stay so; make room" in told.writer.stopped
     (path,) = told.writer.tally.files

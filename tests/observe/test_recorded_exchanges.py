@@ -17,12 +17,12 @@ def out(time: float, data: bytes) -> FlightEntry:
     return FlightEntry(time, EntryKind.OUT, 0, data)
 
 
-def heard(time: float, data: bytes) -> FlightEntry:
+def received_entry(time: float, data: bytes) -> FlightEntry:
     return FlightEntry(time, EntryKind.IN, 0, data)
 
 
 def test_goals_and_question_of_one_write_are_one_exchange() -> None:
-    (found,) = exchanges([out(1.0, GOALS + ASK), heard(1.002, ONE), heard(1.003, TWO)])
+    (found,) = exchanges([out(1.0, GOALS + ASK), received_entry(1.002, ONE), received_entry(1.003, TWO)])
     assert found.asks == ASK
     assert [(each.id, each.address, each.data) for each in found.writes] == [
         (1, 116, b"\x01\0\0\0"),
@@ -37,7 +37,9 @@ def test_goals_and_question_of_one_write_are_one_exchange() -> None:
 def test_noise_and_broken_answers_tell_nothing_and_are_kept() -> None:
     broken = bytearray(TWO)
     broken[-1] ^= 1
-    found, _ = exchanges([out(1.0, ASK), heard(1.002, b"\xff\x00\xfd" + ONE + bytes(broken)), out(1.01, ASK)])
+    found, _ = exchanges(
+        [out(1.0, ASK), received_entry(1.002, b"\xff\x00\xfd" + ONE + bytes(broken)), out(1.01, ASK)]
+    )
     assert [each.id for each in found.told] == [1]
     assert found.missed == (2,)
     assert b"".join(data for _, data in found.answers) == b"\xff\x00\xfd" + ONE + bytes(broken)
@@ -45,7 +47,7 @@ def test_noise_and_broken_answers_tell_nothing_and_are_kept() -> None:
 
 def test_behind_a_hole_in_a_fast_answer_nobody_knows() -> None:
     whole = packet.fast_status([(0, 1, b"abcd"), (0, 2, b"efgh")], 17)
-    found, last = exchanges([out(1.0, FAST), heard(1.002, whole[0]), out(1.01, FAST)])
+    found, last = exchanges([out(1.0, FAST), received_entry(1.002, whole[0]), out(1.01, FAST)])
     assert [each.id for each in found.told] == [1]
     assert found.missed == (2,)
     assert (last.asks, last.missed) == (b"", ()), "nobody knows what would have come after the end"
@@ -53,20 +55,24 @@ def test_behind_a_hole_in_a_fast_answer_nobody_knows() -> None:
 
 def test_what_waited_when_the_next_question_left_came_before_it() -> None:
     late = packet.status(2, 0, b"late")
-    first, _ = exchanges([out(1.0, ASK), heard(1.002, ONE), heard(1.01, late), out(1.01, ASK)])
+    first, _ = exchanges(
+        [out(1.0, ASK), received_entry(1.002, ONE), received_entry(1.01, late), out(1.01, ASK)]
+    )
     assert first.answers[1] == (pytest.approx(0.006), late)
-    first, _ = exchanges([out(1.0, ASK), heard(1.002, ONE + TWO), out(1.002, ASK)])
+    first, _ = exchanges([out(1.0, ASK), received_entry(1.002, ONE + TWO), out(1.002, ASK)])
     assert first.answers[0][0] == pytest.approx(0.002), "the last answer of a whole reply is where it was"
 
 
 def test_a_ping_tells_model_and_firmware_where_they_lie() -> None:
-    (found,) = exchanges([out(1.0, packet.ping(7)), heard(1.001, packet.status(7, 0, b"\xfc\x03\x2f"))])
+    (found,) = exchanges(
+        [out(1.0, packet.ping(7)), received_entry(1.001, packet.status(7, 0, b"\xfc\x03\x2f"))]
+    )
     assert found.told == (DeviceReply(7, 0, 0, b"\xfc\x03"), DeviceReply(7, 0, 6, b"\x2f"))
 
 
 def test_bytes_before_the_first_question_belong_to_none() -> None:
-    assert exchanges([heard(0.9, ONE)]) == []
-    assert len(exchanges([heard(0.9, ONE), out(1.0, ASK)])) == 1
+    assert exchanges([received_entry(0.9, ONE)]) == []
+    assert len(exchanges([received_entry(0.9, ONE), out(1.0, ASK)])) == 1
 
 
 def test_a_write_is_cut_into_packets_as_they_are() -> None:
@@ -77,5 +83,5 @@ def test_a_write_is_cut_into_packets_as_they_are() -> None:
 
 def test_a_question_that_no_answer_fits_is_an_exchange_all_the_same() -> None:
     odd = packet.bulk_read({1: (132, 4), 2: (144, 2)})
-    (found,) = exchanges([out(1.0, odd), heard(1.001, ONE)])
+    (found,) = exchanges([out(1.0, odd), received_entry(1.001, ONE)])
     assert found.asks == odd and found.told == () and found.missed == ()

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.packaging.test_make_install import wheel
 from tests.support import built_package as built
 from tests.support import machine_overlay as overlay
+from tests.support.stand_in_wheels import wheel
 from tests.support.unit_file_parser import CLIENTS, SERVICES, SOCKETS, SYSTEMD
 from twind.version import __version__
 

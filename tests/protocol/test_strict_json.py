@@ -4,9 +4,10 @@ import contextlib
 import json
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.exceptions import InvalidInput
 from twind.protocol.strict_json import DEPTH, loads
 
@@ -21,13 +22,13 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(VALUES, st.booleans())
 def test_what_json_allows_comes_back_as_it_was(value: object, ascii_only: bool) -> None:
     assert loads(json.dumps(value, ensure_ascii=ascii_only).encode()) == value
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.binary(max_size=40))
 def test_any_bytes_are_a_value_or_bad_json(data: bytes) -> None:
     with contextlib.suppress(InvalidInput):

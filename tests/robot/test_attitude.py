@@ -4,9 +4,10 @@ from math import acos, cos, degrees, pi, radians, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.robot.arrays import Floats
 from twind.robot.attitude import BIAS, GAP, UPRIGHT, Attitude, G, Quaternion, conjugate, matrix, product, up
 
@@ -48,7 +49,7 @@ def test_a_constant_tilt_is_known_from_the_first_reading(roll: float, pitch: flo
     assert astray(fed(Attitude(), stands, STEP).quaternion, stands) < 1e-6
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4))
 def test_a_wrong_tilt_is_forgotten(roll: float, pitch: float) -> None:
     """It was told another one, and no gyro told that the body turned: 10 time constants later it is right."""
@@ -58,7 +59,7 @@ def test_a_wrong_tilt_is_forgotten(roll: float, pitch: float) -> None:
     assert astray(filter.quaternion, stands) < radians(1.0)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
 def test_the_drift_of_the_tilt_is_bounded_and_the_bias_learnt(
     bias: tuple[float, float, float], roll: float, pitch: float
@@ -79,7 +80,7 @@ def test_a_bias_beyond_belief_is_not_learnt() -> None:
     assert max(map(abs, filter.bias)) <= BIAS
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 3))
 def test_a_turn_is_followed_by_the_gyro_alone(rate: tuple[float, float, float]) -> None:
     """The accelerometer says nothing (free fall): 1 s at a constant rate is one rotation about its axis."""

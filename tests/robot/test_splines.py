@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.splines import curve, hold, interpolate, knots, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.curve_rules import smooth
 from twind.safety.polynomial_bounds import evaluate
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(w.paths(), w.REFERENCES)
 def test_the_curve_is_the_exact_polynomial_through_its_points(path: Trajectory, before: Reference) -> None:
     spline = interpolate(path, before)
@@ -22,14 +23,14 @@ def test_the_curve_is_the_exact_polynomial_through_its_points(path: Trajectory, 
                 s = float(T) * u
                 at = spline.inside(i, spline.time[i] + s)
                 for d, row in enumerate((at.position, at.velocity, at.acceleration)):
-                    exact = float(w._value(coefficients, w.Fraction(s), d))
+                    exact = float(w.value_at(coefficients, w.Fraction(s), d))
                     assert row[joint] == pytest.approx(exact, rel=1e-9, abs=1e-9 / max(float(T), 1e-3) ** d)
             t0 += float(T)
     assert spline.duration == pytest.approx(float(path.time[-1]))
     assert np.array_equal(spline.end, path.position[-1])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(w.paths(), w.REFERENCES)
 def test_the_bernstein_form_is_the_same_curve(path: Trajectory, before: Reference) -> None:
     through = knots(path, before)

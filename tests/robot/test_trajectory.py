@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(w.paths(), st.floats(1.0, 8.0), st.floats(0.0, 1.0))
 def test_a_stretched_path_passes_the_same_places_slower(path: Trajectory, factor: float, u: float) -> None:
     start = path.position[0]

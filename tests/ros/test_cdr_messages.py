@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from tests.support.examples import examples
 from twind.exceptions import InvalidInput
 from twind.ros import (
     DIAGNOSTIC_ARRAY,
@@ -116,7 +117,7 @@ def test_a_joint_state_has_the_bytes_of_the_page() -> None:
 
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_any_message_has_the_bytes_that_rosbags_gives_it_and_comes_back_as_it_was(kind: str) -> None:
-    @settings(max_examples=60)
+    @examples(60)
     @given(MESSAGES[kind])
     def same(message: dict[str, Any]) -> None:
         data = encode(kind, message)

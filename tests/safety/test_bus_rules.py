@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.guard_rig import LIMITS, PERIOD, codes, facts, reading
 from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode, Motion, RobotState
@@ -102,7 +103,7 @@ def test_bus_errors_who_would_hold_at_once_does_not_arm() -> None:
     assert not watch.guard.bars
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.floats(0.002, 0.01), st.integers(0, 30))
 def test_bus_errors_what_is_a_second_ago_does_not_count_any_more(period: float, extra: int) -> None:
     watch = Watch(period)

@@ -5,10 +5,11 @@ from math import inf, nextafter, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
@@ -27,7 +28,7 @@ LIMITS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(w.paths(), w.REFERENCES, LIMITS)
 def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference, limit: JointLimits) -> None:
     judged = w.codes(w.ask(path, limit, before)) & CURVE
@@ -35,7 +36,7 @@ def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference
     assert seen <= judged
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(w.paths(), LIMITS)
 def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, limit: JointLimits) -> None:
     judged = w.ask(path, limit)
@@ -51,7 +52,7 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
         near = []
         for i in (index, max(index - 1, 0)) if segments else ():
             s = w.Fraction(finding.time - starts[i])
-            p, v, a = (float(w._value(segments[i][1], s, d)) for d in range(3))
+            p, v, a = (float(w.value_at(segments[i][1], s, d)) for d in range(3))
             near.append(
                 {ReasonCode.POS_LIMIT: p, ReasonCode.VEL_LIMIT: abs(v), ReasonCode.ACC_LIMIT: abs(a)}.get(
                     finding.code, abs(v)
@@ -67,14 +68,18 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
             assert abs(finding.value) >= abs(finding.bound) or finding.code is ReasonCode.POS_LIMIT
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(most=3), st.integers(0, 1))
 def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: int) -> None:
     """Tight: no refusal of a curve that is inside by a thousandth, and none slips by above by a billionth."""
     before = w.at_rest(path.position[0])
     values = np.array(
         [
-            [[float(w._value(c, T * k / 100, d)) for d in range(3)] for k in range(101) for T, c in segments]
+            [
+                [float(w.value_at(c, T * k / 100, d)) for d in range(3)]
+                for k in range(101)
+                for T, c in segments
+            ]
             for segments in (w.oracle_segments(path, before, j) for j in range(2))
         ]
     )
@@ -100,7 +105,7 @@ def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: in
     )
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     w.paths(),
     st.sampled_from(("lower", "upper", "hard_lower", "hard_upper", "velocity", "acceleration")),
@@ -115,7 +120,7 @@ def test_tightening_a_limit_never_lets_a_path_in(path: Trajectory, name: str, by
         assert not w.ask(path, tight).verdict.accepted
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(w.paths(), st.floats(1.0, 5.0), st.sampled_from((0.5, 2.0)))
 def test_stretching_time_never_makes_a_path_too_fast(path: Trajectory, factor: float, fastest: float) -> None:
     limit = w.limits(velocity=fastest)
@@ -269,7 +274,7 @@ def test_a_single_point_at_zero_is_a_place_to_hold() -> None:
 # ------------------------------------------------------------------------------------------ slices
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(most=12), w.REFERENCES, st.integers(1, 4))
 def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, step: int) -> None:
     snap = w.snapshot(2, reference=before)
@@ -316,7 +321,7 @@ def test_limits_that_are_unknown_refuse() -> None:
         assert not w.ask(path, limit, w.at_rest([0.0])).verdict.accepted, name
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(w.paths(), st.sampled_from((np.nan, inf, -inf, 0.0, 1e308)))
 def test_any_limits_get_a_verdict(path: Trajectory, value: float) -> None:
     bounds = {"lower": -value, "upper": value, "hard_lower": -value, "hard_upper": value}

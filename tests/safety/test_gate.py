@@ -5,11 +5,12 @@ from math import inf, nan, nextafter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import interpolate
@@ -362,7 +363,7 @@ def test_the_same_question_gets_the_same_answer_and_nothing_is_written_to() -> N
     assert answers[0] == answers[1]
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(w.paths(joints=2), w.REFERENCES)
 def test_the_order_of_joints_changes_nothing(path: Trajectory, before: Reference) -> None:
     def turned(rows: np.ndarray | None) -> np.ndarray | None:
@@ -410,7 +411,7 @@ SHAPED = st.tuples(st.integers(0, 2), st.booleans()).flatmap(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     WILD | SHAPED | SHAPED,
     st.builds(Reference, arrays((2,)), arrays((2,)), arrays((2,))),

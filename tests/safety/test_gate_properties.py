@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
@@ -41,7 +42,7 @@ def tightened(draw: st.DrawFn, limits: JointLimits) -> JointLimits:
     )
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(st.data(), w.paths(), w.REFERENCES, st.booleans())
 def test_tightening_a_limit_never_turns_a_refusal_into_an_acceptance(
     data: st.DataObject, path: Trajectory, before: Reference, near: bool
@@ -55,7 +56,7 @@ def test_tightening_a_limit_never_turns_a_refusal_into_an_acceptance(
         assert not judge(path, tight, before).verdict.accepted
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(w.paths(), w.REFERENCES, FACTORS, st.booleans())
 def test_stretching_never_creates_a_velocity_refusal(
     path: Trajectory, before: Reference, factor: float, near: bool
@@ -78,7 +79,7 @@ def swapped(path: Trajectory, limits: JointLimits, before: Reference, order: np.
     )
 
 
-def said(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
+def joint_findings(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
     """Refusals, warnings and changes, joints by their place in the first order."""
     verdict = judged.verdict
     return [
@@ -90,7 +91,7 @@ def said(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
     ]
 
 
-@settings(max_examples=80, deadline=None)
+@examples(80)
 @given(w.paths(joints=3), st.permutations(range(3)), POLICIES, st.booleans(), st.booleans())
 def test_the_order_of_the_joints_has_no_effect(
     path: Trajectory, order: list[int], policy: str, stop: bool, some: bool
@@ -105,7 +106,7 @@ def test_the_order_of_the_joints_has_no_effect(
     straight = judge(path, limits, before, demand)
     other_path, other_limits, other_before = swapped(path, limits, before, order)
     turned = judge(other_path, other_limits, other_before, demand)
-    assert said(turned, order) == said(straight, np.arange(3))
+    assert joint_findings(turned, order) == joint_findings(straight, np.arange(3))
     np.testing.assert_array_equal(turned.path.time, straight.path.time)
     np.testing.assert_array_equal(
         turned.path.position[:, commanded[order]], straight.path.position[:, order][:, commanded[order]]

@@ -17,7 +17,7 @@ MIDDLE = 0.045
 HIGH = 0.06
 
 
-def told(*values: tuple[float, float], bound: float = BOUND) -> list[tuple[float, bool]]:
+def alarm_reports(*values: tuple[float, float], bound: float = BOUND) -> list[tuple[float, bool]]:
     """(time, calm) of what is told of (time, value)."""
     alarm = LatencyAlarm("reply")
     alerts = [(time, alarm.judge(value, bound, time)) for time, value in values]
@@ -35,27 +35,27 @@ def test_it_says_of_which_hop_by_how_much_and_what_is_allowed() -> None:
 
 @pytest.mark.parametrize("wrong", [HIGH, inf, -1e-9, -inf])
 def test_too_long_and_negative_are_told_alike(wrong: float) -> None:
-    assert told((0.0, wrong)) == [(0.0, False)]
+    assert alarm_reports((0.0, wrong)) == [(0.0, False)]
 
 
 def test_what_is_not_known_is_no_news_and_nothing_to_be_calm_about() -> None:
-    assert told((0.0, nan), (5.0, LOW)) == []
-    assert told((0.0, HIGH), (0.9, nan), (1.5, LOW), (2.0, LOW)) == [(0.0, False), (2.0, True)]
+    assert alarm_reports((0.0, nan), (5.0, LOW)) == []
+    assert alarm_reports((0.0, HIGH), (0.9, nan), (1.5, LOW), (2.0, LOW)) == [(0.0, False), (2.0, True)]
 
 
 def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_second() -> None:
     calm = CALM * BOUND
-    assert told((0.0, HIGH), (CALM_FOR, calm)) == [(0.0, False)]
-    assert told((0.0, HIGH), (CALM_FOR + 1e-9, calm)) == [(0.0, False), (CALM_FOR + 1e-9, True)]
+    assert alarm_reports((0.0, HIGH), (CALM_FOR, calm)) == [(0.0, False)]
+    assert alarm_reports((0.0, HIGH), (CALM_FOR + 1e-9, calm)) == [(0.0, False), (CALM_FOR + 1e-9, True)]
     above = calm * (1.0 + 1e-12)
-    assert told((0.0, 0.0), (0.1, HIGH), (1.2, 0.0)) == [(0.1, False), (1.2, True)]
-    assert told((0.0, HIGH), (0.5, above), (1.2, LOW), (1.4, LOW)) == [(0.0, False)]
-    assert told((0.0, HIGH), (5.0, above), (5.1, LOW)) == [(0.0, False)]
+    assert alarm_reports((0.0, 0.0), (0.1, HIGH), (1.2, 0.0)) == [(0.1, False), (1.2, True)]
+    assert alarm_reports((0.0, HIGH), (0.5, above), (1.2, LOW), (1.4, LOW)) == [(0.0, False)]
+    assert alarm_reports((0.0, HIGH), (5.0, above), (5.1, LOW)) == [(0.0, False)]
 
 
 def test_one_that_comes_back_before_it_was_calm_is_not_told_again() -> None:
-    assert told((0.0, HIGH), (0.5, LOW), (0.9, HIGH), (1.2, LOW), (1.9, HIGH)) == [(0.0, False)]
-    assert told((0.0, HIGH), (1.5, LOW), (1.6, HIGH)) == [(0.0, False), (1.5, True), (1.6, False)]
+    assert alarm_reports((0.0, HIGH), (0.5, LOW), (0.9, HIGH), (1.2, LOW), (1.9, HIGH)) == [(0.0, False)]
+    assert alarm_reports((0.0, HIGH), (1.5, LOW), (1.6, HIGH)) == [(0.0, False), (1.5, True), (1.6, False)]
 
 
 def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> None:

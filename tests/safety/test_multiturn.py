@@ -39,7 +39,7 @@ def turns(
     return TurnRange(known=np.array([True]), falls=np.array([falls]), **arrays)
 
 
-def told(raw: int, of: TurnRange, *, on: bool = False) -> str:
+def refusal_message(raw: int, of: TurnRange, *, on: bool = False) -> str:
     """What is said of that reading; empty: nothing."""
     shift = chosen(np.array([raw]), of)
     found = unfit(np.array([raw]), shift, of, np.array([on]))
@@ -54,7 +54,7 @@ def test_a_reading_any_turns_off_is_put_right(count: int, off: int) -> None:
     raw = count + off * WHOLE
     shift = chosen(np.array([raw]), of)
     assert raw + shift[0] == count
-    assert told(raw, of) == ""
+    assert refusal_message(raw, of) == ""
 
 
 @given(
@@ -71,7 +71,7 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
     count = raw + shift
     assert shift % whole == 0
     assert of.band[0] <= count < of.band[0] + whole
-    if told(raw, of) == "":
+    if refusal_message(raw, of) == "":
         least = first - SLACK
         most = first + span + SLACK
         assert span < whole
@@ -84,31 +84,33 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
 @pytest.mark.parametrize("off", [-2, 0, 1])
 def test_a_reading_that_fits_nowhere_is_said(beyond: int, off: int) -> None:
     raw = beyond + off * WHOLE
-    assert f"reads {raw}: neither that nor a turn beside it is in its travel 1402..2698" in told(raw, turns())
+    assert f"reads {raw}: neither that nor a turn beside it is in its travel 1402..2698" in refusal_message(
+        raw, turns()
+    )
 
 
 def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
     for count in (FIRST - SLACK, LAST + SLACK):
-        assert told(count, turns()) == ""
+        assert refusal_message(count, turns()) == ""
 
 
 @pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
 def test_a_travel_of_a_turn_or_more_cannot_be_told_wherever_it_stands(raw: int) -> None:
-    assert "is a turn of its actuator (4096) or more" in told(raw, turns(1500, 1500 + 4096))
+    assert "is a turn of its actuator (4096) or more" in refusal_message(raw, turns(1500, 1500 + 4096))
 
 
 def test_near_both_ends_of_a_travel_of_nearly_a_turn_nobody_can_tell() -> None:
     of = turns(0, 4050)
-    assert told(2000, of) == ""
-    assert told(60, of) == ""
+    assert refusal_message(2000, of) == ""
+    assert refusal_message(60, of) == ""
     for raw in (20, 4040, 4090, -40):
-        assert "both fit its travel -98..4148" in told(raw, of)
+        assert "both fit its travel -98..4148" in refusal_message(raw, of)
 
 
 @pytest.mark.parametrize(("raw", "fine"), [(2000, True), (2000 + 4096, True), (2000 - 2 * 4096, False)])
 def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: bool) -> None:
     of = replace(turns(), least=np.array([-4096]), most=np.array([8191]))
-    message = told(raw, of)
+    message = refusal_message(raw, of)
     assert (message == "") == fine
     if not fine:
         assert "reads -6192, +2 turns from where it was calibrated" in message
@@ -118,9 +120,9 @@ def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: boo
 def test_position_mode_a_turn_off_is_refused_before_torque_and_with_it() -> None:
     of = turns(falls=True)
     for on in (False, True):
-        assert told(2000, of, on=on) == ""
+        assert refusal_message(2000, of, on=on) == ""
         for off in (-2, -1, 1):
-            message = told(2000 + off * 4096, of, on=on)
+            message = refusal_message(2000 + off * 4096, of, on=on)
             assert f"{-off:+d} turns from where it was calibrated" in message
             assert "switch its power off and on" in message
             assert ("`twindctl disarm`" in message) == on
@@ -154,4 +156,4 @@ def test_who_was_never_measured_is_not_judged_and_stays_as_it_reads() -> None:
     for raw in (-100_000, 0, 100_000):
         assert chosen(np.array([raw]), of).tolist() == [0]
         assert inside(np.array([raw]), of).all()
-        assert told(raw, of) == ""
+        assert refusal_message(raw, of) == ""

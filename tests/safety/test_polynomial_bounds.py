@@ -4,9 +4,10 @@ from math import comb, inf, nan, nextafter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.safety.polynomial_bounds import elevate, evaluate, exceeds, halves, square, summit
 
 NUMBERS = st.floats(-10.0, 10.0, allow_subnormal=False)
@@ -100,7 +101,7 @@ def test_more_such_places_than_a_curve_of_ours_can_have_count_as_above() -> None
     assert not np.isnan(exceeds([(waves, np.zeros(1)), (-waves, np.zeros(1))])[0])
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.lists(st.lists(NUMBERS, min_size=5, max_size=5), min_size=1, max_size=6), st.data())
 def test_the_summit_of_each_group_is_its_highest_point(
     curves: list[list[float]], data: st.DataObject

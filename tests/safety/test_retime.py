@@ -5,9 +5,10 @@ from math import nan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from tests.support import gate_rig as w
+from tests.support.examples import examples
 from twind.robot.finding import Finding, ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
@@ -25,7 +26,7 @@ def factor(judged: object) -> float:
     return change.value
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(w.paths(most=4))
 def test_a_retimed_path_passes_the_same_gate_and_hardly_a_faster_one_does(path: Trajectory) -> None:
     limit = w.limits(velocity=1.5, acceleration=8.0)
@@ -216,7 +217,7 @@ def same(one: Trajectory, other: Trajectory) -> bool:
     return all((a is None and b is None) or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(w.paths(most=4))
 def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
     limit = w.limits(velocity=1.5, acceleration=8.0)

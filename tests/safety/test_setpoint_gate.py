@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.joint_limits import JointLimits
 from twind.safety.setpoint_gate import LONGEST, SetpointResult, judge
@@ -50,7 +51,7 @@ def codes(aim: SetpointResult) -> list[ReasonCode]:
     return [finding.code for finding in aim.verdict.refusals]
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(setpoints(), st.booleans(), st.one_of(st.floats(), st.floats(0.0, 1.0)))
 def test_nothing_outside_the_limits_passes(
     asked: tuple[np.ndarray, np.ndarray, np.ndarray | None], clamp: bool, valid_for: float
@@ -73,7 +74,7 @@ def test_nothing_outside_the_limits_passes(
     assert clamp or not moved
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(st.lists(st.floats(0.0, 1.0), min_size=N, max_size=N), st.booleans())
 def test_what_is_inside_passes_unchanged(shares: list[float], clamp: bool) -> None:
     position = LIMITS.lower + np.array(shares) * (LIMITS.upper - LIMITS.lower)

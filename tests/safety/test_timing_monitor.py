@@ -76,7 +76,7 @@ def test_another_threshold_is_that_of_all_but_the_motors() -> None:
 # ---------------------------------------------------------------------------------------------- alerts
 
 
-def told(latencies: list[float]) -> list[LatencyAlert]:
+def latency_alerts(latencies: list[float]) -> list[LatencyAlert]:
     """What is told, when the latency at the start of each tick of 10 ms is this."""
     health = TimingMonitor(2)
     for tick, latency in enumerate(latencies):
@@ -100,7 +100,7 @@ def test_a_latency_above_the_threshold_is_told_once_with_its_numbers() -> None:
 
 @pytest.mark.parametrize(("calm", "level", "times"), [(50, 0.01, 1), (110, 0.01, 2), (110, 0.045, 1)])
 def test_it_is_told_again_only_after_it_was_calm_for_a_second(calm: int, level: float, times: int) -> None:
-    alerts = told([0.01, 0.06, *[level] * calm, 0.06, 0.01])
+    alerts = latency_alerts([0.01, 0.06, *[level] * calm, 0.06, 0.01])
     assert [alert.calm for alert in alerts] == [False, True, False][: 2 * times - 1]
     assert {alert.hop for alert in alerts} == {"total"}
 

@@ -4,9 +4,10 @@ from math import inf, nan, nextafter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety.trajectory_validation import PointRow, form, wellformed
@@ -159,7 +160,7 @@ ROWS = st.tuples(
 )
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.lists(st.sampled_from((*NAMES, "x", "")), max_size=4), st.lists(ROWS, max_size=4))
 def test_any_message_gets_a_path_or_findings(names: list[str], rows: list[tuple]) -> None:
     path, findings = form(names, rows, NAMES)

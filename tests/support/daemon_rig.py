@@ -7,6 +7,7 @@ import os
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from twind.config.actuator_types import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import joint_angles, slot_angles, ticks_of
 from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
 from twind.flight import FlightRing
 from twind.loop import assembly
 from twind.loop.bound_robot import BoundRobot
@@ -41,6 +43,18 @@ from twind_drivers.virtual.servo_physics import FirstOrderPhysics
 from twind_drivers.virtual.virtual_serial_bus import VirtualBus
 
 CLIENT = 7
+
+
+@cache
+def known_robot(name: str) -> RobotFile:
+    """A robot of the package, read once for all tests."""
+    return load_robot(name)
+
+
+@cache
+def known_calibration(name: str) -> Calibration:
+    """The calibration of a virtual robot without faults, made once for all tests."""
+    return calibration(specimen(known_robot(name)))
 
 
 class HandFront:
@@ -99,7 +113,8 @@ class Rig:
         """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
         self._muscles = muscles
         self.clock = FakeClock(100.0)
-        self.robot = load_robot(robot)
+        known = None if "/" in robot else known_robot(robot)
+        self.robot = known or load_robot(robot)
         if rate_hz is not None:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
@@ -109,7 +124,12 @@ class Rig:
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
-        self.calibration = calibration(self.made) if calibrated is None else calibrated
+        if calibrated is not None:
+            self.calibration = calibrated
+        elif truth is None and self.robot is known:
+            self.calibration = known_calibration(robot)
+        else:
+            self.calibration = calibration(self.made)
         self.one = BoundRobot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
         buses = [bus.name for bus in self.one.binding.joint_map.buses]
@@ -117,8 +137,8 @@ class Rig:
         self.front = self.new_front()
         self.loop = self.born(mode)
         self.news: list[Any] = []
-        self._ticket = 0
-        self._deadline = self.clock.now()
+        self.last_ticket = 0
+        self.next_tick = self.clock.now()
 
     def new_front(self) -> HandFront:
         """What stands in for the front's process."""
@@ -135,7 +155,7 @@ class Rig:
             rate_hz=self.robot.rate_hz,
             clock=self.clock,
             where={bus.name: f"virtual:{bus.name}" for bus in self.robot.buses},
-            opener=self._open,
+            opener=self.open_port,
             enabler=self.buses.enable,
             link=FrontLink(self.front, *([] if recorded is None else [recorded.link])),  # type: ignore[arg-type]
             notifier=Notifier({}),
@@ -172,7 +192,7 @@ class Rig:
         sensor = sensor_of(self.robot, bus, None)
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
 
-    def _open(self, name: str) -> BusReader:
+    def open_port(self, name: str) -> BusReader:
         if not self.virtual[name].is_plugged:
             raise PortError(f"virtual:{name}", "no such port")
         if self.robot.bus(name).kind == CAN:
@@ -184,17 +204,17 @@ class Rig:
     def ticks(self, count: int) -> None:
         """Let `count` ticks pass and collect the news."""
         for _ in range(count):
-            self._deadline = max(self._deadline, self.clock.now())
-            self.clock.sleep_until(self._deadline)
+            self.next_tick = max(self.next_tick, self.clock.now())
+            self.clock.sleep_until(self.next_tick)
             self.loop.run(until=self.clock.now() + 1e-9)
-            self._deadline += self.loop.period
-            self._collect()
+            self.next_tick += self.loop.period
+            self.collect_news()
 
     def seconds(self, seconds: float) -> None:
         """Let time pass."""
         self.ticks(round(seconds / self.loop.period))
 
-    def _collect(self) -> None:
+    def collect_news(self) -> None:
         while True:
             try:
                 self.news.append(link.decode_news(self.front.outer.recv(link.DATAGRAM)))
@@ -203,10 +223,10 @@ class Rig:
 
     def send(self, kind: type[link.Command], *, client: int = CLIENT, **parameters: Any) -> int:
         """A call of `client`; its ticket."""
-        self._ticket += 1
-        command = kind(ticket=self._ticket, client=client, uid=0, holder="test", **parameters)
+        self.last_ticket += 1
+        command = kind(ticket=self.last_ticket, client=client, uid=0, holder="test", **parameters)
         self.front.outer.send(link.encode(command))  # type: ignore[arg-type]
-        return self._ticket
+        return self.last_ticket
 
     def call(self, kind: type[link.Command], *, ticks: int = 300, **parameters: Any) -> link.Reply:
         """A call and its last reply, within `ticks`."""
@@ -220,12 +240,12 @@ class Rig:
 
     def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:
         """Submit a trajectory; its ticket."""
-        self._ticket += 1
+        self.last_ticket += 1
         parameters.setdefault("generation", self.loop.reloads.generation)
         command = link.Submit(
-            ticket=self._ticket,
+            ticket=self.last_ticket,
             client=client,
-            id=f"t{self._ticket}",
+            id=f"t{self.last_ticket}",
             points=len(path.time),
             commanded=np.flatnonzero(path.commanded).tolist(),
             velocity=path.velocity is not None,
@@ -235,20 +255,20 @@ class Rig:
         fd = memfd.seal("path", link.pack_path(path))
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
-        return self._ticket
+        return self.last_ticket
 
     def adopt(self, changes: Mapping[str, Any], *, announced: bool = True, **parameters: Any) -> link.Reply:
         """Changes of the front's, with the next briefing; what the loop answers."""
         if parameters.get("reread", True) and announced:
             self.front.outer.send(link.encode(link.ReloadStarted()))
-        self._ticket += 1
+        self.last_ticket += 1
         given = {"generation": self.loop.reloads.generation + 1} | parameters
-        command = link.ApplyChanges(ticket=self._ticket, client=0, changes=dict(changes), **given)
+        command = link.ApplyChanges(ticket=self.last_ticket, client=0, changes=dict(changes), **given)
         fd = memfd.seal("briefing", b"for the next front")
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
         self.ticks(2)
-        return self.replies(self._ticket)[-1]
+        return self.replies(self.last_ticket)[-1]
 
     def replies(self, ticket: int) -> list[link.Reply]:
         """Everything that answered a ticket so far."""
@@ -294,7 +314,7 @@ class Rig:
     @property
     def truth(self) -> Floats:
         """Where the joints really are, rad (n,)."""
-        self._advance()
+        self.advance_servos()
         pose = joint_angles(self.robot, {name: self._angle(name) for name in self.robot.names})
         return np.array([pose[name] for name in self.robot.names])
 
@@ -312,10 +332,10 @@ class Rig:
     @property
     def counts(self) -> Floats:
         """Where the servos really are, ticks, bus after bus."""
-        self._advance()
+        self.advance_servos()
         return np.concatenate([bus.servos.muscles.position.copy() for bus in self.virtual.values()])
 
-    def _advance(self) -> None:
+    def advance_servos(self) -> None:
         """The servos' own time goes on without traffic too."""
         for bus in self.virtual.values():
             bus.advance(self.clock.now())

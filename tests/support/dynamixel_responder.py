@@ -38,9 +38,9 @@ class Servos:
 
     def hear(self, data: bytes) -> bytes:
         """What the bus answers to `data`."""
-        return b"".join(self._answer(each) for each in self._framer.feed(data))
+        return b"".join(self.answer_packet(each) for each in self._framer.feed(data))
 
-    def _answer(self, each: Packet) -> bytes:
+    def answer_packet(self, each: Packet) -> bytes:
         self.seen.append(each)
         match each.instruction:
             case Instruction.SYNC_READ | Instruction.FAST_SYNC_READ:

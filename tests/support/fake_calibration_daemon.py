@@ -81,7 +81,7 @@ class FakeDaemon:
     def stream(self, method: str, **how: Any) -> Iterator[Any]:
         """Scan, or Monitor of topic `raw`."""
         self.asked.append(method)
-        yield from self._scan() if method == "Scan" else self._readings()
+        yield from self.scan() if method == "Scan" else self.readings()
 
     # --------------------------------------------------------------------------------- answers
 
@@ -126,13 +126,13 @@ class FakeDaemon:
             self.state = "connected"
             self.leased_until = 0.0
 
-    def _scan(self) -> Iterator[Any]:
+    def scan(self) -> Iterator[Any]:
         for id, held in self.servos.items():
             yield {"id": id, "model": 1020, "firmware": self._firmware, "settings": dict(held)}
 
     _firmware = 47
 
-    def _readings(self) -> Iterator[Any]:
+    def readings(self) -> Iterator[Any]:
         names = list(self.ticks)
         while True:
             self.now += self.tick

@@ -161,7 +161,7 @@ def _solve(table: list[list[Fraction]], right: list[Fraction]) -> list[Fraction]
     return [row[-1] for row in rows]
 
 
-def _value(coefficients: list[Fraction], s: Fraction, d: int = 0) -> Fraction:
+def value_at(coefficients: list[Fraction], s: Fraction, d: int = 0) -> Fraction:
     return sum(
         (c * _falling(i, d) * s ** (i - d) for i, c in enumerate(coefficients) if i >= d), start=Fraction(0)
     )
@@ -189,7 +189,7 @@ def oracle_faults(
                 high = upper
             for k in range(samples + 1):
                 s = T * k / samples
-                p, v, a = (_value(coefficients, s, d) for d in range(3))
+                p, v, a = (value_at(coefficients, s, d) for d in range(3))
                 if not low - CAREFUL <= p <= high + CAREFUL:
                     faults.add(ReasonCode.POS_LIMIT)
                 if abs(v) > fastest * (1 + CAREFUL) + CAREFUL:

@@ -11,10 +11,12 @@ from tests.support.daemon_rig import Rig
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.robot.trajectory import Trajectory
+from twind.twin.mujoco_physics import BusPhysics, MujocoPhysics
 from twind.virtual.truth import Truth
 from twind.virtual.virtual_robot_spec import buses
 from twind_calibration.wiggling.joint_move import path
 from twind_calibration.wiggling.state_trace import HoldMeans, StateTrace
+from twind_drivers.virtual.servo_physics import DriveState
 
 H24 = load_robot("h24")
 WAY = 0.035  # rad, two degrees
@@ -112,3 +114,38 @@ def armed(true: RobotFile, pose: Mapping[str, float] | None = None) -> Iterator[
         yield rig
     finally:
         rig.close()
+
+
+# 0.5 kg at 0.2 m: 0.98 N·m when level. Two arms side by side, so that one can be on another bus.
+ARMS = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="a" pos="0 0 1"><freejoint name="root"/><geom size=".01" mass="1"/>
+<body><joint name="one" axis="0 1 0" damping="0.02" armature="0.01" frictionloss="{friction}"/>
+<geom pos="0 0 -.2" size=".02" mass="0.5"/></body>
+<body pos="0 .5 0"><joint name="two" axis="0 1 0" damping="0.02" armature="0.01" frictionloss="{friction}"/>
+<geom pos="0 0 -.2" size=".02" mass="0.5"/></body></body></worldbody>
+<actuator><position joint="one"/></actuator><sensor><actuatorfrc actuator="{actuator}"/></sensor></mujoco>"""
+
+
+def power(
+    muscles: MujocoPhysics | BusPhysics,
+    p: float = 800,
+    i: float = 0,
+    on: bool = True,
+    mode: int = 3,
+    **caps: float,
+) -> None:
+    one = np.ones(len(muscles.position))
+    muscles.drive(
+        DriveState(
+            on=one > 0 if on else one < 0,
+            mode=np.full(one.size, mode),
+            p=p * one,
+            i=i * one,
+            d=0 * one,
+            velocity_p=100 * one,
+            velocity_i=1920 * one,
+            pwm_cap=caps.get("pwm", 885) * one,
+            current_cap=caps.get("current", 1193) * one,
+            supply=caps.get("supply", 1.0) * one,
+        )
+    )

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tests.end_to_end.concurrent.test_front_server import Raw
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import Raw
 from twind.robot.finding import ReasonCode
 
 Told = Iterable[str]

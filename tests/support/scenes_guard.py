@@ -96,7 +96,7 @@ def the_daemon_is_away_for_longer_than_a_watchdog(made: Rig) -> None:
 @leads_to(ReasonCode.SENSE_JUMP)
 def a_joint_loses_a_turn(made: Rig) -> None:
     bus = made.virtual["main"]
-    made._advance()
+    made.advance_servos()
     bus.servos.muscles.position[8] += 4096
     bus.servos.invalidate_cache()
     made.ticks(6)

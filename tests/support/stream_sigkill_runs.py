@@ -5,7 +5,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.end_to_end.concurrent.test_stream_command import killed_at_random, simulated
+from tests.support.processes import simulated
+from tests.support.stream_rig import killed_at_random
 
 
 def main() -> int:

@@ -60,23 +60,23 @@ class Far:
 
     def __init__(self, place: NetworkConfig, robot: str) -> None:
         self.robot = robot
-        self._session = open_now(place, PATIENCE)
+        self.session = open_now(place, PATIENCE)
         self._open: list[Any] = []
 
     def close(self) -> None:
-        self._session.close()
+        self.session.close()
 
     def key(self, *parts: str) -> str:
         return "/".join(("twind", self.robot, *parts))
 
     def there(self) -> bool:
         """Its token is alive."""
-        return any(reply.ok for reply in self._session.liveliness().get(self.key("alive"), timeout=5.0))
+        return any(reply.ok for reply in self.session.liveliness().get(self.key("alive"), timeout=5.0))
 
     def ask(self, *parts: str, data: bytes | None = None, **asked: Any) -> dict[str, Any]:
         """The answer, or the error {"error", "parameters"}; {}: nobody answered."""
         payload = json.dumps(asked).encode() if data is None else data
-        for reply in self._session.get(self.key(*parts), payload=payload, timeout=PATIENCE):
+        for reply in self.session.get(self.key(*parts), payload=payload, timeout=PATIENCE):
             told = reply.ok or reply.err
             assert told is not None
             answer: dict[str, Any] = json.loads(told.payload.to_bytes())
@@ -87,7 +87,7 @@ class Far:
         """A list that grows by every payload."""
         heard: list[bytes] = []
         key = self.key(*parts)
-        self._open.append(self._session.declare_subscriber(key, lambda s: heard.append(s.payload.to_bytes())))
+        self._open.append(self.session.declare_subscriber(key, lambda s: heard.append(s.payload.to_bytes())))
         return heard
 
     def deaf(self) -> None:

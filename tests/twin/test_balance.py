@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.support.dynamics_rig import judge, pose
 from tests.support.free_standing_h24 import free_h24
-from tests.twin.test_dynamics import judge, pose
 from twind.config.robot_file import load_robot
 from twind.robot.finding import ReasonCode
 from twind.twin.balance import INSIDE, Balance, inside, tipping

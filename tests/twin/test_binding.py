@@ -7,9 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.config.calibration_file import Calibration, fitting
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -187,7 +188,7 @@ def test_the_models_range_bounds_the_hard_limits(tmp_path: Path) -> None:
     assert knee(bind(robot, calibrated(H24))) == pytest.approx((-0.12, -0.1, 2.2, 2.21), abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(1800, 2300), st.integers(0, 300), st.integers(3700, 4095))
 def test_every_goal_that_the_limits_allow_is_a_count_that_the_servo_takes(
     zero: int, low: int, high: int

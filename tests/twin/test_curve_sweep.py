@@ -188,7 +188,7 @@ def test_slices_are_short() -> None:
     sweeping = CurveSweep(bodies)
     worked = [0]
     random = np.random.default_rng(5)
-    finished(sweeping.running(wander(random, binding, 0.5)), lambda: worked.append(sweeping._work))
+    finished(sweeping.running(wander(random, binding, 0.5)), lambda: worked.append(sweeping.work))
     assert max(np.diff(worked)) <= 4 * CHUNK
 
 

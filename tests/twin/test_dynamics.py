@@ -1,6 +1,5 @@
 """The torque that a path needs (TORQUE_INFEASIBLE): against potential energy and known loads."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -9,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.support.dynamics_rig import judge, pose, run
 from tests.support.free_standing_h24 import free_h24
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
@@ -40,32 +40,6 @@ def strict(binding: Binding) -> Binding:
     return replace(binding, robot=replace(robot, gate=replace(robot.gate, on_torque="reject")))
 
 
-def pose(binding: Binding, **angles: float) -> Floats:
-    q = np.array(binding.rest)
-    for name, angle in angles.items():
-        q[binding.joint_map.names.index(name)] = angle
-    return q
-
-
-def run(steps: Iterator[None]) -> tuple[Verdict, int]:
-    slices = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value, slices
-        slices += 1
-
-
-def judge(binding: Binding, position: Floats, acceleration: Floats | None = None) -> Verdict:
-    """Samples of a path that takes 1 s."""
-    still = np.zeros_like(position)
-    time = np.linspace(0.0, 1.0, len(position))
-    return run(
-        Dynamics(binding).judging(time, position, still, still if acceleration is None else acceleration)
-    )[0]
-
-
 def energy(binding: Binding, q: Floats) -> float:
     """Potential energy (J) of the pinned robot, straight from the bodies' places."""
     data = mujoco.MjData(binding.model)
@@ -84,7 +58,7 @@ def test_torque_at_rest_is_the_slope_of_the_potential_energy(pinned: Binding) ->
             (energy(pinned, q + step * unit) - energy(pinned, q - step * unit)) / (2 * step)
             for unit in np.eye(len(q))
         ]
-        torque, _ = dynamics._sample(q, 0 * q, 0 * q)
+        torque, _ = dynamics.sample(q, 0 * q, 0 * q)
         np.testing.assert_allclose(torque, slope, atol=1e-5)
 
 
@@ -101,7 +75,7 @@ def standing_energy(binding: Binding, q: Floats, foot: str) -> float:
 
 def test_on_one_foot_the_leg_carries_the_robot(free: Binding) -> None:
     q = pose(free, l_hip_pitch=-0.7, l_knee=1.4, l_ankle_pitch=-0.7, r_knee=0.4, r_shoulder_roll=-1.0)
-    torque, _ = Dynamics(free)._sample(q, 0 * q, 0 * q)
+    torque, _ = Dynamics(free).sample(q, 0 * q, 0 * q)
     step = 1e-5
     slope = [
         (standing_energy(free, q + step * unit, "r_foot") - standing_energy(free, q - step * unit, "r_foot"))
@@ -115,7 +89,7 @@ def test_on_one_foot_the_leg_carries_the_robot(free: Binding) -> None:
 
 def test_on_two_feet_the_waist_carries_and_the_legs_are_not_judged(free: Binding) -> None:
     q = pose(free, waist_pitch=0.4, l_hip_roll=0.0)
-    torque, _ = Dynamics(free)._sample(q, 0 * q, 0 * q)
+    torque, _ = Dynamics(free).sample(q, 0 * q, 0 * q)
     names = free.joint_map.names
     assert torque[names.index("waist_pitch")] < -0.5
     legs = [i for i, name in enumerate(names) if any(part in name for part in ("hip", "knee", "ankle"))]
@@ -128,7 +102,7 @@ def test_a_path_within_what_the_joints_give_is_silent(pinned: Binding) -> None:
 
 def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: Binding) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
-    need = abs(Dynamics(pinned)._sample(out, 0 * out, 0 * out)[0][3])
+    need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     path = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(0.0, 1.5, 31)])
     weak = able(pinned, l_shoulder_roll=need / 1.6)  # 0.8 of it is half of what is needed
     (found,) = judge(weak, path).warnings
@@ -141,7 +115,7 @@ def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: B
 @pytest.mark.parametrize(("share", "told"), [(SHARE * 1.0001, 0), (SHARE * 0.9999, 1)])
 def test_the_bound_is_sharp(pinned: Binding, share: float, told: int) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
-    need = abs(Dynamics(pinned)._sample(out, 0 * out, 0 * out)[0][3])
+    need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     weak = able(pinned, l_shoulder_roll=need / SHARE * share / SHARE)
     assert len(judge(weak, np.tile(out, (3, 1))).warnings) == told
 

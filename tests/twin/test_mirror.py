@@ -5,10 +5,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.support.examples import examples
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
@@ -36,7 +37,7 @@ def reading(position: Floats, velocity: Floats | None = None, heard: Bools | Non
 poses = arrays(np.float64, COUNT, elements=st.floats(-2.0, 2.0))
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(poses)
 def test_every_body_stands_where_forward_kinematics_puts_it(pose: Floats) -> None:
     mirror = TwinMirror(BINDING)
@@ -130,7 +131,7 @@ def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> No
         assert np.isfinite(array).all()
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(
     arrays(np.float64, COUNT, elements=st.floats(allow_nan=True, allow_infinity=True)),
     arrays(np.float64, COUNT, elements=st.floats(allow_nan=True, allow_infinity=True)),

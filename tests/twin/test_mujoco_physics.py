@@ -5,54 +5,22 @@ from math import asin, pi
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
+from tests.support.mujoco_servo_rig import ARMS, power
 from twind.config.robot_file import load_robot
 from twind.exceptions import OperationFailed
-from twind.twin.mujoco_physics import BusPhysics, MujocoPhysics, ServoMotor, body_of
-from twind_drivers.virtual.servo_physics import DriveState
+from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor, body_of
 
 TICKS = 4096 / (2 * pi)
-# 0.5 kg at 0.2 m: 0.98 N·m when level. Two arms side by side, so that one can be on another bus.
-ARMS = """<mujoco><compiler angle="radian"/><worldbody>
-<body name="a" pos="0 0 1"><freejoint name="root"/><geom size=".01" mass="1"/>
-<body><joint name="one" axis="0 1 0" damping="0.02" armature="0.01" frictionloss="{friction}"/>
-<geom pos="0 0 -.2" size=".02" mass="0.5"/></body>
-<body pos="0 .5 0"><joint name="two" axis="0 1 0" damping="0.02" armature="0.01" frictionloss="{friction}"/>
-<geom pos="0 0 -.2" size=".02" mass="0.5"/></body></body></worldbody>
-<actuator><position joint="one"/></actuator><sensor><actuatorfrc actuator="{actuator}"/></sensor></mujoco>"""
 
 
 def arms(friction: float = 0.1, **start: float) -> MujocoPhysics:
     text = ARMS.format(friction=friction, actuator="one").replace("<position ", '<position name="one" ')
     motors = [ServoMotor("one", 2000.0, TICKS), ServoMotor("two", 1000.0, -TICKS)]
     return MujocoPhysics(mujoco.MjSpec.from_string(text), motors, pinned=True, start=start)
-
-
-def power(
-    muscles: MujocoPhysics | BusPhysics,
-    p: float = 800,
-    i: float = 0,
-    on: bool = True,
-    mode: int = 3,
-    **caps: float,
-) -> None:
-    one = np.ones(len(muscles.position))
-    muscles.drive(
-        DriveState(
-            on=one > 0 if on else one < 0,
-            mode=np.full(one.size, mode),
-            p=p * one,
-            i=i * one,
-            d=0 * one,
-            velocity_p=100 * one,
-            velocity_i=1920 * one,
-            pwm_cap=caps.get("pwm", 885) * one,
-            current_cap=caps.get("current", 1193) * one,
-            supply=caps.get("supply", 1.0) * one,
-        )
-    )
 
 
 def test_ticks_follow_zero_and_sign() -> None:
@@ -284,7 +252,7 @@ def test_in_mode_5_braking_from_full_speed_keeps_the_cap_too() -> None:
     assert 900 < worst < 1010
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     st.sampled_from([0, 1, 3, 4, 5, 16]),
     st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),

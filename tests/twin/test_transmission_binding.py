@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support import transmission_robot_file as linked
+from tests.support.examples import examples
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
 from twind.config.robot_spec import RobotFile
@@ -176,7 +177,7 @@ def test_a_count_too_little_takes_the_limits_in_a_little(bound: Binding) -> None
     assert tight.limits.lower[1] == bound.limits.lower[1]
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.sampled_from(["waist_a", "waist_b", "ank_in", "ank_out"]))
 def test_a_joint_is_calibrated_when_all_its_actuators_are(bound: Binding, missing: str) -> None:
     known = calibration(specimen(bound.robot))

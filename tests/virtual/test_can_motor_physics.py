@@ -5,10 +5,11 @@ from math import pi
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.twin.test_mujoco_physics import ARMS, power
+from tests.support.examples import examples
+from tests.support.mujoco_servo_rig import ARMS, power
 from twind.twin.mujoco_physics import MujocoPhysics, ServoMotor
 from twind_drivers.can.can_units import COUNT, EFFORT, TURN
 from twind_drivers.virtual.can.can_motor_physics import INERTIA, CanMotorPhysics, FirstOrderCanPhysics
@@ -93,7 +94,7 @@ def test_a_serial_servo_of_the_same_body_is_moved_by_its_own_rules() -> None:
     assert joint(muscles, "two") == pytest.approx(0.4, abs=0.05)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.floats(-3, 3), st.floats(0.5, 500), st.floats(0, 5))
 def test_free_shafts_come_to_rest_where_they_are_told(place: float, kp: float, kd: float) -> None:
     muscles = FirstOrderCanPhysics(np.zeros(1))

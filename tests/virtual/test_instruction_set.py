@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import BROADCAST, Instruction
@@ -70,7 +71,7 @@ def test_a_factory_reset_without_a_known_option_does_nothing(params: bytes, erro
 
 
 @given(st.integers(-20_000, 20_000))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_clear_leaves_one_turn(turned: int) -> None:
     """E-manual "Clear": the present position becomes what it is within one turn."""
     host = Host([1], settings={"operating_mode": 4}, start=0.0)
@@ -285,7 +286,7 @@ def test_set_to_another_protocol_it_hears_nothing_of_this_one() -> None:
 
 
 @given(code=st.integers(0, 255), params=st.binary(max_size=12), id=st.sampled_from([1, 2, 50, BROADCAST]))
-@settings(max_examples=120, deadline=None)
+@examples(120)
 def test_no_instruction_and_no_parameters_break_the_bus(code: int, params: bytes, id: int) -> None:
     host = Host([1, 2], settings={"secondary_shadow_id": 50})
     host.raw(packet.instruction(id, code, params))

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind.config.robot_file import load_robot
 from twind.exceptions import InvalidInput
@@ -23,7 +24,7 @@ PER_RAD = 4096 / math.tau
 # ---------------------------------------------------------------------------------------- one servo
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(-6000, 9000), st.floats(0.1, 10.0), st.integers(2, 9))
 def test_a_hand_goes_straight_there_and_stays(to: int, speed: float, looks: int) -> None:
     host = Host([1])

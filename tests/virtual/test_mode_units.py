@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 
@@ -282,7 +283,7 @@ def test_a_frozen_encoder_repeats_itself_until_it_thaws() -> None:
     assert host.present(1) == 3000
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.sampled_from([0, 1, 3, 4, 5, 16]),
     st.integers(0, 13),

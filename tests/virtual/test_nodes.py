@@ -3,9 +3,10 @@
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_can_host import LIMP, CanHost, mit
 from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.bit_fields import fraction, mit_command, mit_state, pack, unpack
@@ -42,7 +43,7 @@ def test_zero_is_a_little_below_zero() -> None:
     assert unpack(0x7FF, 10.0, 12) == pytest.approx(-0.0024, abs=1e-4)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(st.floats(0.1, 200), st.floats(-1, 1), st.sampled_from([12, 16]))
 def test_a_field_keeps_a_value_to_one_step_and_never_above_it(span: float, share: float, bits: int) -> None:
     value = span * share
@@ -444,7 +445,7 @@ ONE_OF_EACH = [
 ]
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(
     st.lists(
         st.tuples(

@@ -2,9 +2,10 @@
 
 from math import inf
 
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
@@ -64,7 +65,7 @@ def listen(host: Host, until: float) -> bytes:
     return out
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @example([("noise", {"seconds": 0.05, "count": 1}), ("split", {"bytes": 1}), (REQUESTS[4], 0.01)], False)
 @given(st.lists(steps, max_size=12), st.booleans())
 def test_whatever_goes_wrong_ends_and_leaves_no_trace(run: list[tuple], timing: bool) -> None:

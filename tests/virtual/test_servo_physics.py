@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.virtual.servo_physics import DriveState, FirstOrderPhysics
 
 ONE = np.ones(1)
@@ -35,7 +36,7 @@ def powered(start: float = 0.0, **how: float) -> FirstOrderPhysics:
     return muscles
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     st.sampled_from([0, 1, 3, 4, 5, 16]),
     st.floats(-3000, 3000),
@@ -53,7 +54,7 @@ def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, st
     assert abs(many.velocity[0] - once.velocity[0]) < 1e-6 * (1 + abs(goal))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.floats(-3000, 3000), st.floats(1e-3, 1.0))
 def test_it_never_overshoots_and_never_exceeds_its_speed(goal: float, dt: float) -> None:
     muscles = powered()
@@ -173,7 +174,7 @@ def test_a_blocked_shaft_turns_its_output_into_current() -> None:
         assert np.sign(muscles.position[0]) == np.sign(goal), "free again, it goes on"
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(
     st.lists(
         st.tuples(

@@ -1,9 +1,10 @@
 """Boots, turns and offsets: e-manual, "Operating Mode" note, "Homing Offset", "Startup Configuration"."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Instruction
@@ -37,7 +38,7 @@ def test_an_offset_that_counts_in_mode_4_falls_back_when_the_mode_becomes_3() ->
 
 
 @given(st.integers(-1024, 1024))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_reverse_turns_the_count_and_not_the_offset(offset: int) -> None:
     """e-manual, "Homing Offset" note; dynamixel_hardware_interface #97."""
     host = Host([1], settings={"homing_offset": offset, "operating_mode": 4}, start=100.0)
@@ -50,7 +51,7 @@ def test_reverse_turns_the_count_and_not_the_offset(offset: int) -> None:
 
 
 @given(st.integers(-30_000, 30_000), st.sampled_from([1, 3, 4, 5, 16]))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_boot_leaves_one_turn_in_every_mode(turned: int, mode: int) -> None:
     """e-manual, operating mode note, case 3: power-up and reboot."""
     host = Host([1], settings={"operating_mode": mode}, start=0.0)

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind_drivers.virtual.servo_profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, ServoProfile
 
 STEP = 0.002  # s
@@ -39,7 +40,7 @@ def test_without_profile_velocity_the_goal_is_a_step() -> None:
     assert profile.kind[0] == NONE
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(20, 300), st.integers(0, 60), st.floats(-800, 800))
 def test_the_reference_keeps_both_caps_and_arrives(velocity: int, acceleration: int, goal: float) -> None:
     profile = made(velocity, acceleration)
@@ -52,7 +53,7 @@ def test_the_reference_keeps_both_caps_and_arrives(velocity: int, acceleration: 
     assert not profile.running[0]
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     st.integers(20, 300),
     st.integers(1, 60),
@@ -98,7 +99,7 @@ def test_the_type_of_the_profile_is_told(velocity: int, acceleration: int, goal:
     assert profile.running[0] == (kind != NONE)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(10, 3000), st.integers(0, 3000), st.floats(-3000, 3000).filter(lambda goal: abs(goal) > 1))
 def test_a_time_based_profile_takes_its_time_and_ramps_for_half_of_it_at_most(
     whole: int, ramp: int, goal: float

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_can_host import CanHost
 from twind_drivers.bus import PortError
 from twind_drivers.can.frame import EXTENDED, REMOTE
@@ -104,7 +105,7 @@ def test_text_may_come_in_any_pieces(cuts: list[int]) -> None:
     assert (heard.count(b"z\r"), heard.count(TOLD)) == (3, 3)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(st.lists(st.binary(max_size=40), max_size=8))
 def test_no_bytes_break_the_adapter(pieces: list[bytes]) -> None:
     host = opened()

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of
 from twind.config.robot_file import load_robot
@@ -131,7 +132,7 @@ def test_an_empty_truth_changes_nothing_but_that_joints_end() -> None:
     assert all(map(math.isfinite, told.hinge("l_knee").stops)), "the model's range"
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     zero=st.integers(-9000, 9000),
     sign=st.sampled_from([1, -1]),
@@ -220,7 +221,7 @@ def test_a_drawn_truth_is_the_same_for_the_same_seed_and_another_for_another(nam
     assert set(random_truth(robot, 7).joints) == set(robot.names)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 10_000))
 def test_every_drawn_specimen_can_be_used_as_its_calibration_says(seed: int) -> None:
     made = specimen(H24, truth=random_truth(H24, seed))

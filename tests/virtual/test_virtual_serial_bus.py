@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Instruction
@@ -158,7 +159,7 @@ def test_a_wrong_baud_rate_is_silence_until_it_is_right() -> None:
     assert len(host.ask(packet.ping(1))) == 1
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.binary(max_size=60), st.lists(st.integers(1, 40), max_size=6))
 def test_noise_and_split_chunks_never_cost_more_than_the_packet_they_hit(
     noise: bytes, cuts: list[int]
@@ -177,7 +178,7 @@ def test_noise_and_split_chunks_never_cost_more_than_the_packet_they_hit(
 # ---------------------------------------------------------------------- group reads
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     st.lists(st.integers(0, 252), min_size=1, max_size=24, unique=True),
     st.lists(st.integers(-(2**31), 2**31 - 1), min_size=24, max_size=24),
@@ -201,7 +202,7 @@ def test_the_short_way_says_the_same_as_packet_by_packet(
         raw[row, 132:136] = np.frombuffer(positions[row].to_bytes(4, "little", signed=True), np.uint8)
     host.keep_readings()
     rows = [(0x80 if alert and not row else 0, id, raw[row, 128:136].tobytes()) for row, id in enumerate(ids)]
-    assert fast in host.bus._groups
+    assert fast in host.bus.group_reads
     assert host.raw(fast) == b"".join(packet.fast_status(rows, 12 * len(ids) + 1))
     assert host.raw(plain) == b"".join(packet.status(id, error, data) for error, id, data in rows)
 

@@ -1,9 +1,10 @@
 """The firmware's rules, each by the document that states it: e-manual chapter or field report."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 
@@ -152,7 +153,7 @@ def test_reading_while_moving_shows_signed_velocity_and_moving() -> None:
 # ---------------------------------------------------------------------- frames
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(st.integers(-20_000, 20_000), st.integers(-1024, 1024), st.booleans())
 def test_torque_on_in_mode_3_collapses_to_one_turn_plus_offset(
     start: int, offset: int, reverse: bool
@@ -228,7 +229,7 @@ def armed(ids: tuple[int, ...] = (1, 2), units: int = 5) -> Host:
     return host
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(1, 127))
 def test_it_trips_exactly_units_times_20_ms_after_the_last_packet(units: int) -> None:
     """e-manual, Bus Watchdog (98): 20 ms a unit, any instruction packet feeds it."""

@@ -1,9 +1,10 @@
 """Which error a write is answered with: e-manual "Protocol 2.0", Error, and the pages of the registers."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.examples import examples
 from tests.support.virtual_serial_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.control_tables import models, number_of, table
@@ -196,7 +197,7 @@ def test_a_model_of_another_layout_is_refused_with_a_reason(model: str) -> None:
         Host([1], model=model)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     st.sampled_from(["XM430-W350", "XL330-M288", "XL430-W250", "PH54-100-S500"]),
     st.one_of(st.integers(0, 900), st.integers(0, 150)),

@@ -93,7 +93,7 @@ class MotionSession:
         self._still = inf  # s, since when nothing moves, as far as statuses tell
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
-        self._over: dict[str, MotionEnd] = {}  # heard, and not told yet
+        self.finished: dict[str, MotionEnd] = {}  # heard, and not told yet
         self._let_go = False  # an end came that cannot be read: what is under way must not go on
 
     @property
@@ -190,10 +190,10 @@ class MotionSession:
 
     def _end(self, ended: MotionEnd) -> None:
         with self._lock:
-            self._over.setdefault(ended.id, ended)
-            strangers = [name for name in self._over if name not in self._under]
+            self.finished.setdefault(ended.id, ended)
+            strangers = [name for name in self.finished if name not in self._under]
             for name in strangers[: max(0, len(strangers) - EARLY)]:
-                del self._over[name]
+                del self.finished[name]
 
     def _end_all(self, ended: MotionEnd) -> None:
         """Which motion ended is not known: all of ours are over, and `keep` gives the lease back."""
@@ -222,11 +222,11 @@ class MotionSession:
         with self._lock:
             for name, motion in self._under.items():
                 if motion.orphaned < late:
-                    self._over.setdefault(name, MotionEnd(name, LOST, BROKEN))
-            names = [name for name in self._under if name in self._over]
+                    self.finished.setdefault(name, MotionEnd(name, LOST, BROKEN))
+            names = [name for name in self._under if name in self.finished]
             for name in names:
                 del self._under[name]
-            return [self._over.pop(name) for name in names]
+            return [self.finished.pop(name) for name in names]
 
     def _renew(self) -> None:
         if self._client is None:

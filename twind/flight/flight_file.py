@@ -21,8 +21,8 @@ MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
 HEAD_MOST = 1 << 20  # bytes of a head
 SECTIONS = {"briefing", "entries", *(f"kept {bus}" for bus in range(NO_BUS))}
 
-_MAGIC = b"twind flight 1\n\0"
-_HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
+MAGIC = b"twind flight 1\n\0"
+HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
 _LEVEL = 3  # of zlib: a tenth smaller at the next levels, for twice the time
 _FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: input with endless nesting
 
@@ -69,7 +69,7 @@ def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightCon
     head = msgspec.msgpack.encode(
         _FlightHeader(meta, [(name, len(data), raw) for name, data, raw in sections])
     )
-    pieces = [_MAGIC, _HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
+    pieces = [MAGIC, HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     fd = os.open(path, flags, 0o640)
     try:
@@ -95,9 +95,9 @@ def settle(folder: Path) -> None:
 def about(path: Path | str) -> dict[str, Any]:
     """Return the `meta` of a flight file alone, which takes no time. Raises as `load`."""
     with open(path, "rb") as file:
-        _require_magic(str(path), file.read(len(_MAGIC)))
-        start = file.read(_HEAD.size)
-        size = _HEAD.unpack(start)[0] if len(start) == _HEAD.size else 0
+        _require_magic(str(path), file.read(len(MAGIC)))
+        start = file.read(HEAD.size)
+        size = HEAD.unpack(start)[0] if len(start) == HEAD.size else 0
         return _open(str(path), start + file.read(min(size, HEAD_MOST)))[0].meta
 
 
@@ -105,7 +105,7 @@ def load(path: Path | str) -> FlightFile:
     """Read a flight file. Raises InvalidInput (cut, damaged, or another format), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
-        _require_magic(name, file.read(len(_MAGIC)))
+        _require_magic(name, file.read(len(MAGIC)))
         data = file.read()
     head, sections = _open(name, data)
     raw = _unpack(name, sections, head.sections)
@@ -119,20 +119,20 @@ def load(path: Path | str) -> FlightFile:
 
 
 def _require_magic(path: str, found: bytes) -> None:
-    if found != _MAGIC:
+    if found != MAGIC:
         raise unusable(path, "is no flight file of this version", "`twindctl dump` writes one")
 
 
 def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
     """Return the head, and the bytes after it."""
-    size, crc = _HEAD.unpack_from(data) if len(data) >= _HEAD.size else (1, 0)
-    head = data[_HEAD.size : _HEAD.size + size]
+    size, crc = HEAD.unpack_from(data) if len(data) >= HEAD.size else (1, 0)
+    head = data[HEAD.size : HEAD.size + size]
     if size > HEAD_MOST:
         raise broken(path, f"its head claims {size} bytes: at most {HEAD_MOST}")
     if len(head) != size or zlib.crc32(head) != crc:
         raise broken(path, "its head is cut or damaged")
     try:
-        return msgspec.msgpack.decode(head, type=_FlightHeader), data[_HEAD.size + size :]
+        return msgspec.msgpack.decode(head, type=_FlightHeader), data[HEAD.size + size :]
     except _FOREIGN as error:
         raise broken(path, f"its head has another format ({error})") from None
 

@@ -59,17 +59,17 @@ class PendingVerdict:
     """Trajectories that were sent to the loop and have no verdict yet."""
 
     def __init__(self) -> None:
-        self._waiting: dict[str, AcceptedTrajectory] = {}
+        self.waiting: dict[str, AcceptedTrajectory] = {}
 
     def wait(self, sent: AcceptedTrajectory) -> None:
         """Store a sent trajectory until its verdict comes. The oldest is dropped where too many wait."""
-        self._waiting[sent.id] = sent
-        if len(self._waiting) > WAITING:
-            del self._waiting[next(iter(self._waiting))]
+        self.waiting[sent.id] = sent
+        if len(self.waiting) > WAITING:
+            del self.waiting[next(iter(self.waiting))]
 
     def resolve(self, moment: VerdictReport) -> AcceptedTrajectory | None:
         """Return the trajectory that this verdict lets the loop follow, with its changes; None: none."""
-        sent = self._waiting.pop(moment.id, None)
+        sent = self.waiting.pop(moment.id, None)
         if sent is None or moment.verdict.get("refusals"):
             return None
         changes = [

@@ -58,7 +58,7 @@ class JointNames:
             "time": time,
             "value": value,
             "bound": bound,
-            "message": _sentence(code, name, point, time, value, bound, message),
+            "message": describe_finding(code, name, point, time, value, bound, message),
         }
 
     def findings(self, findings: Sequence[Finding | Mapping[str, Any]]) -> list[Plain]:
@@ -89,7 +89,7 @@ class JointNames:
         return {key: self.findings(verdict.get(key) or ()) for key in ("refusals", "warnings", "changes")}
 
 
-def _sentence(
+def describe_finding(
     code: str,
     joint: str | None,
     point: int | None,

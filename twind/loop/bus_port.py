@@ -127,7 +127,7 @@ class BusPort:
     _current: ScriptRun[Any] | None = None
     querying: bool = False  # the rare transaction expects a reply, which takes time
     _upkeep: bool = False  # upkeep precedes the scripts this time
-    _due: Query | None = None  # a slice of upkeep that is due and has not begun
+    due_upkeep: Query | None = None  # a slice of upkeep that is due and has not begun
     _waited: int = 0  # ticks that it has found no room ...
     _queued: int = 0  # ... and that the first script has found none
     _span: float = 0.0  # s of bus time of the rare transaction ...
@@ -231,7 +231,7 @@ class BusPort:
         self.beside = ""
         # Requests in flight belong to the lost connection; a reply after reopening belongs to another
         # request.
-        self._current = self.identification = self._due = None
+        self._current = self.identification = self.due_upkeep = None
         self._waited = self._queued = 0
         for task in self.tasks:
             task.cancel(error)
@@ -283,18 +283,18 @@ class BusPort:
         alone = task is not None and (
             task.urgent or (self.link is PortState.IDENTIFYING and not self.holding)
         )
-        if upkeep and not alone and self._due is None:
+        if upkeep and not alone and self.due_upkeep is None:
             # upkeep alternates with scripts, so that the registers that report lost torque are always read
             self._upkeep = task is None or not self._upkeep
             if self._upkeep:
-                self._due = reader.upkeep(now)
-        due = None if alone else self._due
+                self.due_upkeep = reader.upkeep(now)
+        due = None if alone else self.due_upkeep
         if (
             due is not None
             and (self._upkeep or task is None)
             and self._fits(due, now, until, last, self._waited)
         ):
-            self._due = None
+            self.due_upkeep = None
             self._waited = 0
             self._current = None
             return self._send_query(due, now)

@@ -45,7 +45,7 @@ class CollisionLookahead:
         ticks = ceil(min(max(brakes, LEAST), MOST) / period - 1e-9)
         self._stride = ceil(ticks / POSES)
         self._ticks = np.arange(ticks, 0, -self._stride)[::-1]  # from now; the last is the farthest
-        self._times: Floats = self._ticks.astype(np.float64) * period
+        self.times: Floats = self._ticks.astype(np.float64) * period
         self._watch_distance = bodies.block + bodies.band
         self._tick = self._due = 0
         self._way: tuple[object, ...] | None = None
@@ -70,7 +70,7 @@ class CollisionLookahead:
         if new:
             self._near.clear()
         if new or self._tick >= self._due:
-            times = self._times if new else self._times[-1:]
+            times = self.times if new else self.times[-1:]
             poses = plan.course(self._limits, times)
             if not np.isfinite(poses).all():
                 self._way = None
@@ -94,7 +94,7 @@ class CollisionLookahead:
         plan = executor.plan
         if plan is None:
             return ()
-        poses = plan.halting(joints, position, velocity, self._limits, self._period, self._times)
+        poses = plan.halting(joints, position, velocity, self._limits, self._period, self.times)
         rows = (
             self._measured(poses)
             if np.isfinite(poses).all()

@@ -114,13 +114,13 @@ class ImuPoller:
         port.counts.busy += reply.waited
         port.counts.discarded += reply.strays
         found = self._sensor.take(reply, now)
-        imu = None if found is None else self._reading(found, now)
+        imu = None if found is None else self.make_reading(found, now)
         self.missed += imu is None
         if self._sensor.parked:
             self._faults.add(SILENT)
         self.imu = imu or self.imu
 
-    def _reading(self, raw: list[Floats], now: float) -> Imu | None:
+    def make_reading(self, raw: list[Floats], now: float) -> Imu | None:
         """Return the registers in SI; None for values that a robot cannot have."""
         if not all(np.isfinite(each).all() for each in raw) or _blank(raw, self._zeros[1]):
             return None

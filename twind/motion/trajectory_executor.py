@@ -40,7 +40,7 @@ class TrajectoryExecutor:
         self._pace = 1.0
         self._reference: Reference | None = None
         self._floor: StopRamp | LimitedFollower | None = None  # motion of the joints that no layer decides
-        self._layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
+        self.layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
         self._running: MotionLayer | None = None  # the newest, while its goal has not ended
         self._pending: list[MotionGoal] = []  # by start
         self._stream: LimitedFollower | None = None
@@ -60,7 +60,7 @@ class TrajectoryExecutor:
             return Motion.IDLE
         if self._stream is not None:
             return Motion.STREAMING
-        return Motion.ACTIVE if self._layers or self._pending else Motion.HOLDING
+        return Motion.ACTIVE if self.layers or self._pending else Motion.HOLDING
 
     @property
     def reference(self) -> Reference | None:
@@ -82,7 +82,7 @@ class TrajectoryExecutor:
     @property
     def slowed(self) -> bool:
         """True while motions are, or still are, slower than accepted."""
-        return self._pace < 1.0 or not all(layer.pace.even for layer in self._layers)
+        return self._pace < 1.0 or not all(layer.pace.even for layer in self.layers)
 
     @property
     def waiting(self) -> int:
@@ -127,7 +127,7 @@ class TrajectoryExecutor:
         until = self._start(start_in)
         if until <= self._tick:
             return self._reference
-        layers = self._layers
+        layers = self.layers
         for goal in self._pending:
             if goal.start < until:
                 new = begun(goal, self._predict(layers, goal.start), self.limits, self._period)
@@ -140,7 +140,7 @@ class TrajectoryExecutor:
         if self._reference is None or self._floor is None:
             return None
         now = self._reference
-        layers = tuple(self._layers)
+        layers = tuple(self.layers)
         stream = self._stream
         changing = self.slowed or stream is not None
         return LookaheadPlan(
@@ -228,7 +228,7 @@ class TrajectoryExecutor:
                     np.where(self._streamed, old.drift, 0.0),
                 )
             self._streamed = new if old is None else new | self._streamed
-            self._layers = without(self._layers, self._streamed)
+            self.layers = without(self.layers, self._streamed)
         assert self._stream is not None  # made above when there was none
         target = self._stream.target.copy()
         drifts = self._stream.drift.copy()
@@ -241,7 +241,7 @@ class TrajectoryExecutor:
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
         """Brake with the gate's acceleration limit, then hold. Goals under way end as `phase`."""
-        moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, LimitedFollower)
+        moving = bool(self.layers) or self._stream is not None or isinstance(self._floor, LimitedFollower)
         self._end_all(phase, findings)
         if moving and self._reference is not None:
             self._floor = StopRamp(self._reference, self.limits, self._period)
@@ -255,7 +255,7 @@ class TrajectoryExecutor:
             return
         named = np.zeros(len(place), np.bool_)
         named[list(joints)] = True
-        busy = self._layers or self._pending or self._stream is not None
+        busy = self.layers or self._pending or self._stream is not None
         under_way = self._floor if isinstance(self._floor, CompliantFollower) and not busy else None
         if under_way is not None:
             under_way.aim_at(named & ~under_way.joints, place)
@@ -338,14 +338,14 @@ class TrajectoryExecutor:
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
             self._stream, self._floor = None, StopRamp(reference, self.limits, self._period)
         layer = begun(goal, reference, self.limits, self._period)
-        self._layers = [*without(self._layers, layer.joints), layer]
+        self.layers = [*without(self.layers, layer.joints), layer]
         if self._running is not None:
             self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
         self._running = layer
 
     def _keep_pace(self) -> None:
         """Advance the time of each motion by its share of a tick; after the end at the pace of the clock."""
-        for layer in self._layers:
+        for layer in self.layers:
             if self._pace == 1.0 and layer.pace.even:
                 continue
             at = layer.elapsed(self._tick)
@@ -356,11 +356,11 @@ class TrajectoryExecutor:
                 layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
 
     def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
-        if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
-            return self._layers[0].reference_at(self._tick)
+        if self._stream is None and len(self.layers) == 1 and self.layers[0].whole:
+            return self.layers[0].reference_at(self._tick)
         reference = floor.step()
-        if self._layers:
-            reference = laid_over(reference, self._layers, self._tick)
+        if self.layers:
+            reference = laid_over(reference, self.layers, self._tick)
         if self._stream is not None:
             reference = choose(self._streamed, self._stream.step(self._pace), reference)
         return reference
@@ -372,11 +372,11 @@ class TrajectoryExecutor:
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
         if (
-            self._layers
+            self.layers
             and self._running is None
-            and all(layer.is_finished(self._tick) for layer in self._layers)
+            and all(layer.is_finished(self._tick) for layer in self.layers)
         ):
-            self._layers = []
+            self.layers = []
             self._floor = StopRamp(reference, self.limits, self._period)
         if isinstance(self._floor, LimitedFollower) and self._floor.resting:
             self._rest(still(reference.position))
@@ -419,7 +419,7 @@ class TrajectoryExecutor:
 
     def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
         self._end_goals(phase, findings)
-        self._layers = []
+        self.layers = []
         self._stream = None
 
     def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:

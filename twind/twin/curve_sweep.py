@@ -124,7 +124,7 @@ class CurveSweep:
 
     def __init__(self, bodies: CollisionModel) -> None:
         self._bodies = bodies
-        self._work = 0
+        self.work = 0
         self._bound = bodies.block.copy()
         self._leaving = np.zeros(len(bodies.pairs), np.bool_)  # too close at the start, and not yet clear
         self._bad: dict[int, CloseGeoms] = {}
@@ -142,12 +142,12 @@ class CurveSweep:
         row = self._measured(pieces.curve[0, 0])
         self._begin(row)
         for first in range(0, len(pieces.start), CHUNK):
-            if self._work > MOST:
+            if self.work > MOST:
                 return self._result(unfinished=True)
             chunk = pieces.take(slice(first, first + CHUNK))
             row = yield from self._chunk(chunk, row)
             yield
-        return self._result(unfinished=self._work > MOST)
+        return self._result(unfinished=self.work > MOST)
 
     def standing(self, position: Sequence[float]) -> SweepResult:
         """Judge one pose (n,): a pair closer than `block` is refused, even if it could be left from there."""
@@ -199,7 +199,7 @@ class CurveSweep:
         near = ~(row[bodies.boxes] + last - together[:, bodies.boxes].sum(axis=0) > 2.0 * bodies.reach)
         rows = np.vstack([row, bodies.distances(poses, bodies.boxes[near], FAR)])
         rows[-1, bodies.boxes] = last
-        self._work += len(poses)
+        self.work += len(poses)
         self._note(rows[1:], pieces.end[ends])
         bound = self._bounds(rows)
         unproved = ~(rows[:-1] + rows[1:] - together > 2.0 * bound)
@@ -228,7 +228,7 @@ class CurveSweep:
                     bodies.place(pieces.curve[-1, piece])
                     last = np.array([bodies.between(int(pair), FAR) for pair in pairs])
                     self._note_rows(pairs, last, np.full(len(pairs), pieces.end[piece]))
-                    self._work += len(pairs)
+                    self.work += len(pairs)
                 found += zip([piece] * len(pairs), pairs, first, last, bound[group, pairs], strict=True)
                 first = last
         columns = list(zip(*found, strict=True))
@@ -248,7 +248,7 @@ class CurveSweep:
                 self._found(pieces, rows, int(place))
             early = np.array([self._bad_since(pair) for pair in rows.pair.tolist()])
             rows = rows.take(rows_open & ~bad & (pieces.start[rows.piece] < early))
-            if not len(rows.pair) or self._work > MOST:
+            if not len(rows.pair) or self.work > MOST:
                 return
             used, piece = np.unique(rows.piece, return_inverse=True)
             pieces = pieces.take(used).split()
@@ -260,7 +260,7 @@ class CurveSweep:
                     at = int(piece[place])
                     bodies.place(pieces.curve[-1, 2 * at])
                 middle[place] = bodies.between(int(rows.pair[place]), FAR)
-            self._work += len(middle)
+            self.work += len(middle)
             self._note_rows(rows.pair, middle, pieces.end[2 * piece])
             rows = _UnprovedPieces(
                 np.concatenate([2 * piece, 2 * piece + 1]),
@@ -362,4 +362,4 @@ class CurveSweep:
         ]
         refused.sort(key=lambda close: close.time)
         warned.sort(key=lambda close: close.clearance)
-        return SweepResult(tuple(refused), tuple(warned), self._work, unfinished)
+        return SweepResult(tuple(refused), tuple(warned), self.work, unfinished)

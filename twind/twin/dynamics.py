@@ -60,10 +60,10 @@ class Dynamics:
         velocity = velocity / slower
         acceleration = acceleration / slower**2
         still = np.zeros(position.shape[1])
-        standing = self._sample(position[0], still, still)[0] if count else still
+        standing = self.sample(position[0], still, still)[0] if count else still
         for i in range(0, count, step):
             for k in range(i, min(i + step, count)):
-                torque[k], margin[k] = self._sample(position[k], velocity[k], acceleration[k])
+                torque[k], margin[k] = self.sample(position[k], velocity[k], acceleration[k])
             yield
         found = self._excess(time, torque, standing)
         refusals = [each.finding for each in found if self._strict and each.worse] + self._unknown()
@@ -78,7 +78,7 @@ class Dynamics:
         steep = np.sqrt(np.abs(acceleration) / self._limits.acceleration)
         return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
 
-    def _sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
+    def sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
         """Return the torque (n,), N·m, NaN unknown, and the margin of balance (m)."""
         data = self._data
         data.qpos[self._place] = position

@@ -142,7 +142,7 @@ class BusPhysics:
     """The motors of one bus: the interface of `MujocoPhysics` for m of its n motors."""
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole = whole
+        self.whole = whole
         self._loops = loops
         self._at = at
         self.stall = whole.stall[at]
@@ -157,7 +157,7 @@ class BusPhysics:
 
     def set_goals(self, goal: Floats) -> None:
         """See `MujocoPhysics.set_goals`."""
-        self._whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
+        self.whole.data.ctrl[self._at] = self._loops.set_goals(self._at, goal)
 
     def block(self, held: Bools) -> None:
         """See `MujocoPhysics.block`."""
@@ -169,13 +169,13 @@ class BusPhysics:
 
     def set_base_pose(self, base: str) -> None:
         """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
-        self._whole.set_base_pose(base)
+        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """Advance the whole body to `now` (s); the other buses get its state with their own call."""
-        self._whole.advance(now)
+        self.whole.advance(now)
         for name in ("position", "velocity", "current", "pwm"):
-            getattr(self, name)[:] = getattr(self._whole, name)[self._at]
+            getattr(self, name)[:] = getattr(self.whole, name)[self._at]
 
 
 class CanBusPhysics:
@@ -185,7 +185,7 @@ class CanBusPhysics:
     """
 
     def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
-        self._whole = whole
+        self.whole = whole
         self._loops = loops
         self._at = at
         self.position, self.velocity, self.torque = loops.read_shafts(whole.data, at)
@@ -206,7 +206,7 @@ class CanBusPhysics:
         if not np.array_equal(gains, self._gains):
             self._gains = gains
             self._loops.impede(self._at, on, kp, kd, limit)
-        self._whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
+        self.whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
 
     def block(self, held: Bools) -> None:
         """Block the joints `held` (m,)."""
@@ -219,16 +219,16 @@ class CanBusPhysics:
 
     def set_base_pose(self, base: str) -> None:
         """See `MujocoPhysics.set_base_pose`; it applies to the whole body."""
-        self._whole.set_base_pose(base)
+        self.whole.set_base_pose(base)
 
     def advance(self, now: float) -> None:
         """Advance the whole body to `now` (s). Raises OperationFailed.
 
         The other buses get its state with their own call.
         """
-        self._whole.advance(now)
+        self.whole.advance(now)
         self.position[:], self.velocity[:], self.torque[:] = self._loops.read_shafts(
-            self._whole.data, self._at
+            self.whole.data, self._at
         )
 
 

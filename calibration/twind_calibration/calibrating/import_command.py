@@ -63,7 +63,7 @@ def _take(options: argparse.Namespace, client: Client) -> int:
     draft = drafts.load(place.path, place.robot)
     found = records(client, place.robot, chosen, of_file(calibration) | draft.devices)
     sources = {name: of_motor(motor, options.make) for name, motor in (motors or {}).items()}
-    folded = [_fold(slot, found, sources, draft, zeros, wide=options.wide) for slot in chosen]
+    folded = [fold(slot, found, sources, draft, zeros, wide=options.wide) for slot in chosen]
     return _write(options, place, calibration, draft, folded)
 
 
@@ -92,7 +92,7 @@ def _zeros(
     return {name: said.get(name, said.get("")) for name in names if name in said or "" in said}
 
 
-def _fold(
+def fold(
     slot: CalibrationActuator,
     found: Mapping[str, DeviceRecord],
     sources: Mapping[str, ForeignCalibration],
@@ -101,6 +101,7 @@ def _fold(
     *,
     wide: bool,
 ) -> ImportResult:
+    """Calibration entry of one actuator from foreign values and the sweep of the draft."""
     device = found.get(slot.name)
     swept = draft.swept.get(slot.name)
     if device is None:

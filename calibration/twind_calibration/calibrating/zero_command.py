@@ -111,7 +111,7 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     draft = drafts.load(place.path, place.robot)
     swept = travels_of(draft, calibration)
     chosen = _select_actuators(options, place, every, draft, swept)
-    angles = None if options.from_sweep else _angles(options, place, chosen)
+    angles = None if options.from_sweep else parse_angles(options, place, chosen)
     require_limp(client, clock)
     if angles is not None:
         _ask(options, angles, len(chosen))  # a lease does not last as long as a person may take
@@ -162,7 +162,7 @@ def _select_actuators(
     return [slot for slot in every if slot.name in names and slot.name in pending]
 
 
-def _angles(
+def parse_angles(
     options: argparse.Namespace, place: CalibrationContext, chosen: Sequence[CalibrationActuator]
 ) -> dict[str, float]:
     """Return the angle (rad) of each actuator to be read.
@@ -280,7 +280,7 @@ def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
     )
 
 
-def _coarse(placed: Sequence[ZeroResult]) -> str:
+def describe_coarse_zeros(placed: Sequence[ZeroResult]) -> str:
     """Describe the accuracy of zeros that are set by the ends of the travel."""
     good = [each for each in placed if each.entry is not None]
     known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
@@ -303,7 +303,7 @@ def _write(
         print(json.dumps(each.to_json()) if options.json else each.line(width), flush=True)
     entries = [each.entry for each in placed if each.entry is not None]
     if options.from_sweep and entries and not options.json:
-        print(_coarse(placed))
+        print(describe_coarse_zeros(placed))
         print(
             command_hint(options).prose(
                 "a wrong sign fits its ends too: `twindctl calibrate prove` afterwards"

@@ -149,7 +149,7 @@ class DamiaoCodec:
         return places, rows
 
     def _take(self, ranges: FieldRanges) -> None:
-        self._scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
+        self.scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
         self.ranges = ranges
 
     def make_position_request(self) -> Frames:
@@ -159,8 +159,8 @@ class DamiaoCodec:
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
         """One MIT frame each. Raises WireClamp naming id, field, value and range."""
         made = self._blank.copy()
-        fields = self._scale.fields(position, velocity, kp, kd, torque)
-        made["data"] = commands(self._scale, fields)
+        fields = self.scale.fields(position, velocity, kp, kd, torque)
+        made["data"] = commands(self.scale, fields)
         return made
 
     def gains(self, kp: Floats, kd: Floats) -> Frames:
@@ -198,7 +198,7 @@ class DamiaoCodec:
         if not told.all():
             rows = rows[told]
             data = data[told]
-        position, velocity, effort = self._scale.values(unpack(data), rows)
+        position, velocity, effort = self.scale.values(unpack(data), rows)
         enabled = _ENABLED.take(data[:, 0])
         fault = _FAULT.take(data[:, 0])
         heat = np.maximum(data[:, 6], data[:, 7]).astype(np.float64)
@@ -246,4 +246,4 @@ class DamiaoCodec:
         """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
         rows = row_of(self._hears, frames["id"])
         motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~is_special_frame(frames)
-        return self._scale.decode_commanded_position(frames, rows, motion)
+        return self.scale.decode_commanded_position(frames, rows, motion)

@@ -106,6 +106,7 @@ class ControlTable:
         return snake(name) in self.fields
 
 
+@cache
 def snake(name: str) -> str:
     """Names in one spelling: "Secondary(Shadow) ID" -> "secondary_shadow_id"."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
@@ -142,7 +143,7 @@ def table(number: int, firmware: int = 0) -> ControlTable:
     if stem is None:
         raise KeyError(f"model number {number} is not in the vendor's tables")
     newer = f"{stem}_fw52"
-    if firmware >= 52 and (_folder() / f"{newer}.model").exists():
+    if firmware >= 52 and (model_folder() / f"{newer}.model").exists():
         stem = newer
     rows = _rows(stem)
     if stem.startswith(("x", "2x")) and stem != "xl320":
@@ -160,20 +161,21 @@ def table(number: int, firmware: int = 0) -> ControlTable:
 
 
 @cache
-def _folder() -> Path:
+def model_folder() -> Path:
+    """Folder of the control tables of dynamixel-sdk."""
     return Path(str(metadata.distribution("dynamixel-sdk").locate_file("dynamixel_easy_sdk/control_table")))
 
 
 @cache
 def _index() -> Mapping[int, str]:
-    lines = (_folder() / "dynamixel.model").read_text("utf-8").splitlines()[1:]
+    lines = (model_folder() / "dynamixel.model").read_text("utf-8").splitlines()[1:]
     pairs = (line.split() for line in lines if line.strip())
     return MappingProxyType({int(number): file.removesuffix(".model") for number, file in pairs})
 
 
 def _rows(stem: str) -> list[tuple[str, int, int]]:
     """(name, address, size) of a file's section [control table]."""
-    text = (_folder() / f"{stem}.model").read_text("utf-8")
+    text = (model_folder() / f"{stem}.model").read_text("utf-8")
     section = text.partition("[control table]")[2].strip().splitlines()[1:]
     rows = (line.split("\t") for line in section if line.strip())
     return [(name.strip(), int(address), int(size)) for address, size, name in rows]

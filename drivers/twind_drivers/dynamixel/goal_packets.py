@@ -24,10 +24,10 @@ class GoalPacket:
         self._ids = bytes(ids)
         self._shape = (len(ids),)
         self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
-        self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
-        self._head = bytes(self._packet[:FIRST])
-        self._all = memoryview(self._packet)[:-2]
-        self._goals = np.frombuffer(self._packet, self._row, len(ids), FIRST)["goal"]
+        self.packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
+        self._head = bytes(self.packet[:FIRST])
+        self._all = memoryview(self.packet)[:-2]
+        self._goals = np.frombuffer(self.packet, self._row, len(ids), FIRST)["goal"]
         self._span = (self.upper - self.lower).view(np.uint64)
 
     def encode(self, ticks: Ints) -> bytes:
@@ -35,9 +35,9 @@ class GoalPacket:
         if ticks.shape != self._shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
         self._goals[:] = ticks
-        if self._packet.find(PATTERN, BODY, -2) < 0:
-            self._packet[-2:] = crc16(self._all).to_bytes(2, "little")
-            packet = plain = bytes(self._packet)
+        if self.packet.find(PATTERN, BODY, -2) < 0:
+            self.packet[-2:] = crc16(self._all).to_bytes(2, "little")
+            packet = plain = bytes(self.packet)
             words = self._goals  # what `packet` is a copy of
         else:
             packet = self._stuffed()
@@ -47,7 +47,7 @@ class GoalPacket:
         return packet
 
     def _stuffed(self) -> bytes:
-        body = stuff(self._packet[BODY:-2])
+        body = stuff(self.packet[BODY:-2])
         packet = self._head[:5] + (len(body) + 2).to_bytes(2, "little") + body
         return packet + crc16(packet).to_bytes(2, "little")
 

@@ -219,30 +219,30 @@ class Framer:
         self.discarded = 0  # bytes dropped so far because they belonged to no packet of this direction
         self._status = status
         self._broken = broken
-        self._buffer = bytearray()
+        self.buffer = bytearray()
 
     def __len__(self) -> int:
         """Bytes held because they may begin a packet."""
-        return len(self._buffer)
+        return len(self.buffer)
 
     def clear(self) -> None:
         """Forget what is held; it counts as discarded."""
-        self.discarded += len(self._buffer)
-        self._buffer.clear()
+        self.discarded += len(self.buffer)
+        self.buffer.clear()
 
     def feed(self, data: Bytes) -> list[Packet]:
         """Packets that `data` completes, in order."""
         found: list[Packet] = []
         view = memoryview(data)
         while len(view):
-            room = CAPACITY - len(self._buffer)
-            self._buffer += view[:room]
+            room = CAPACITY - len(self.buffer)
+            self.buffer += view[:room]
             view = view[room:]
             self._take(found)
         return found
 
     def _take(self, found: list[Packet]) -> None:
-        buffer = self._buffer
+        buffer = self.buffer
         start = taken = used = 0
         pending = -1  # the first header whose packet is not whole yet
         while (start := buffer.find(HEADER, start)) >= 0:
@@ -267,7 +267,7 @@ class Framer:
 
     def _size(self, start: int) -> int:
         """Whole length of the packet at `start`, as far as it can be known; 0: not a packet for us."""
-        buffer = self._buffer
+        buffer = self.buffer
         if start + 8 > len(buffer):
             return 8
         length = buffer[start + 5] | buffer[start + 6] << 8
@@ -282,12 +282,12 @@ class Framer:
 
     def _open(self, start: int, size: int) -> Packet | None:
         end = start + size
-        with memoryview(self._buffer) as view:
+        with memoryview(self.buffer) as view:
             intact = crc16(view[start : end - 2]) == view[end - 2] | view[end - 1] << 8
         if not intact and not self._broken:
             return None
-        body = unstuff(self._buffer[start + 7 : end - 2])
-        return Packet(self._buffer[start + 4], body[0], body[1:], intact)
+        body = unstuff(self.buffer[start + 7 : end - 2])
+        return Packet(self.buffer[start + 4], body[0], body[1:], intact)
 
 
 def _tail(buffer: bytearray) -> int:

@@ -107,11 +107,11 @@ class FirstOrderPhysics:
         self._lag = lag
         self._gain = gain
         self._fastest = speed
-        self._goal = self.position.copy()
+        self.goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
         self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
-        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
+        self.lower, self.upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
         off = np.zeros_like(self.position)
         self.drive(DriveState(off > 0, off + 3, off, off, off, off, off, off, off, off))
 
@@ -147,7 +147,7 @@ class FirstOrderPhysics:
 
     def set_goals(self, goal: Floats) -> None:
         """See `ServoPhysics.aim`."""
-        self._goal[:] = goal
+        self.goal[:] = goal
 
     def block(self, held: Bools) -> None:
         """See `ServoPhysics.block`."""
@@ -166,15 +166,15 @@ class FirstOrderPhysics:
 
     def set_endstops(self, lower: Floats, upper: Floats) -> None:
         """Set mechanical stops (ticks), hard: a shaft that pushes against one is jammed there."""
-        self._lower = np.array(lower, np.float64)
-        self._upper = np.array(upper, np.float64)
+        self.lower = np.array(lower, np.float64)
+        self.upper = np.array(upper, np.float64)
         self._look()
 
     def _look(self) -> None:
         """Update which motors do something else than seek a position, and whether any does."""
         self._strong = self._on & (self._speed > 1e-9)
         self._gripped = np.flatnonzero(np.isfinite(self._hand) & ~self._on & ~self._blocked)
-        fenced = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
+        fenced = bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
         self._odd = bool(self._turning.size or self._blocked.any() or self._gripped.size or fenced)
 
     def advance(self, now: float) -> None:
@@ -190,10 +190,10 @@ class FirstOrderPhysics:
 
     def _seek(self, dt: float) -> None:
         """Move the motors in modes 3, 4 and 5."""
-        error = self._goal - self.position
+        error = self.goal - self.position
         cruises = np.count_nonzero(np.abs(error * self._rate) > self._speed)
         left = self._cruise(error, dt) if cruises else error * np.exp(self._rate * -dt)
-        np.subtract(self._goal, left, out=self.position, where=self._pulled)
+        np.subtract(self.goal, left, out=self.position, where=self._pulled)
         np.multiply(left, self._per_tick, out=self.velocity)
         if cruises:
             top = self._speed / self._ticks
@@ -217,8 +217,8 @@ class FirstOrderPhysics:
         self._seek(dt)
         self._turn(speed, dt)
         self._carry(before, dt)
-        stuck = (self.position < self._lower) | (self.position > self._upper)
-        np.clip(self.position, self._lower, self._upper, out=self.position)
+        stuck = (self.position < self.lower) | (self.position > self.upper)
+        np.clip(self.position, self.lower, self.upper, out=self.position)
         self.position[self._blocked] = before[self._blocked]
         stuck |= self._blocked
         if stuck.any():
@@ -239,7 +239,7 @@ class FirstOrderPhysics:
         at = self._turning
         rate = self._quickness
         mode = self._mode[at]
-        goal = self._goal[at]
+        goal = self.goal[at]
         top = self._top[at]
         full = self._full[at]
         free = self._free[at]
@@ -260,7 +260,7 @@ class FirstOrderPhysics:
     def _jam(self, at: NDArray[np.intp]) -> None:
         """All output becomes current; a speed loop has long integrated up to its cap."""
         mode = self._mode[at]
-        goal = self._goal[at]
+        goal = self.goal[at]
         cap = self._cap[at]
         full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
         pull = self._p[at] * (goal - self.position[at])

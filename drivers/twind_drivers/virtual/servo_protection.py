@@ -70,7 +70,9 @@ class ServoProtection:
         self._hottest = np.full(len(tables), np.inf)
         self._highest = np.full(len(tables), np.inf)
         self._lowest = self._least = BROWN_OUT * self.nominal
-        self._fed = np.where(self.own, self.nominal, self.source)  # V at the connectors, but for the sag
+        self.connector_volts = np.where(
+            self.own, self.nominal, self.source
+        )  # V at the connectors, but for the sag
         self._lost = np.zeros(len(tables))  # V, in each one's own cable
         self._sense()
 
@@ -86,7 +88,7 @@ class ServoProtection:
             raise ValueError(f"supply: {volts} V is outside 0..60 V")
         self.source = float(volts)
         self.own[:] = False
-        self._fed = np.full(len(self.own), self.source)
+        self.connector_volts = np.full(len(self.own), self.source)
         self._sense()
 
     def drop(self, row: int, volts: float) -> None:
@@ -145,7 +147,7 @@ class ServoProtection:
     def _sense(self) -> None:
         """What the sensors inside show, (m,): °C, and V that sag by what all servos draw together."""
         self.celsius = self.surroundings + self._warm[0] + self._warm[1]
-        self.volts = self._fed - SAG * self._drawn - self._lost
+        self.volts = self.connector_volts - SAG * self._drawn - self._lost
 
     def _tire(self, amperes: Floats, span: float) -> None:
         effort = (amperes / self._bearable * BEARABLE) ** 2 - BEARABLE**2

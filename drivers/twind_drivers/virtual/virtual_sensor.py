@@ -43,8 +43,8 @@ class VirtualSensor:
         self.id = id
         self.return_delay = return_delay
         self.silenced = False
-        self._cells = tuple(cells)
-        self._tell = tell
+        self.cells = tuple(cells)
+        self.measure = tell
         self._random = np.random.default_rng(seed)
         # of the first two fields: gyro, acceleration
         self._noise = np.zeros(2)
@@ -73,17 +73,18 @@ class VirtualSensor:
             return status(self.id, 0, MODEL.to_bytes(2, "little") + bytes((FIRMWARE,)))
         if packet.instruction == Instruction.READ and len(packet.params) == 4:
             address, size = (int.from_bytes(packet.params[at : at + 2], "little") for at in (0, 2))
-            data = self._registers()[address : address + size]
+            data = self.registers()[address : address + size]
             return (
                 status(self.id, 0, data) if len(data) == size else status(self.id, StatusErrorCode.DATA_RANGE)
             )
         known = packet.instruction in (Instruction.READ, Instruction.WRITE, Instruction.REG_WRITE)
         return status(self.id, StatusErrorCode.ACCESS if known else StatusErrorCode.INSTRUCTION)
 
-    def _registers(self) -> bytes:
+    def registers(self) -> bytes:
+        """All registers as bytes, with the present measurement."""
         memory = bytearray(self._size)
         memory[:HEAD] = MODEL.to_bytes(2, "little") + bytes((0, 0, 0, 0, FIRMWARE, self.id))
-        for place, (cells, told) in enumerate(zip(self._cells, self._tell(), strict=True)):
+        for place, (cells, told) in enumerate(zip(self.cells, self.measure(), strict=True)):
             if place < len(self._noise):
                 told = told + self._bias[place] + self._random.normal(0.0, self._noise[place], len(told))
             memory[cells.field.address : cells.field.end] = _raw(cells, told)

@@ -67,15 +67,15 @@ class VirtualBus:
         """
         self.name = name
         self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
-        self._wire = HalfDuplexWire(baud, timing=wire_timing)
-        self._stream = FaultyByteStream(self._wire, adapter or SerialAdapter(), seed)
+        self.wire = HalfDuplexWire(baud, timing=wire_timing)
+        self._stream = FaultyByteStream(self.wire, adapter or SerialAdapter(), seed)
         self.sensor = sensor
-        self.faults = SerialBusFaults(name, self.servos, self._wire, self._stream, sensor)
+        self.faults = SerialBusFaults(name, self.servos, self.wire, self._stream, sensor)
         self._framer = Framer(status=False, broken=True)
-        self._groups: dict[bytes, Group] = {}
+        self.group_reads: dict[bytes, Group] = {}
         self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
         self._places: dict[int, list[int]] = {}  # id -> rows that listen
-        self._instructions = InstructionSet(self.servos, self._places)
+        self.instructions = InstructionSet(self.servos, self._places)
         self._epoch = -1
         self._goal_span = self.servos.registers.goal_span()
         self.line(baud)
@@ -123,7 +123,7 @@ class VirtualBus:
         while place < len(data) and self.is_plugged:
             size = self._complete_packet_size(data, place)
             chunk = data[place : place + size] if size else data[place:]
-            at = self._wire.schedule_request(len(chunk), now)
+            at = self.wire.schedule_request(len(chunk), now)
             if not (size and self._serve_known_packet(chunk, at)):
                 for packet in self._framer.feed(chunk):
                     self._packet(packet, at, chunk)
@@ -133,12 +133,12 @@ class VirtualBus:
 
     def next_output_time(self) -> float:
         """Return when the next answer is complete, s; `inf`: none is under way."""
-        return self._stream.next_output_time() if self._stream.bent else self._wire.next_output_time()
+        return self._stream.next_output_time() if self._stream.bent else self.wire.next_output_time()
 
     def take(self, now: float) -> bytes:
         """Return the bytes of the servos that have arrived by `now`."""
         if not self._stream.bent:
-            return self._wire.take(now)
+            return self.wire.take(now)
         if self._stream.held:
             self.receive(b"", now)
         return self._stream.take(now)
@@ -152,7 +152,7 @@ class VirtualBus:
         if baud <= 0:
             raise ValueError(f"bus {self.name}: {baud} baud is not a rate")
         if baud != self.servos.baud:
-            self._wire.baud = self.servos.baud = baud
+            self.wire.baud = self.servos.baud = baud
             self.servos.invalidate_cache()
 
     # --------------------------------------------------------------------------------- the short way
@@ -169,7 +169,7 @@ class VirtualBus:
         servos = self.servos
         servos.run_timers(at)
         self._recall()
-        group = self._groups.get(packet)
+        group = self.group_reads.get(packet)
         if group is not None and not self.faults.active:
             servos.feed(at)
             return self._answer_group(group, at)
@@ -190,14 +190,14 @@ class VirtualBus:
 
     def _recall(self) -> None:
         """Clear values computed before the servos changed."""
-        full = max(len(self._groups), len(self._goal_rows)) > REMEMBERED
+        full = max(len(self.group_reads), len(self._goal_rows)) > REMEMBERED
         if self.servos.epoch == self._epoch and not full:
             return
         self._epoch = self.servos.epoch
-        self._groups.clear()
+        self.group_reads.clear()
         self._goal_rows.clear()
         registers = self.servos.registers
-        shadows = self._instructions.shadows
+        shadows = self.instructions.shadows
         hears = self.servos.listening & registers.hearing()
         self._places.clear()
         shadows.clear()
@@ -213,7 +213,7 @@ class VirtualBus:
         if ids not in self._goal_rows:
             found = [(place, self._places[id]) for place, id in enumerate(ids) if id in self._places]
             single = len(set(ids)) == len(ids) and all(len(rows) == 1 for _, rows in found)
-            single = single and self._instructions.shadows.keys().isdisjoint(ids)
+            single = single and self.instructions.shadows.keys().isdisjoint(ids)
             here = slice(None) if len(found) == len(ids) else np.array([place for place, _ in found], np.intp)
             rows = self.servos.registers.selection([rows[0] for _, rows in found])
             self._goal_rows[ids] = (rows, here) if single else None
@@ -226,7 +226,7 @@ class VirtualBus:
         data = group.data()
         if data is None:
             return False
-        self._wire.schedule_replies(group.ends, group.cuts, data)
+        self.wire.schedule_replies(group.ends, group.cuts, data)
         return True
 
     def _remember(self, packet: Packet, answers: InstructionReplies, chunk: bytes) -> None:
@@ -241,9 +241,9 @@ class VirtualBus:
         span = (int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little"))
         if answers.promised:
             asked = len(params) - 4
-            self._groups[chunk] = FastSyncReadGroup(self.servos, self._wire, rows, ids, span, asked)
+            self.group_reads[chunk] = FastSyncReadGroup(self.servos, self.wire, rows, ids, span, asked)
         elif len(ids) == len(params) - 4:
-            self._groups[chunk] = SyncReadGroup(self.servos, self._wire, rows, ids, span)
+            self.group_reads[chunk] = SyncReadGroup(self.servos, self.wire, rows, ids, span)
 
     # --------------------------------------------------------------------------------- the long way
 
@@ -253,7 +253,7 @@ class VirtualBus:
         self._recall()
         if packet.intact:
             servos.feed(at)
-        answers = self._instructions.execute_packet(packet, at)
+        answers = self.instructions.execute_packet(packet, at)
         self._answer(answers)
         if self.sensor is not None and packet.intact:
             self._let_tell(self.sensor, packet)
@@ -267,8 +267,8 @@ class VirtualBus:
         if piece and self.faults.active:
             self.faults.speak([sensor.id], [sensor.return_delay], [piece], joint=False)
         elif piece:
-            self._wire.schedule_replies(
-                self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece
+            self.wire.schedule_replies(
+                self.wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece
             )
 
     def _talk(self, answers: InstructionReplies) -> list[ServoStatus]:
@@ -290,8 +290,8 @@ class VirtualBus:
             self.faults.speak(ids, delays, pieces, joint=bool(answers.promised))
         else:
             sizes = list(map(len, pieces))
-            self._wire.schedule_replies(
-                self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces)
+            self.wire.schedule_replies(
+                self.wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces)
             )
 
     def _error(self, answer: ServoStatus) -> int:
@@ -306,7 +306,7 @@ class VirtualBus:
         if len(packets) == 1:
             return packets[0]
         delays = self.servos.registers.delays([each.row for each in answers])
-        return clash(list(zip(delays, packets, strict=True)), self._wire.baud)
+        return clash(list(zip(delays, packets, strict=True)), self.wire.baud)
 
     def _chain(self, crowds: Sequence[Sequence[ServoStatus]], promised: int) -> list[bytes]:
         """Return the bytes of each link of a joint (fast) answer; links with one id send at the same time.
@@ -318,7 +318,7 @@ class VirtualBus:
         for crowd in crowds:
             blocks = [self._block(heard, promised, each) for each in crowd]
             pieces.append(
-                blocks[0] if len(blocks) == 1 else clash([(0.0, b) for b in blocks], self._wire.baud)
+                blocks[0] if len(blocks) == 1 else clash([(0.0, b) for b in blocks], self.wire.baud)
             )
             heard += pieces[-1]
         return pieces
@@ -334,11 +334,11 @@ class VirtualBus:
     def _babel(self) -> None:
         """Send "unknown instruction" from servos at another rate; the host receives it at its own."""
         servos = self.servos
-        here = self._wire.baud
+        here = self.wire.baud
         for row, index in enumerate(servos["baud_rate"]):
             there = BAUDS[min(int(index), len(BAUDS) - 1)]
             if there != here and np.isinf(servos.power.boots_at[row]) and not servos.silenced[row]:
                 noise = misheard(
                     status(servos.registers.id_of(row), StatusErrorCode.INSTRUCTION), there, here
                 )
-                self._wire.schedule_replies(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)
+                self.wire.schedule_replies(self.wire.ends([0.0], [len(noise)]), [len(noise)], noise)

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import CONTRACT
 from tests.support.processes import Daemon, until
+from tests.support.raw_connection import CONTRACT
 from twind.client import Client, Refused
 from twind.telemetry.timing_monitor import COMMAND
 

@@ -9,8 +9,8 @@ from threading import Thread
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import Raw
 from tests.support.loop_stand_in import StandIn
+from tests.support.raw_connection import Raw
 from twind import link
 from twind.protocol import CONTROL
 

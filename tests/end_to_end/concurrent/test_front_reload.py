@@ -9,10 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.config.test_hot_changes import files
-from tests.end_to_end.concurrent.test_front_server import Raw, code
-from tests.front.test_reload_worker import briefed
 from tests.support.loop_stand_in import StandIn
+from tests.support.raw_connection import Raw, code
+from tests.support.reload_rig import briefed, files
 from twind import link
 from twind.briefing import Briefing
 from twind.front import reload_queue

@@ -1,7 +1,6 @@
 """The control socket, on real bytes of a real front process; the loop behind it is a stand-in."""
 
 import contextlib
-import json
 import os
 import socket
 import time
@@ -14,10 +13,11 @@ import pytest
 import varlink
 
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import CONTRACT, Raw, code
 from twind import link
-from twind.protocol import CONTROL, SERVICE, load
+from twind.protocol import CONTROL, SERVICE
 
-CONTRACT = load(CONTROL)
+# --------------------------------------------------------------------------- an independent client
 
 
 @pytest.fixture(scope="module")
@@ -36,58 +36,6 @@ def loop(shared: StandIn) -> Iterator[StandIn]:
     yield shared
     assert shared.front.poll() is None
     assert "CALL_BROKE" not in shared.log.read_text()
-
-
-class Raw:
-    """A connection that sends what it is told, byte for byte."""
-
-    def __init__(self, loop: StandIn, name: str = "control", end: bytes = b"\0") -> None:
-        self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.connect(str(loop.directory / f"{name}.sock"))
-        self.socket.settimeout(5.0)
-        self.end = end
-        self._buffer = b""
-
-    def __enter__(self) -> "Raw":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.socket.close()
-
-    def send(self, method: str, **keys: Any) -> None:
-        interface = SERVICE if method in ("GetInfo", "GetInterfaceDescription") else CONTROL
-        self.bytes(json.dumps({"method": f"{interface}.{method}", **keys}).encode() + self.end)
-
-    def bytes(self, data: bytes) -> None:
-        self.socket.sendall(data)
-
-    def receive(self) -> Any:
-        while self.end not in self._buffer:
-            data = self.socket.recv(1 << 18)
-            if not data:
-                raise EOFError
-            self._buffer += data
-        message, _, self._buffer = self._buffer.partition(self.end)
-        return json.loads(message)
-
-    def call(self, method: str, **parameters: Any) -> Any:
-        self.send(method, parameters=parameters)
-        return self.receive()
-
-    def ended(self) -> bool:
-        """The front hung up; what it said before is thrown away."""
-        with contextlib.suppress(ConnectionResetError):
-            while self.socket.recv(1 << 18):
-                pass
-        return True
-
-
-def code(answer: dict[str, Any]) -> str:
-    assert answer["error"] == f"{CONTROL}.Refused"
-    return str(answer["parameters"]["findings"][0]["code"])
-
-
-# --------------------------------------------------------------------------- an independent client
 
 
 def test_varlink_introspects_calls_and_streams(loop: StandIn) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import CONTRACT, Raw
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import CONTRACT, Raw
 from twind import link
 from twind.protocol import CONTROL, SERVICE
 
@@ -31,7 +31,7 @@ def watching(loop: StandIn, *topics: str) -> Raw:
     return watcher
 
 
-def told(watcher: Raw) -> dict[str, Any]:
+def next_report(watcher: Raw) -> dict[str, Any]:
     """The next message; it has what the interface says."""
     message: dict[str, Any] = watcher.receive()["parameters"]
     CONTRACT.methods["Monitor"].results.check(message, "")
@@ -63,7 +63,7 @@ def test_what_the_front_refuses_by_itself_is_a_verdict(loop: StandIn, data: byte
     with watching(loop, "verdicts") as watcher, Raw(loop) as client:
         client.bytes(data + b"\0")
         assert client.receive()["error"] == f"{CONTROL}.Refused"
-        message = told(watcher)
+        message = next_report(watcher)
     assert code in [finding["code"] for finding in message["verdict"]["refusals"]]
     assert (message["topic"], message["sequence"], message["id"]) == ("verdicts", 0, None)
 
@@ -73,7 +73,7 @@ def test_trajectories_that_come_too_fast_are_refused_by_a_verdict(loop: StandIn)
     with watching(loop, "verdicts") as watcher, Raw(loop) as client:
         for _ in range(21):
             client.call("Check", trajectory=path)
-        assert told(watcher)["verdict"]["refusals"][0]["code"] == "RATE_LIMIT"
+        assert next_report(watcher)["verdict"]["refusals"][0]["code"] == "RATE_LIMIT"
     time.sleep(1.05)  # for the next test
 
 
@@ -117,8 +117,8 @@ def test_a_trajectory_that_is_followed_is_told_as_it_is_followed(loop: StandIn) 
     judging(loop, [], [{"code": "RETIMED", "joint": None, "value": 1.5, "bound": 1.0, "message": ""}])
     with watching(loop, "verdicts", "trajectories") as watcher, Raw(loop) as client:
         name = client.call("SubmitTrajectory", trajectory=PATH)["parameters"]["id"]
-        verdict = told(watcher)
-        message = told(watcher)
+        verdict = next_report(watcher)
+        message = next_report(watcher)
     assert (verdict["topic"], verdict["id"], verdict["sequence"]) == ("verdicts", name, 9)
     assert (message["topic"], message["time"], message["sequence"]) == ("trajectories", 5.0, 9)
     accepted = message["accepted"]
@@ -138,7 +138,7 @@ def test_one_that_is_refused_is_no_trajectory(loop: StandIn) -> None:
     judging(loop, [{"code": "POS_LIMIT", "joint": 0, "message": ""}], [])
     with watching(loop, "verdicts", "trajectories") as watcher, Raw(loop) as client:
         client.call("SubmitTrajectory", trajectory=PATH)
-        assert told(watcher)["verdict"]["refusals"]
+        assert next_report(watcher)["verdict"]["refusals"]
         watcher.socket.settimeout(0.2)
         with pytest.raises(TimeoutError):
             watcher.receive()
@@ -149,7 +149,7 @@ def test_one_that_is_refused_is_no_trajectory(loop: StandIn) -> None:
 
 def test_histograms_come_with_the_first_message_and_once_a_second(loop: StandIn) -> None:
     with watching(loop, "latency") as watcher:
-        hops = [told(watcher)["latency"][0] for _ in range(22)]
+        hops = [next_report(watcher)["latency"][0] for _ in range(22)]
     whole = [place for place, hop in enumerate(hops) if hop["histogram"] is not None]
     assert whole[0] == 0
     assert len(whole) in (2, 3)
@@ -162,7 +162,7 @@ def test_histograms_come_with_the_first_message_and_once_a_second(loop: StandIn)
 def test_who_asks_seldom_gets_histograms_every_time(loop: StandIn) -> None:
     with Raw(loop, "observe") as watcher:
         watcher.send("Monitor", parameters={"topics": ["latency"], "rate": 0.9}, more=True)
-        assert all(told(watcher)["latency"][0]["histogram"] for _ in range(3))
+        assert all(next_report(watcher)["latency"][0]["histogram"] for _ in range(3))
 
 
 def test_lateness_is_in_every_status(loop: StandIn) -> None:
@@ -195,7 +195,7 @@ def test_a_mark_is_forwarded_as_it_was_said_and_the_event_shows_it(loop: StandIn
                 holder="x",
             )
         )
-        event = told(watcher)["event"]
+        event = next_report(watcher)["event"]
     assert event["annotation"] == {"kind": "end", "task": "pick", "success": True, "text": None}
 
 

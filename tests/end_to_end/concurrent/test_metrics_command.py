@@ -203,7 +203,7 @@ def door(patience: float = 5.0) -> Iterator[int]:
             loop.close()
 
 
-def said(port: int, data: bytes) -> bytes:
+def http_reply(port: int, data: bytes) -> bytes:
     """Everything that is answered to these bytes, until the other side hangs up."""
     with socket.create_connection(("127.0.0.1", port), 10.0) as client:
         answer = b""
@@ -252,13 +252,13 @@ def test_who_hangs_keeps_nobody_and_is_cut_off() -> None:
 )
 def test_rubbish_is_answered_with_what_is_wrong_and_harms_nobody(data: bytes, code: bytes) -> None:
     with door() as port:
-        assert said(port, data).split()[1] == code
+        assert http_reply(port, data).split()[1] == code
         assert get(port)[0] == 200
 
 
 def test_a_request_without_end_is_not_read_to_its_end() -> None:
     with door() as port:
-        answer = said(port, b"GET /metrics HTTP/1.1\r\nX: " + 100 * LONGEST * b"x")
+        answer = http_reply(port, b"GET /metrics HTTP/1.1\r\nX: " + 100 * LONGEST * b"x")
         assert answer == b"" or answer.split()[1] == b"431"  # hanging up may overtake the answer
         assert get(port)[0] == 200
 

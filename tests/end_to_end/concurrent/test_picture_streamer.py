@@ -12,7 +12,7 @@ pytest.importorskip("OpenGL", reason="make extras EXTRAS=learn")
 import numpy as np
 from PIL import Image
 
-from tests.end_to_end.concurrent.test_stream_command import begun, run, streamer
+from tests.support.stream_rig import begun, run, streamer
 from twind.client import Client
 from twind.exceptions import OperationFailed
 from twind.learn.streaming.picture_streamer import CameraScene

@@ -12,9 +12,9 @@ import pytest
 
 pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
-from tests.learn.test_policy_standing import CARD, bending
 from tests.support.policy_files import TWO, Run, looping, plain, written
 from tests.support.processes import Daemon, until
+from tests.support.standing_policy import CARD, bending
 from twind.client import Client
 from twind.learn.policy.onnx_session import MEMORY
 from twind.learn.policy.policy_file import NetworkLayer, save, save_model

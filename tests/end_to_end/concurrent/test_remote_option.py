@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 import twind.robots
-from tests.end_to_end.concurrent.test_stream_command import Process, ctl
 from tests.support.processes import Daemon, until
+from tests.support.stream_rig import Process, ctl
 from tests.support.zenoh_router import Router
 from twind.bridge.fleet.remote import remote
 from twind.client import Client, ClientError

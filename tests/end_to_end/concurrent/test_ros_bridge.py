@@ -211,10 +211,10 @@ def test_without_the_right_to_command_it_takes_nothing_that_does(loop: StandIn, 
         told = run.outcome(TRAJECTORY, b"\0\1\0\0")
         assert told["phase"] == "refused" and "not for the role observer" in told["message"]
         assert any("not for the role observer" in line for line in run.lines)
-        until(lambda: run.course._asked_of == 1, 10.0, "asked once more")
+        until(lambda: run.course.asked_of == 1, 10.0, "asked once more")
         (tmp_path / "control.sock").unlink()
         (tmp_path / "control.sock").symlink_to(loop.directory / "control.sock")
-        run.course._asked_of = -1  # as for a new daemon
+        run.course.asked_of = -1  # as for a new daemon
         until(lambda: run.graph.words(STATUS)["bridge"]["commands"], 10.0, "commands")
         assert "commands are taken from ROS" in run.lines
 
@@ -322,7 +322,7 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
                 each.connect(str(tmp_path / "observe.sock"))
         course = RosBridge(Paper(), str(tmp_path), tell=print, stop=threading.Event())
         begun = time.monotonic()
-        done, words = course._calls.e_stop("cut")
+        done, words = course.service_calls.e_stop("cut")
         assert done, words
         assert time.monotonic() - begun < 15.0  # and not the 35 s that an answer may take
 

@@ -13,8 +13,8 @@ from tests.support.processes import simulated, until
 from tests.support.zenoh_router import Router
 
 pytest.importorskip("zenoh", reason="the extra `zenoh` is not installed")
-from tests.end_to_end.concurrent.test_ros_command_dds import COMMAND, RESULTS, Graph
 from tests.support.ros_bytes_peer import Peer
+from tests.support.zenoh_bridge_graph import COMMAND, RESULTS, Graph
 
 
 def commands() -> dict[str, bytes]:

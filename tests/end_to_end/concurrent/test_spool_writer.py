@@ -5,9 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.learn.test_spool import WIDE, folder
-from tests.learn.test_stream_samples import ROBOT, some
 from tests.support.processes import until
+from tests.support.spool_rig import ROBOT, WIDE, folder, some
 from twind.client.clock_pair import clocks
 from twind.learn.streaming.sample_batcher import SampleBatcher
 from twind.learn.streaming.spool import Spool

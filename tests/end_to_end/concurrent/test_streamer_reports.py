@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.end_to_end.concurrent.test_front_server import CONTRACT, Raw
 from tests.support.loop_stand_in import StandIn
+from tests.support.raw_connection import CONTRACT, Raw
 from twind.ctl.status_table import stream_text
 from twind.front.streamer_reports import (
     COUNTS,

@@ -163,7 +163,7 @@ def test_nobody_but_the_robot_answers_or_tells_for_it(ground: Ground, robot: Upl
             assert answer.get("error", "").endswith("InvalidParameter"), (each, answer)
         assert far.ask("stop", "Cancel")["state"] == "disconnected"
         assert seen == [] and not any(b"LIE" in heard for heard in told)
-        living = far._session.liveliness().get("twind/nobody/alive", timeout=2.0)
+        living = far.session.liveliness().get("twind/nobody/alive", timeout=2.0)
         assert not any(reply.ok for reply in living)
         assert robot.process.poll() is None, "nor is its name taken from it"
 

@@ -217,7 +217,7 @@ def flood(here: Site, data: bytes, *key: str) -> Iterator[list[int]]:
     def ask() -> None:
         while not stop.is_set():
             for _ in range(40):
-                peer._session.get(peer.key(*key), answered, payload=data, timeout=PATIENCE)
+                peer.session.get(peer.key(*key), answered, payload=data, timeout=PATIENCE)
                 count[0] += 1
             stop.wait(0.02)
 
@@ -269,7 +269,7 @@ def test_no_flood_of_garbage_keeps_anybody_from_renewing_his_lease(here: Site, f
 
 def test_a_flood_of_questions_is_told_that_it_is_one(far: Far) -> None:
     answers: list[Any] = []
-    get = far._session.get
+    get = far.session.get
     key = far.key("ask", "GetStatus")
     for _ in range(400):
         get(key, lambda reply: answers.append(bool(reply.ok)), payload=b"{}", timeout=PATIENCE)
@@ -285,7 +285,7 @@ def test_what_is_too_large_is_refused_before_it_takes_our_memory(here: Site, far
             assert f"{size} bytes, bound" in refused["parameters"]["message"], key
     answers: list[Any] = []
     for _ in range(40):
-        far._session.get(far.key("check"), answers.append, payload=b" " * MOST, timeout=PATIENCE)
+        far.session.get(far.key("check"), answers.append, payload=b" " * MOST, timeout=PATIENCE)
     until(lambda: len(answers) == 40, PATIENCE, "every question gets an answer")
     assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
     grown = memory(here.uplink) - before
@@ -305,7 +305,7 @@ def test_who_asks_for_checks_flat_out_uses_up_no_goals_turn(far: Far) -> None:
     answers: list[bool] = []
     point = {"positions": [0.1], "time_from_start": 1.0}
     payload = json.dumps({"trajectory": {"joint_names": [JOINT], "points": [point]}}).encode()
-    get = far._session.get
+    get = far.session.get
     key = far.key("check")
     with far.holding() as lease:
         for number in range(20):

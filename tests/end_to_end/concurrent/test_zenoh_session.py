@@ -63,7 +63,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
     said = tmp_path / "z.json5"
     said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')
     for place in (NetworkConfig(connect=("tcp/a:1",)), NetworkConfig(file=said)):
-        made = zenoh_session._configuration(place, 1.0)
+        made = zenoh_session.make_configuration(place, 1.0)
         assert (
             made.get_json("scouting/multicast/enabled") == made.get_json("scouting/gossip/enabled") == "false"
         )
@@ -72,7 +72,7 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
     said.write_text(
         '{mode: "router", listen: {endpoints: ["tcp/a:2"]}, scouting: {multicast: {enabled: true}}}'
     )
-    made = zenoh_session._configuration(NetworkConfig(file=said), 1.0)
+    made = zenoh_session.make_configuration(NetworkConfig(file=said), 1.0)
     assert (made.get_json("mode"), made.get_json("listen/endpoints")) == ('"router"', '["tcp/a:2"]')
     assert made.get_json("scouting/multicast/enabled") == "true"
 

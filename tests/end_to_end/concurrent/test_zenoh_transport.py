@@ -62,7 +62,7 @@ def us(router: Router, peer: Peer) -> Iterator[Us]:
         yield us
 
 
-def heard(peer: Peer, topic: RosTopic) -> list[str]:
+def received_messages(peer: Peer, topic: RosTopic) -> list[str]:
     return [each["data"] for each in peer.ask("heard", topic=topic.name)]
 
 
@@ -84,7 +84,7 @@ def comes(us: Us, peer: Peer, topic: RosTopic, text: str) -> None:
     def came() -> bool:
         us.say(topic, text)
         time.sleep(0.05)
-        return text in heard(peer, topic)
+        return text in received_messages(peer, topic)
 
     until(came, PATIENCE, f"the peer hears {text!r} on {topic.name}")
 
@@ -136,10 +136,14 @@ def test_who_comes_later_has_the_last_of_a_latched_topic(us: Us, peer: Peer) -> 
     for text in ("first", "last"):
         us.say(STATUS, text)
     peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
-    until(lambda: heard(peer, STATUS), PATIENCE, "the last comes")
-    assert heard(peer, STATUS) == ["last"]
+    until(lambda: received_messages(peer, STATUS), PATIENCE, "the last comes")
+    assert received_messages(peer, STATUS) == ["last"]
     us.say(STATUS, "new")
-    until(lambda: heard(peer, STATUS) == ["last", "new"], PATIENCE, "what is said then comes too, once")
+    until(
+        lambda: received_messages(peer, STATUS) == ["last", "new"],
+        PATIENCE,
+        "what is said then comes too, once",
+    )
 
 
 def test_a_trajectory_of_the_peer_comes_with_its_nested_points(us: Us, peer: Peer) -> None:
@@ -282,7 +286,7 @@ def test_the_router_may_go_and_come_back(router: Router) -> None:
         router.kill()
         until(lambda: any("lost" in line for line in us.told), PATIENCE, "its loss is told")
         us.say(RESULTS, "without")
-        until(lambda: "without" in heard(peer, RESULTS), PATIENCE, "who knew each other speak on")
+        until(lambda: "without" in received_messages(peer, RESULTS), PATIENCE, "who knew each other speak on")
         router.start()
         until(lambda: any("found" in line for line in us.told), PATIENCE, "it is found again")
         with Peer(router.endpoint) as new:

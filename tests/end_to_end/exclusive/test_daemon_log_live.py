@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.config.test_hot_changes import files
 from tests.support.processes import favour, until
+from tests.support.reload_rig import files
 from twind.client import CallError, Client, ClientError
 
 SECONDS = 1.5  # that the daemon is asked for without a pause

@@ -13,8 +13,8 @@ from threading import Thread
 
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import Raw, code
 from tests.support.loop_stand_in import NAMES, StandIn
+from tests.support.raw_connection import Raw, code
 from twind import link
 from twind.front.methods import METHODS, OBSERVER
 from twind.protocol import CONTROL
@@ -51,7 +51,7 @@ def unheard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
     yield from begun(tmp_path_factory.mktemp("unheard"))
 
 
-def said(loop: StandIn, event: str, patience: float = 2.0) -> str:
+def await_event(loop: StandIn, event: str, patience: float = 2.0) -> str:
     """The log, once it speaks of an event."""
     end = time.monotonic() + patience
     while event not in loop.log.read_text() and time.monotonic() < end:
@@ -96,7 +96,7 @@ def test_a_wrong_role_is_told_once_with_its_code_who_it_was_and_to_those_who_wat
         watcher.socket.settimeout(0.3)
         with pytest.raises(TimeoutError):
             watcher.receive()
-    text = said(own, "AUTH_ROLE")
+    text = await_event(own, "AUTH_ROLE")
     assert text.count("AUTH_ROLE") == 1
     assert f"uid {os.getuid()}, pid {os.getpid()}" in text
 
@@ -207,7 +207,7 @@ def test_a_call_that_breaks_ends_its_own_connection_and_no_other(tmp_path: Path)
             ends = [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
             renewed = own.await_command(link.RenewLease)
             assert renewed.client not in [end.client for end in ends]  # type: ignore[union-attr]
-        text = said(own, "CALL_BROKE")
+        text = await_event(own, "CALL_BROKE")
         assert "injected" in text
         assert "place=broken:" in text
         assert "Traceback" not in text
@@ -318,7 +318,7 @@ def test_without_free_descriptors_newcomers_may_only_stop_and_those_who_are_in_g
         for _ in range(20):
             assert watcher.receive()["parameters"]["dropped"] == 0
         resource.prlimit(own.front.pid, resource.RLIMIT_NOFILE, (1024, 1024))
-    said(own, "DESCRIPTORS")
+    await_event(own, "DESCRIPTORS")
     time.sleep(0.6)
     with Raw(own, "observe") as client:
         assert "error" not in client.call("GetStatus")

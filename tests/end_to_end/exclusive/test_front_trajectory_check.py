@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.end_to_end.concurrent.test_front_server import Raw, code
 from tests.support.loop_stand_in import NAMES, StandIn
 from tests.support.processes import Daemon
+from tests.support.raw_connection import Raw, code
 from twind import link
 from twind.client import Refused
 

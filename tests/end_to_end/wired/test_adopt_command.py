@@ -9,16 +9,15 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.support.adoption_rig import robot_of
+from tests.support.single_answer import answering
 from twind.command_line.verb import Rejected
 from twind.ctl.ctl_main import main
 from twind.ctl.instances import sockets_of, stop
@@ -44,25 +43,6 @@ def servo(folder: Path, *options: str) -> Iterator[str]:
         process.stdin.close()
         process.wait(10)
         process.stdout.close()
-
-
-@contextmanager
-def answering(path: Path, parameters: dict[str, Any]) -> Iterator[None]:
-    """A daemon's socket that gives one caller one answer."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-        listener.bind(str(path))
-        listener.listen()
-
-        def answer() -> None:
-            caller, _ = listener.accept()
-            with caller:
-                caller.recv(65536)
-                caller.sendall(json.dumps({"parameters": parameters}).encode() + b"\0")
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        yield
-        thread.join(5.0)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.end_to_end.wired.test_calibrate_commands import ROBOT, Bench, Captured, benched, told
+from tests.support.calibration_bench import ROBOT, Bench, Captured, benched, json_lines
 from tests.support.processes import arm
 from twind.config.calibration_file import Calibration, load_calibration
 
@@ -61,12 +61,12 @@ def test_a_lerobot_file_is_folded_in_to_the_count_and_the_robot_goes(
     source = ["import", "--from", "lerobot", "--file", str(path), "--yes", "--json", "--wide"]
 
     assert bench.verb(*source, *at(known), "l_elbow") == 1  # its offset is another one by now
-    (row, _) = told(capsys.readouterr().out)
+    (row, _) = json_lines(capsys.readouterr().out)
     assert "`--make dynamixel` folds it in" in row["wrong"][0]
     assert not bench.file.exists()
 
     assert bench.verb(*source, *at(known), "--make", "dynamixel") == 0
-    *rows, last = told(capsys.readouterr().out)
+    *rows, last = json_lines(capsys.readouterr().out)
     assert last["written"] == str(bench.file)
     assert [row["joint"] for row in rows] == list(ROBOT.names)
     made = load_calibration(bench.file, ROBOT)

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.end_to_end.concurrent.test_stream_command import Process, ctl
 from tests.support.processes import Daemon, simulated, until
 from tests.support.pty_screen import Run
+from tests.support.stream_rig import Process, ctl
 from tests.support.zenoh_router import Router
 from twind.bridge.zenoh.zenoh_session import NetworkConfig, open_now
 

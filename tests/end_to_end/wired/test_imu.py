@@ -64,21 +64,21 @@ def test_a_daemon_tells_it_with_the_state_and_goes_on_without_it(standing: tuple
     with daemon(virtual, folder, mode="mirror") as running:
         running.reach(state="connected")
         with running.client() as client:
-            told = [heard(client) for _ in range(20)]
+            told = [imu_state(client) for _ in range(20)]
             assert all(hypot(*each["acceleration"]) == pytest.approx(G, rel=0.01) for each in told)
             assert all(each["quaternion"] == pytest.approx([1, 0, 0, 0], abs=0.01) for each in told)
             assert min(each["age_ms"] for each in told) < 20.0
             virtual.order(fault="silence", id=ID)
-            until(lambda: heard(client)["age_ms"] > 1500.0, 20.0, "an old reading with its age")
+            until(lambda: imu_state(client)["age_ms"] > 1500.0, 20.0, "an old reading with its age")
             state = client.call("Monitor", topics=["state"])
             assert all(joint["age_ms"] < 1000.0 for joint in state["joints"]), "the servos do not mind"
             assert complaints(virtual, running)["SERVO_MISSING"] == f"bus main id {ID} (IMU): no answer"
             virtual.order(fault="silence", id=ID, on=False)
-            until(lambda: heard(client)["age_ms"] < 50.0, 20.0, "it is back")
+            until(lambda: imu_state(client)["age_ms"] < 50.0, 20.0, "it is back")
         running.end()
 
 
-def heard(client: Client) -> dict[str, Any]:
+def imu_state(client: Client) -> dict[str, Any]:
     """The IMU of one message of the topic state."""
     found: dict[str, Any] = client.call("Monitor", topics=["state"])["imu"]
     return found

@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 
-from tests.config.test_hot_changes import files
 from tests.support.processes import Daemon, Virtual, arm, robot, until
+from tests.support.reload_rig import files
 from twind.client import CallError, Refused
 
 LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"

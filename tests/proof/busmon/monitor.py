@@ -83,7 +83,7 @@ class Monitor:
         self._rest_since = -np.inf
         self._since = -np.inf
         self._alone = True
-        self._packet_at = -np.inf  # s, the last instruction packet
+        self.packet_at = -np.inf  # s, the last instruction packet
         self._stored: dict[int, tuple[int, bytes]] = {}  # reg writes
         self._easy = False  # nothing is pending but whole goal packets in range and in step
         self._byte = BITS / limits.baud
@@ -146,8 +146,8 @@ class Monitor:
         self.stopping.look(now)
         servos = self.servos
         if servos.on.any() and not self.words.silent:
-            if now - self._packet_at > SILENCE and self._packet_at > -np.inf:
-                self.stopping.owe_hold(now, now - self._packet_at)
+            if now - self.packet_at > SILENCE and self.packet_at > -np.inf:
+                self.stopping.owe_hold(now, now - self.packet_at)
             late = servos.bare < now - BARE
             if late.any():
                 row = int(np.argmax(late))
@@ -167,12 +167,12 @@ class Monitor:
             self.stopping.told(what, now, facts)
         elif what in ("born", "port"):
             self._rest = b""
-            self._packet_at = -np.inf
+            self.packet_at = -np.inf
             self.ear.ask(None, now)
             self.servos.begun(now)
             self.stopping.clear()
         elif what == "blind":
-            self._packet_at = now
+            self.packet_at = now
         elif what == "talker":
             self._broken("W9", now, None, f"a second talker: {facts}")
         elif what == "servos":
@@ -185,8 +185,8 @@ class Monitor:
         if not self.words.killed:
             return
         for id, velocity in facts.get("velocity", {}).items():
-            if now - self._packet_at > 0.120 and not abs(velocity) <= 1:
-                late = now - self._packet_at
+            if now - self.packet_at > 0.120 and not abs(velocity) <= 1:
+                late = now - self.packet_at
                 self._broken("W11", now, id, f"turns at {velocity} {late:.3f} s after the last packet")
         for id, delay in facts.get("trip_delay", {}).items():
             if delay is None or not delay <= 0.120:
@@ -201,7 +201,7 @@ class Monitor:
             self._broken("W11", now, None, f"a packet after the kill: {packet[:64].hex(' ')}")
         self._overlap(now)
         request = self.parser.take(packet)
-        self._packet_at = now
+        self.packet_at = now
         if request.writes:
             if self.words.may_write(now, request.name):
                 self._write(request, now)

@@ -130,7 +130,7 @@ def test_silence_is_judged_at_60_ms_and_forgiven_to_who_holds(
     for _ in range(10):
         daemon.cycle({id: goal - 5 for id, goal in daemon.goals.items()})
     monitor = daemon.world.monitor
-    last = monitor._packet_at
+    last = monitor.packet_at
     daemon.port.until(last + pause)
     daemon.tick = daemon.port.now
     for _ in range(90):  # longer than the longest braking

@@ -1,7 +1,7 @@
 """Wrong ends on a CAN bus: W6 after an e-stop, W7 silence and watchdogs, W10 mirrors, W11 after the kill."""
 
 from tests.proof.evil.can_good import Cutting, Good, Killed, Mirror, Over, packed
-from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, said
+from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, reply_frame
 from tests.proof.evil.can_registry import breaks
 
 
@@ -207,7 +207,7 @@ class MirrorWritesGoal(Says):
     """A mirror that pushes a little."""
 
     def text(self) -> bytes:
-        return said(DAMIAO, packed(0x7FFF))
+        return reply_frame(DAMIAO, packed(0x7FFF))
 
 
 @breaks("W10")
@@ -241,7 +241,7 @@ class MirrorSetsAWatchdog(Says):
 @breaks("W10")
 class MirrorClearsAFault(Says):
     def text(self) -> bytes:
-        return said(DAMIAO, b"\xff" * 7 + b"\xfb")
+        return reply_frame(DAMIAO, b"\xff" * 7 + b"\xfb")
 
 
 @breaks("W10")
@@ -251,7 +251,7 @@ class SimulationWrites(Says):
     mode = "sim"
 
     def text(self) -> bytes:
-        return said(CUBEMARS, packed(0x7FFF))
+        return reply_frame(CUBEMARS, packed(0x7FFF))
 
 
 # ------------------------------------------------------------------------------------------- W11

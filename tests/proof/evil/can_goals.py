@@ -4,7 +4,7 @@ import struct
 
 from tests.proof.busmon.can.motors import TURN
 from tests.proof.evil.can_good import Good, Over, packed
-from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, said
+from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, reply_frame
 from tests.proof.evil.can_registry import breaks
 
 
@@ -96,7 +96,7 @@ class GoalOfAnotherMode(SaysOnce):
     """Position and velocity as floats, on the id of another mode."""
 
     def text(self) -> bytes:
-        return said(0x100 + DAMIAO, struct.pack("<ff", 0.2, 1.0))
+        return reply_frame(0x100 + DAMIAO, struct.pack("<ff", 0.2, 1.0))
 
 
 @breaks("W2")
@@ -116,13 +116,13 @@ class WritesAPositionReference(SaysOnce):
 @breaks("W2")
 class ControlsVelocity(SaysOnce):
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 0x0B, struct.pack("<ii", 2, 1))
+        return reply_frame(ODRIVE << 5 | 0x0B, struct.pack("<ii", 2, 1))
 
 
 @breaks("W2")
 class SaysAVelocity(SaysOnce):
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 0x0D, struct.pack("<ff", 1.0, 0.0))
+        return reply_frame(ODRIVE << 5 | 0x0D, struct.pack("<ff", 1.0, 0.0))
 
 
 @breaks("W2")
@@ -130,7 +130,7 @@ class Calibrates(SaysOnce):
     """Axis state 3: it turns by itself."""
 
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 7, (3).to_bytes(4, "little"))
+        return reply_frame(ODRIVE << 5 | 7, (3).to_bytes(4, "little"))
 
 
 @breaks("W2")
@@ -138,7 +138,7 @@ class ReportsByItself(SaysOnce):
     """Active report: the bus fills with what nobody asked for."""
 
     def text(self) -> bytes:
-        return said(0x18 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 1, 8)), extended=True)
+        return reply_frame(0x18 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 1, 8)), extended=True)
 
 
 @breaks("W2")
@@ -146,7 +146,7 @@ class ClearsAFaultOfCubeMars(SaysOnce):
     """A special frame that it is not known to have."""
 
     def text(self) -> bytes:
-        return said(CUBEMARS, b"\xff" * 7 + b"\xfb")
+        return reply_frame(CUBEMARS, b"\xff" * 7 + b"\xfb")
 
 
 @breaks("W2")
@@ -154,7 +154,7 @@ class Pushes(Good):
     """A feed-forward torque that nobody allowed."""
 
     def moving(self) -> None:
-        self.exchange(said(DAMIAO, packed(self.goals[DAMIAO], push=0x900)))
+        self.exchange(reply_frame(DAMIAO, packed(self.goals[DAMIAO], push=0x900)))
 
 
 @breaks("W2")
@@ -202,7 +202,7 @@ class FeedsATooFastVelocityForward(Good):
     """Right places, and 5 rad/s where 3 are allowed."""
 
     def moving(self) -> None:
-        self.exchange(said(DAMIAO, packed(self.goals[DAMIAO], rate=round((5.0 + 8.0) * 4095 / 16.0))))
+        self.exchange(reply_frame(DAMIAO, packed(self.goals[DAMIAO], rate=round((5.0 + 8.0) * 4095 / 16.0))))
 
 
 @breaks("W3")
@@ -331,7 +331,7 @@ class DampsWhileConnected(Good):
     """Without stiffness, but it is a command, and nobody has armed."""
 
     def connected(self) -> None:
-        self.port.write(said(DAMIAO, packed(0x7FFF, kp=0)))
+        self.port.write(reply_frame(DAMIAO, packed(0x7FFF, kp=0)))
         self.wait()
 
 
@@ -352,31 +352,31 @@ class NewZero(SaysOnce):
     """Where it is shall be zero."""
 
     def text(self) -> bytes:
-        return said(DAMIAO, b"\xff" * 7 + b"\xfe")
+        return reply_frame(DAMIAO, b"\xff" * 7 + b"\xfe")
 
 
 @breaks("W8")
 class NewZeroOfRobStride(SaysOnce):
     def text(self) -> bytes:
-        return said(6 << 24 | HOST << 8 | ROBSTRIDE, b"\x01" + bytes(7), extended=True)
+        return reply_frame(6 << 24 | HOST << 8 | ROBSTRIDE, b"\x01" + bytes(7), extended=True)
 
 
 @breaks("W8")
 class NewPlaceOfODrive(SaysOnce):
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 0x19, bytes(4))
+        return reply_frame(ODRIVE << 5 | 0x19, bytes(4))
 
 
 @breaks("W8")
 class Stores(SaysOnce):
     def text(self) -> bytes:
-        return said(0x7FF, bytes((DAMIAO, 0, 0xAA, 1, 0, 0, 0, 0)))
+        return reply_frame(0x7FF, bytes((DAMIAO, 0, 0xAA, 1, 0, 0, 0, 0)))
 
 
 @breaks("W8")
 class StoresInRobStride(SaysOnce):
     def text(self) -> bytes:
-        return said(0x16 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 7, 8)), extended=True)
+        return reply_frame(0x16 << 24 | HOST << 8 | ROBSTRIDE, bytes((1, 2, 3, 4, 5, 6, 7, 8)), extended=True)
 
 
 @breaks("W8")
@@ -388,13 +388,13 @@ class GivesAnotherId(SaysOnce):
 @breaks("W8")
 class GivesRobStrideAnotherId(SaysOnce):
     def text(self) -> bytes:
-        return said(7 << 24 | 5 << 16 | HOST << 8 | ROBSTRIDE, bytes(8), extended=True)
+        return reply_frame(7 << 24 | 5 << 16 | HOST << 8 | ROBSTRIDE, bytes(8), extended=True)
 
 
 @breaks("W8")
 class GivesANodeAnotherId(SaysOnce):
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 6, (5).to_bytes(4, "little"))
+        return reply_frame(ODRIVE << 5 | 6, (5).to_bytes(4, "little"))
 
 
 @breaks("W8")
@@ -402,13 +402,13 @@ class SpeaksToAStranger(SaysOnce):
     """An id that is not of this bus."""
 
     def text(self) -> bytes:
-        return said(9, packed(0x7FFF))
+        return reply_frame(9, packed(0x7FFF))
 
 
 @breaks("W8")
 class ReadsARegisterOfAStranger(SaysOnce):
     def text(self) -> bytes:
-        return said(0x7FF, bytes((9, 0, 0x33, 9, 0, 0, 0, 0)))
+        return reply_frame(0x7FF, bytes((9, 0, 0x33, 9, 0, 0, 0, 0)))
 
 
 @breaks("W8")
@@ -430,7 +430,7 @@ class ShortCommand(SaysOnce):
     """Four bytes to a motor that takes eight."""
 
     def text(self) -> bytes:
-        return said(CUBEMARS, bytes(4))
+        return reply_frame(CUBEMARS, bytes(4))
 
 
 @breaks("W8")
@@ -452,13 +452,13 @@ class RunTogether(SaysOnce):
     """Two lines without an end between."""
 
     def text(self) -> bytes:
-        return said(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))[:-1] * 2 + b"\r"
+        return reply_frame(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))[:-1] * 2 + b"\r"
 
 
 @breaks("W8")
 class RemoteToAMotor(SaysOnce):
     def text(self) -> bytes:
-        return said(DAMIAO, b"", remote=True)
+        return reply_frame(DAMIAO, b"", remote=True)
 
 
 @breaks("W8")
@@ -484,7 +484,7 @@ class NotANumber(SaysOnce):
     """A goal in turns that is none."""
 
     def text(self) -> bytes:
-        return said(ODRIVE << 5 | 0x0C, struct.pack("<fhh", float("nan"), 0, 0))
+        return reply_frame(ODRIVE << 5 | 0x0C, struct.pack("<fhh", float("nan"), 0, 0))
 
 
 assert TURN == 16384

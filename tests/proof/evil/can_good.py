@@ -5,7 +5,7 @@ from math import cos, pi, tau
 from typing import Any, Protocol
 
 from tests.proof.busmon.can.motors import TURN, CanLimits, Motor
-from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, said
+from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, HOST, ODRIVE, ROBSTRIDE, reply_frame
 
 # words and s of a move there and back
 FAR = 900
@@ -89,34 +89,34 @@ class Good:
         """One goal, at rest."""
         if id == ROBSTRIDE:
             body = struct.pack(">HHHH", place & 0xFFFF, 0x7FFF, 5000, 6000)
-            return said(1 << 24 | 0x7FFF << 8 | id, body, extended=True)
+            return reply_frame(1 << 24 | 0x7FFF << 8 | id, body, extended=True)
         if id == ODRIVE:
-            return said(id << 5 | 0x0C, struct.pack("<fhh", place / TURN, 0, 0))
-        return said(id, packed(place))
+            return reply_frame(id << 5 | 0x0C, struct.pack("<fhh", place / TURN, 0, 0))
+        return reply_frame(id, packed(place))
 
     def aim(self, goals: dict[int, int]) -> bytes:
         return b"".join(self.goal(id, place) for id, place in goals.items())
 
     def switch(self, id: int, on: bool) -> bytes:
         if id == ROBSTRIDE:
-            return said((3 if on else 4) << 24 | HOST << 8 | id, bytes(8), extended=True)
+            return reply_frame((3 if on else 4) << 24 | HOST << 8 | id, bytes(8), extended=True)
         if id == ODRIVE:
-            return said(id << 5 | 7, (8 if on else 1).to_bytes(4, "little"))
-        return said(id, b"\xff" * 7 + (b"\xfc" if on else b"\xfd"))
+            return reply_frame(id << 5 | 7, (8 if on else 1).to_bytes(4, "little"))
+        return reply_frame(id, b"\xff" * 7 + (b"\xfc" if on else b"\xfd"))
 
     def question(self) -> bytes:
         """Asks everybody where he is; a CubeMars tells only in answer to a command, here an empty one."""
-        text = said(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))
+        text = reply_frame(0x7FF, bytes((DAMIAO, 0, 0xCC, 0, 0, 0, 0, 0)))
         text += self.parameter(0x11, 0x7019)
-        text += said(ODRIVE << 5 | 9, b"", remote=True)
+        text += reply_frame(ODRIVE << 5 | 9, b"", remote=True)
         return text
 
     def parameter(self, kind: int, index: int, value: int = 0) -> bytes:
         body = index.to_bytes(2, "little") + bytes(2) + value.to_bytes(4, "little")
-        return said(kind << 24 | HOST << 8 | ROBSTRIDE, body, extended=True)
+        return reply_frame(kind << 24 | HOST << 8 | ROBSTRIDE, body, extended=True)
 
     def register(self, what: int, number: int, value: int = 0) -> bytes:
-        return said(0x7FF, bytes((DAMIAO, 0, what, number)) + value.to_bytes(4, "little"))
+        return reply_frame(0x7FF, bytes((DAMIAO, 0, what, number)) + value.to_bytes(4, "little"))
 
     # ------------------------------------------------------------------------- exchanges
 
@@ -179,7 +179,7 @@ class Good:
 
     def limp(self) -> bytes:
         """An empty command, so that the one that tells nothing by itself tells where it is."""
-        return said(CUBEMARS, packed(0x7FFF, kp=0, kd=0))
+        return reply_frame(CUBEMARS, packed(0x7FFF, kp=0, kd=0))
 
     def guard(self) -> None:
         self.exchange(self.register(0x55, 9, self.ticks) + self.parameter(0x12, 0x7028, self.ticks))
@@ -188,7 +188,7 @@ class Good:
         self.exchange(self.register(0x33, 9) + self.parameter(0x11, 0x7028))
 
     def prepare(self) -> None:
-        modes = said(ODRIVE << 5 | 0x0B, struct.pack("<ii", 3, 1))
+        modes = reply_frame(ODRIVE << 5 | 0x0B, struct.pack("<ii", 3, 1))
         self.exchange(modes + self.parameter(0x12, 0x7005, 0) + self.register(0x55, 10, 1))
 
     def present(self) -> dict[int, int]:

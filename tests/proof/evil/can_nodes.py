@@ -30,7 +30,7 @@ def limits() -> CanLimits:
     return CanLimits("arm", 0.01, 1_000_000, "gantry", {each.id: each for each in motors})
 
 
-def said(id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> bytes:
+def reply_frame(id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> bytes:
     """A line of text."""
     letter = ("R" if extended else "r") if remote else ("T" if extended else "t")
     width = 8 if extended else 3
@@ -112,9 +112,9 @@ class Nodes:
     def _feedback(self, node: Node, now: float) -> None:
         if node.motor.family == "damiao":
             body = bytes((node.motor.id | node.on << 4,)) + node.fields() + bytes((30, 31))
-            self._answer(now, said(node.motor.reply, body))
+            self._answer(now, reply_frame(node.motor.reply, body))
         else:
-            self._answer(now, said(0, bytes((node.motor.id,)) + node.fields() + bytes((30, 0))))
+            self._answer(now, reply_frame(0, bytes((node.motor.id,)) + node.fields() + bytes((30, 0))))
 
     def _register(self, node: Node | None, data: bytes, now: float) -> None:
         if node is None:
@@ -128,7 +128,7 @@ class Nodes:
         if data[2] == 0x33 and data[3] == 9:
             value = node.ticks
         body = bytes((node.motor.id, 0, data[2], data[3])) + value.to_bytes(4, "little")
-        self._answer(now, said(node.motor.reply, body))
+        self._answer(now, reply_frame(node.motor.reply, body))
 
     def _robstride(self, node: Node | None, one: Frame, now: float) -> None:
         if node is None:
@@ -145,12 +145,14 @@ class Nodes:
         if kind == 0x11:
             angle = node.place * 2.0 * node.motor.position / 65535 - node.motor.position
             value = node.ticks.to_bytes(4, "little") if index == 0x7028 else struct.pack("<f", angle)
-            self._answer(now, said(0x11 << 24 | node.motor.id << 8 | HOST, data[:4] + value, extended=True))
+            self._answer(
+                now, reply_frame(0x11 << 24 | node.motor.id << 8 | HOST, data[:4] + value, extended=True)
+            )
         else:
             place = round(node.place)
             body = bytes((place >> 8, place & 255, 0x7F, 0xFF, 0x7F, 0xFF, 1, 0x2C))
             head = 2 << 24 | (2 if node.on else 0) << 22 | node.motor.id << 8 | HOST
-            self._answer(now, said(head, body, extended=True))
+            self._answer(now, reply_frame(head, body, extended=True))
 
     def _odrive(self, node: Node, one: Frame, now: float) -> None:
         what = one.id & 31
@@ -160,8 +162,8 @@ class Nodes:
             node.goal = struct.unpack("<f", one.data[:4])[0] * TURN
         elif what == 9:
             body = struct.pack("<ff", node.place / TURN, 0.0)
-            self._answer(now, said(ODRIVE << 5 | 9, body))
+            self._answer(now, reply_frame(ODRIVE << 5 | 9, body))
             state = bytes(4) + bytes((8 if node.on else 1, 0, 0, 0))
-            self._answer(now, said(ODRIVE << 5 | 1, state))
+            self._answer(now, reply_frame(ODRIVE << 5 | 1, state))
         if node.on and node.goal is not None:
             node.place = node.goal

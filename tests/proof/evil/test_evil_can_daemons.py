@@ -12,7 +12,7 @@ from tests.proof.busmon.can.motors import CanLimits
 from tests.proof.evil import can_world
 from tests.proof.evil.can_every import EVILS
 from tests.proof.evil.can_good import Cutting, Good, Killed, Mirror, Reborn, packed
-from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, said
+from tests.proof.evil.can_nodes import CUBEMARS, DAMIAO, reply_frame
 from tests.proof.evil.can_registry import Evil
 
 RULES = {"W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8", "W10", "W11"}
@@ -46,7 +46,7 @@ class Damping(Good):
     """Soft for a moment: without stiffness the place in a command counts for nothing."""
 
     def armed(self) -> None:
-        self.exchange(said(DAMIAO, packed(0x7FFF, kp=0)))
+        self.exchange(reply_frame(DAMIAO, packed(0x7FFF, kp=0)))
         self.hold(2)
 
 

@@ -101,7 +101,12 @@ def test_the_places_that_accuse_are_known() -> None:
     assert len(accusations()) == len(PLACES) + len(ELSEWHERE) >= 20
 
 
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: f"{place[0]}:{place[1]}")
+# The fast tests take the first accusation, `make check` takes all.
+@pytest.mark.parametrize(
+    "place",
+    [pytest.param(place, marks=[pytest.mark.slow] if number else []) for number, place in enumerate(PLACES)],
+    ids=[f"{name}:{line}" for name, line, _ in PLACES],
+)
 def test_without_any_one_accusation_some_daemon_goes_free(place: tuple[str, int, str]) -> None:
     """Each is there for somebody: a monitor that lacks it lets a wrong daemon pass, or names another rule."""
     name, first, text = place

@@ -34,7 +34,7 @@ class MixedRig(Rig):
     @property
     def counts(self) -> NDArray[np.float64]:
         """(m,) shafts, each in its own counts."""
-        self._advance()
+        self.advance_servos()
         rows = [
             bus.servos.muscles.position.copy()
             if bus.kind != "can"

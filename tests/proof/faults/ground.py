@@ -94,7 +94,7 @@ class Ground:
             kind = load_robot(self.virtual.robot).bus(bus).kind
             options += ["--port", f"{bus}={virtual_port(kind, str(port))}"]
         self.running = Daemon(self.folder / "run", *options, **how)
-        self.stack.callback(self._end, self.running)
+        self.stack.callback(self.end_daemon, self.running)
         self.machine.watch("daemon", self.running.process.pid)
         if self.relay is not None:
             self.relay.tell(pid=self.running.process.pid)
@@ -108,7 +108,7 @@ class Ground:
         self.watcher = Watcher(self.running)
 
     @staticmethod
-    def _end(running: Daemon) -> None:
+    def end_daemon(running: Daemon) -> None:
         if running.process.poll() is None:
             running.process.kill()
         running.process.wait(10)
@@ -172,7 +172,7 @@ class Ground:
             except CallError:
                 if not left:
                     raise
-        self._alive = Keeper(client)
+        self.keeper = Keeper(client)
 
     # ------------------------------------------------------------------------------------ faults
 
@@ -305,8 +305,8 @@ class Ground:
 
     def recover(self) -> None:
         """Nothing by itself; then off, acknowledged, restarted, armed, moving, by commands."""
-        if hasattr(self, "_alive"):
-            self._alive.end()
+        if hasattr(self, "keeper"):
+            self.keeper.end()
         before = [bool(servo["torque"]) for servo in self.servos()]
         time.sleep(0.5)
         after = [bool(servo["torque"]) for servo in self.servos()]
@@ -318,7 +318,7 @@ class Ground:
                 self.back(client)
                 self.move(client)
                 self.goes_on()
-                self._alive.end()
+                self.keeper.end()
         except (AssertionError, ClientError) as error:
             self.wrong.append(f"no way back: {error!r}"[:400])
 
@@ -350,8 +350,8 @@ class Ground:
         return self.outcome
 
     def close(self) -> None:
-        if hasattr(self, "_alive"):
-            self._alive.end()
+        if hasattr(self, "keeper"):
+            self.keeper.end()
         self.stack.close()
 
 

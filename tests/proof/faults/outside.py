@@ -42,12 +42,12 @@ def front_hangs(world: World) -> None:
     world.begun = world.now  # its last word
     world.ticks(int(world.random.integers(0, 60)))
     # type: ignore[method-assign]
-    collect = rig._collect
-    rig._collect = lambda: None
+    collect = rig.collect_news
+    rig.collect_news = lambda: None
     missed = rig.loop.figures.missed
     seconds = float(world.random.uniform(1.2, 3.0))
     world.seconds(seconds)
-    rig._collect = collect  # type: ignore[method-assign]
+    rig.collect_news = collect  # type: ignore[method-assign]
     world.ticks(2)
     world.claim(rig.loop.figures.missed == missed, "ticks were missed")
     world.detected(1.0 + 0.02)
@@ -217,14 +217,14 @@ def storm_of_events(world: World) -> None:
     """Nobody takes the news while faults make many: the tick goes on, what is lost is counted."""
     rig = world.moving()
     # type: ignore[method-assign]
-    rig_collect = rig._collect
-    rig._collect = lambda: None
+    rig_collect = rig.collect_news
+    rig.collect_news = lambda: None
     missed = rig.loop.figures.missed
     world.begun = world.now
     for _ in range(20):
         world.obey({"fault": "corrupt", "count": 30})
         world.seconds(0.2)
-    rig._collect = rig_collect  # type: ignore[method-assign]
+    rig.collect_news = rig_collect  # type: ignore[method-assign]
     world.ticks(3)
     world.claim(rig.loop.figures.missed == missed, "ticks were missed")
     news = [each for each in rig.news if isinstance(each, link.Tick)]

@@ -72,7 +72,7 @@ class Asked:
     def __init__(self, world: World, name: str) -> None:
         self.ids: set[int] = set()
         bus = world.rig.virtual[name]
-        obey = bus._instructions.execute_packet
+        obey = bus.instructions.execute_packet
 
         def seen(packet: Any, at: float) -> Any:
             model = packet.instruction == Instruction.READ and packet.params[:2] == b"\0\0"
@@ -85,7 +85,7 @@ class Asked:
                 self.ids.update(packet.params[4:])
             return obey(packet, at)
 
-        bus._instructions.execute_packet = seen  # type: ignore[method-assign]
+        bus.instructions.execute_packet = seen  # type: ignore[method-assign]
 
 
 def while_reading(world: World) -> None:

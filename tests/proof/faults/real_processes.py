@@ -59,7 +59,7 @@ def paused(least: float, most: float) -> Callable[[Ground], None]:
 def killed(ground: Ground) -> None:
     """Row 24: servos stop by themselves; the next daemon moves nothing."""
     ground.moving()
-    ground._alive.end()
+    ground.keeper.end()
     os.kill(ground.running.process.pid, signal.SIGKILL)
     ground.running.process.wait(5)
     tripped = ground.until(lambda: all(servo["tripped"] for servo in ground.servos()), 5.0)
@@ -83,7 +83,7 @@ def killed(ground: Ground) -> None:
 def terminated(ground: Ground) -> None:
     """Row 26: twice; lowered, off, ended with 0."""
     ground.moving(watched=True)
-    ground._alive.end()
+    ground.keeper.end()
     rest = ground.places()
     ground.begun = time.monotonic()
     ground.running.process.send_signal(signal.SIGTERM)
@@ -99,7 +99,7 @@ def terminated(ground: Ground) -> None:
 def front_hangs(ground: Ground) -> None:
     """Row 27: the front is stopped: killed by the loop, started anew; the motion holds."""
     ground.moving(watched=True)
-    ground._alive.end()
+    ground.keeper.end()
     front = ground.running.front()
     ground.begun = time.monotonic()
     os.kill(front, signal.SIGSTOP)
@@ -204,7 +204,7 @@ def _unread(ground: Ground) -> None:
         *("--mode", "live", "--robot", "h24", "--calibration", str(ground.virtual.calibration)),
         *("--port", f"main={ground.folder / 'ports' / 'main'}"),
     )
-    ground.stack.callback(ground._end, ground.running)
+    ground.stack.callback(ground.end_daemon, ground.running)
 
     def there() -> bool:
         with suppress(ClientError):

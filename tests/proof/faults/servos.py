@@ -226,7 +226,7 @@ def lost_turn(world: World) -> None:
     if not offset:
         world.seconds(0.05)
         world.until(lambda: bool(np.isinf(bus.servos.power.boots_at).all()), 3.0)
-        rig._advance()
+        rig.advance_servos()
         shaft[row] = place + turn
         bus.servos.invalidate_cache()
     world.begun = world.now

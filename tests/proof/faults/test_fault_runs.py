@@ -151,7 +151,7 @@ def nodding(rig: Rig) -> None:
     assert rig.loop.executor.motion is Motion.ACTIVE, rig.replies(ticket)
 
 
-def told(rig: Rig, since: float) -> dict[str, float]:
+def first_events(rig: Rig, since: float) -> dict[str, float]:
     """When each code was first told, s after `since`."""
     found: dict[str, float] = {}
     for event in rig.events():
@@ -202,7 +202,7 @@ def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
     rig.seconds(random.uniform(*case.lasts))
     obey(rig, healing(case, given))
     rig.seconds(1.05)  # the rules look back a second
-    codes = told(rig, begun)
+    codes = first_events(rig, begun)
     if case.alarm:
         assert min(codes.get(code, np.inf) for code in case.alarm) <= case.within, (given, codes)
     assert case.ends in (EITHER, FAULT if rig.loop.latches else ARMED), (given, codes)
@@ -234,7 +234,7 @@ def test_a_turn_lost_at_a_restart_is_what_the_register_says_and_is_told(
     assert np.isnan(rig.loop.measured.position[8]), "position mode, a turn off: nobody knows where it is"
     obey(rig, [{"fault": "brown_out", "id": 9}])
     rig.seconds(0.4)
-    assert {"SERVO_REBOOTED", "SENSE_JUMP"} & told(rig, begun).keys(), told(rig, begun)
+    assert {"SERVO_REBOOTED", "SENSE_JUMP"} & first_events(rig, begun).keys(), first_events(rig, begun)
     assert heard_again(rig)
     assert abs(rig.loop.hardware.readings.position[8] - before) > 3.0, "the register lost a turn"
     judge.verdict()

@@ -212,7 +212,7 @@ def suspended(world: World) -> None:
         servos = bus.servos
         servos.heard_at -= asleep  # their time went on without ours
         servos.readings.origin -= asleep
-        servos._event = servos._next()
+        servos.invalidate_cache()
     _boot_time(rig, asleep)
     world.begun = world.now
     world.ticks(1)

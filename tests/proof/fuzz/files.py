@@ -6,9 +6,9 @@ import time
 from pathlib import Path
 from random import Random
 
-from tests.config.test_calibration_file import ROBOT, TEXT, rehashed
-from tests.config.test_robot_file import SMALL
 from tests.proof.fuzz.mangle import mangled
+from tests.support.h24_calibration import ROBOT, TEXT, rehashed
+from tests.support.small_robot_file import SMALL
 from twind.config.calibration_file import read_calibration
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.yaml_tree import ConfigError

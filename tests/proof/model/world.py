@@ -204,12 +204,12 @@ class World(Rig):
         self.news.clear()
         self.loop = self.born(mode)
         self.watched.told("born", self.clock.now())
-        self._deadline = self.clock.now()
+        self.next_tick = self.clock.now()
         self.lives = self.lives + 1
         self.invariants.born(rest)
 
     def _servos(self) -> dict[str, Any]:
-        self._advance()
+        self.advance_servos()
         velocity: dict[int, float] = {}
         delay: dict[int, float] = {}
         for bus in self.virtual.values():

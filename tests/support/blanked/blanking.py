@@ -56,7 +56,7 @@ def _responder(module: Any) -> None:
 
 
 def _naming(module: Any) -> None:
-    module._sentence = lambda *_args: BLANK
+    module.describe_finding = lambda *_args: BLANK
 
 
 def _calls(module: Any) -> None:

@@ -79,7 +79,7 @@ class RosBridge:
         self._neighbours = PeerBridges()
         self._alone = TransitionReporter()
         self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
-        self._calls = RosServiceCalls(
+        self.service_calls = RosServiceCalls(
             self._operator,
             self._observer,
             self.orders.stop,
@@ -93,7 +93,7 @@ class RosBridge:
         self._joined = False
         self._wrong = ""  # with the graph
         self._denied = ""  # why this user may not command
-        self._asked_of = -1  # lives of the daemon when that was asked
+        self.asked_of = -1  # lives of the daemon when that was asked
         self._over = ""  # why we say no more
         self._status: Mapping[str, Any] | None = None
         self._joints: Sequence[Mapping[str, Any]] = ()
@@ -104,7 +104,7 @@ class RosBridge:
         taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
         try:
             self._journal.start()
-            self._calls.start()
+            self.service_calls.start()
             self._readings.start()
             self._news.start()
             taking.start()
@@ -131,8 +131,8 @@ class RosBridge:
 
     def _join_or_report(self) -> None:
         """Join the graph where that is to be done; say how everything is."""
-        if self._news.lives != self._asked_of:
-            self._asked_of = self._news.lives
+        if self._news.lives != self.asked_of:
+            self.asked_of = self._news.lives
             self._ask_rights()
         if not self._joined:
             self._join()
@@ -184,10 +184,10 @@ class RosBridge:
         elif topic is TRAJECTORY:
             self.orders.put(data)
         else:
-            self._calls.on_message(topic, data)
+            self.service_calls.on_message(topic, data)
 
     def _handle_request(self, service: RosService, data: bool | None) -> tuple[bool, str]:
-        done, message = self._calls.handle_request(service, data)
+        done, message = self.service_calls.handle_request(service, data)
         if service is not GET_STATUS:
             phase = "done" if done else "refused"
             self._journal.note({"topic": service.name, "phase": phase, "message": message})

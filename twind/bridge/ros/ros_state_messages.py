@@ -38,7 +38,7 @@ class RosStateMessages:
     def __init__(self) -> None:
         self._mode = ""
         self._measured = False
-        self._prepared: dict[tuple[tuple[str, ...], bool, bool], JointStateBuffer] = {}
+        self.prepared: dict[tuple[tuple[str, ...], bool, bool], JointStateBuffer] = {}
         self._inertial = ImuBuffer()
         self._felt = float("-inf")
 
@@ -94,11 +94,11 @@ class RosStateMessages:
         """Position, velocity, effort of these joints; of the last two what somebody knows."""
         velocity, effort = (any(each is not None for each in column) for column in columns[1:])
         shape = tuple(names), velocity, effort
-        buffer = self._prepared.get(shape)
+        buffer = self.prepared.get(shape)
         if buffer is None:
-            while len(self._prepared) >= SHAPES:
-                del self._prepared[next(iter(self._prepared))]
-            buffer = self._prepared[shape] = JointStateBuffer(names, velocity=velocity, effort=effort)
+            while len(self.prepared) >= SHAPES:
+                del self.prepared[next(iter(self.prepared))]
+            buffer = self.prepared[shape] = JointStateBuffer(names, velocity=velocity, effort=effort)
         said = (True, velocity, effort)
         numbers = [
             [nan if each is None else each for each in column]

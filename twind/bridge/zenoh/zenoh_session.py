@@ -95,7 +95,7 @@ def readable(place: NetworkConfig) -> list[str]:
 
     Raises ClientError: the place itself is wrong.
     """
-    made = _configuration(place, TRY)
+    made = make_configuration(place, TRY)
     said = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
     return [each for each in said if not (_sealed(each) or here(each))]
 
@@ -106,7 +106,7 @@ def open_session(
     """Joined as soon as somebody answers there; None: told to stop before. Raises ClientError where the
     place itself is wrong. `tell` hears once that nobody answers.
     """
-    configuration = _configuration(place, TRY)
+    configuration = make_configuration(place, TRY)
     told = False
     while not stop.is_set():
         try:
@@ -122,7 +122,7 @@ def open_session(
 def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
     """Joined within `patience` s. Raises ClientError."""
     try:
-        return _open(_configuration(place, patience))
+        return _open(make_configuration(place, patience))
     except ClientError as error:
         raise ClientError(f"{place}: {error}") from None
 
@@ -148,7 +148,7 @@ def _open(configuration: zenoh.Config) -> zenoh.Session:
     return session
 
 
-def _configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
+def make_configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
     """Raises ClientError."""
     engine = _engine()
     try:

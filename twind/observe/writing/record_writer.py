@@ -92,7 +92,7 @@ class RecordWriter:
         single = place.suffix == ".mcap"
         self.folder = place.parent if single else place
         self._single = place if single else None
-        self._bounds = bounds
+        self.quota = bounds
         self._now = now
         self._per_episode = per_episode
         self._open_file = open_file
@@ -287,8 +287,8 @@ class RecordWriter:
         file.flush()
         self._flushed = self._now()
         self.tally = replace(self.tally, bytes=file.size)
-        old = self._now() - self._file_began >= self._bounds.longest
-        if old or file.size >= self._bounds.largest:
+        old = self._now() - self._file_began >= self.quota.longest
+        if old or file.size >= self.quota.largest:
             self._finish("an hour" if old else "its size")
         else:
             self._make_room()
@@ -306,12 +306,12 @@ class RecordWriter:
     def _make_room(self) -> None:
         """Old recordings go; where the disk is too full all the same, `stopped` says so."""
         if self._single is None:
-            gone = make_room(self.folder, self._bounds.keep, self.tally.path, self.tally.files)
+            gone = make_room(self.folder, self.quota.keep, self.tally.path, self.tally.files)
             self.tally = replace(self.tally, removed=self.tally.removed + len(gone))
         left = free(self.folder)
-        if left < self._bounds.free:
+        if left < self.quota.free:
             self.stopped = (
-                f"{self.folder}: {left >> 20} MiB are free, {self._bounds.free >> 20} MiB are to stay so; "
+                f"{self.folder}: {left >> 20} MiB are free, {self.quota.free >> 20} MiB are to stay so; "
                 "make room, or allow less with --free"
             )
 

@@ -41,12 +41,12 @@ class Recorder:
         listening: RecordSubscriber | None = first
         self.begun = time.monotonic()
         with ProgressLine(self.options, "record", seconds=self.options.seconds) as progress:
-            self._mark(first, "begin")
+            self.send_mark(first, "begin")
             while listening is not None:
                 self._follow(listening, progress)
                 gone = listening.ended
                 if not gone and self.writer.tally.episode is not None:
-                    self._mark(listening, "end")
+                    self.send_mark(listening, "end")
                 listening.close()
                 self.writer.end()
                 if self._is_over():
@@ -71,23 +71,23 @@ class Recorder:
             )
         while not (self._is_over() or listening.ended):
             self.stop.wait(0.1)
-            self._name_files(progress, listening.session.robot)
+            self.name_files(progress, listening.session.robot)
             now = time.monotonic()
             if now - last >= TOLD:
                 rate = (listening.answers - count) / (now - last)
                 last = now
                 count = listening.answers
                 progress.update(line(self.writer.tally, rate))
-                self._look_at_clock(listening)
+                self.check_clock(listening)
 
-    def _name_files(self, progress: ProgressLine, robot: str) -> None:
+    def name_files(self, progress: ProgressLine, robot: str) -> None:
         """Each file by its name, once, as soon as it is there."""
         files = self.writer.tally.files
         for path in files[self.named :]:
             self._print_line(progress, f"recording {robot} into {path}")
         self.named = len(files)
 
-    def _look_at_clock(self, listening: RecordSubscriber) -> None:
+    def check_clock(self, listening: RecordSubscriber) -> None:
         """Note that the wall clock was set. Times in the file go on as they were."""
         now = clocks()
         begun = listening.session.clocks
@@ -114,7 +114,7 @@ class Recorder:
             self.failed = True
             traceback.print_exception(failure)
 
-    def _mark(self, listening: RecordSubscriber, kind: str) -> None:
+    def send_mark(self, listening: RecordSubscriber, kind: str) -> None:
         """The episode of --task; by the daemon, so that everybody knows, or where we may not, in the file."""
         if self.options.task is None:
             return

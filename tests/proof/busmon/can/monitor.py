@@ -52,7 +52,7 @@ class CanMonitor:
         self.stopping = Stopping(self._broken, limits, self.servos)  # type: ignore[arg-type]
         self._out = Lines()
         self._in = Lines()
-        self._rest_since = self._since = self._packet_at = -np.inf
+        self._rest_since = self._since = self.packet_at = -np.inf
         self._fed = np.full(len(self.motors), -np.inf)  # s, when each was last spoken to
         self._goals: dict[int, int] = {}  # of the text that is being read
 
@@ -79,7 +79,7 @@ class CanMonitor:
         for line in lines:
             self._line(line, now)
         self._aim(now)
-        self._packet_at = now
+        self.packet_at = now
 
     def _line(self, line: bytes, now: float) -> None:
         try:
@@ -144,7 +144,7 @@ class CanMonitor:
         elif what in ("born", "port"):
             self._out = Lines()
             self._in = Lines()
-            self._packet_at = -np.inf
+            self.packet_at = -np.inf
             self._fed[:] = -np.inf
             self.servos.begun(now)
             self.stopping.clear()
@@ -157,7 +157,7 @@ class CanMonitor:
 
     def _at_rest(self, now: float, facts: dict[str, Any]) -> None:
         """W11: what the motors themselves say after a kill. `velocity` (words/s), by id."""
-        late = now - self._packet_at
+        late = now - self.packet_at
         for id, velocity in facts.get("velocity", {}).items():
             stops = self.motors[self.servos.row[id]].watched and self.words.killed and late > 0.120
             if stops and not abs(velocity) <= 1.0:
