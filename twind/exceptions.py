@@ -24,7 +24,7 @@ Programming errors are built-in exceptions.
     │       └── Refused       the gate or the daemon refused; `findings` gives the reasons
     ├── UsageError            twind.command_line.verb: a command line that cannot be understood; exit code 2
     ├── Rejected              twind.command_line.verb: a command that was not carried out; exit code 1
-    └── CheckNotApplicable    twind_calibration.doctor.check: the machine lacks what a check is about
+    └── CheckNotApplicable    twind.doctor.check: the machine lacks what a check is about
 """
 
 from collections.abc import Sequence

@@ -11,7 +11,6 @@ from twind.doctor import report, runner, table_page
 from twind.doctor.check import (
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     Devices,
     DoctorFinding,
     Fix,
@@ -20,6 +19,7 @@ from twind.doctor.check import (
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.runner import CHECK_BROKEN
+from twind.exceptions import OperationFailed
 
 ROWS = {
     row.code: row
@@ -104,7 +104,7 @@ def test_failing_check_becomes_a_finding_and_others_run() -> None:
 
 def test_unavailable_checks_are_reported_and_inapplicable_ones_are_not() -> None:
     outcome = run(
-        check("moons", error=CheckUnavailable("clouds")), check("CAN", error=CheckNotApplicable("no CAN"))
+        check("moons", error=OperationFailed("clouds")), check("CAN", error=CheckNotApplicable("no CAN"))
     )
     assert (outcome.found, outcome.looked, outcome.unseen) == ([], [], [("moons", "clouds")])
     assert report.text(outcome, ROWS, None, verbose=True).splitlines()[-1] == (
@@ -224,11 +224,11 @@ def test_joined_fix_fails_while_one_servo_is_left() -> None:
 
 @pytest.mark.parametrize("before", [True, False], ids=["there already", "new"])
 @pytest.mark.parametrize(
-    "error", [CheckUnavailable("held"), CheckNotApplicable("gone"), ZeroDivisionError("of Jupiter")]
+    "error", [OperationFailed("held"), CheckNotApplicable("gone"), ZeroDivisionError("of Jupiter")]
 )
 def test_fix_without_second_inspection_is_no_success(error: Exception, before: bool) -> None:
     """Unless the same was in the way before, as a bus without a port is: then all was found beside it."""
-    looks = iter([before and isinstance(error, CheckUnavailable), True])
+    looks = iter([before and isinstance(error, OperationFailed), True])
 
     def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
         again = done
@@ -241,7 +241,7 @@ def test_fix_without_second_inspection_is_no_success(error: Exception, before: b
     checks = [CheckProbe("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
-    if before and isinstance(error, CheckUnavailable):
+    if before and isinstance(error, OperationFailed):
         assert (tried.error, tried.there, report.count_problems(outcome, ROWS, [tried])) == ("", False, 0)
         return
     assert tried.error.startswith("it was done, but could not be looked at again: ")

@@ -19,12 +19,10 @@ from twind.doctor import (
     host_inspector,
     service,
 )
-from twind.doctor.check import (
-    CheckUnavailable,
-)
 from twind.doctor.check_context import examine
 from twind.doctor.host_inspector import is_daemon
 from twind.doctor.service import judge_unit
+from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
 
 STATES = """#!/bin/sh
@@ -61,14 +59,14 @@ def test_closed_folder_hides_its_files(tmp_path: Path) -> None:
 
 def test_the_account_of_a_process_is_the_kernels() -> None:
     assert service.account_of_process(Path("/proc"), os.getpid()) == service.own_account()
-    with pytest.raises(CheckUnavailable):
+    with pytest.raises(OperationFailed):
         service.account_of_process(Path("/proc"), 2**30)
 
 
 def test_the_account_of_a_service_has_its_groups() -> None:
     root = service.account_of_service("", "tty")
     assert root.uid == 0 and service.group_id("tty") in root.gids
-    with pytest.raises(CheckUnavailable, match="no user 'nosuchuser'"):
+    with pytest.raises(OperationFailed, match="no user 'nosuchuser'"):
         service.account_of_service("nosuchuser", "")
 
 

@@ -9,7 +9,6 @@ from twind.doctor.check import (
     UNPLUGGED,
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     DoctorFinding,
     Fix,
     Severity,
@@ -18,6 +17,7 @@ from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import BusProbe, SerialBusInspector
 from twind.doctor.ports import port_devices
+from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
@@ -71,7 +71,7 @@ def check_timers(context: CheckContext) -> Iterator[DoctorFinding]:
         wanted = max(1, context.bus(node.bus).latency_timer_ms)
         value = context.host.number(file)
         if value is not None and value > wanted and node.bus in context.lines:
-            with suppress(CheckUnavailable):  # held, or not permitted: the timer stays as it is
+            with suppress(OperationFailed):  # held, or not permitted: the timer stays as it is
                 context.lines[node.bus].transport  # noqa: B018  opening requests low latency
             value = context.host.number(file)
         if value is not None and value > wanted:
@@ -120,7 +120,7 @@ def check_rates(context: CheckContext) -> Iterator[DoctorFinding]:
             continue
         try:
             line.transport  # noqa: B018  opening sets the rate and reads back the kernel's
-        except CheckUnavailable as error:
+        except OperationFailed as error:
             if isinstance(error.__cause__, PortError):
                 yield DoctorFinding("BAUD_UNSUPPORTED", node.path, error.__cause__.reason)
 
@@ -146,7 +146,7 @@ def check_latency(context: CheckContext) -> Iterator[DoctorFinding]:
             line.port, quick, wire + LONGEST_DELAY, timer, f"the quicker of {len(delays)} pings"
         )
     if silent:
-        raise CheckUnavailable("; ".join(silent))
+        raise OperationFailed("; ".join(silent))
 
 
 def judge_latency(port: str, took: float, wire: float, timer_ms: float, what: str) -> Iterator[DoctorFinding]:
@@ -160,7 +160,7 @@ def judge_latency(port: str, took: float, wire: float, timer_ms: float, what: st
 def _delays(line: SerialBusInspector, ids: list[int]) -> list[float]:
     """Return the delays (s, without wire time) of pings to the first device that answers.
 
-    Raises CheckUnavailable.
+    Raises OperationFailed.
     """
     delays: list[float] = []
     try:
@@ -174,7 +174,7 @@ def _delays(line: SerialBusInspector, ids: list[int]) -> list[float]:
             if delays:
                 break
     except PortError as error:
-        raise CheckUnavailable(str(error)) from error
+        raise OperationFailed(str(error)) from error
     return delays
 
 
@@ -194,13 +194,13 @@ def _latency_by_daemon(context: CheckContext) -> Iterator[DoctorFinding]:
     hops = daemon.latency
     mean = [hops[name]["mean_ms"] for name in ("request", "reply") if name in hops]
     if len(mean) < 2 or None in mean:
-        raise CheckUnavailable(f"the daemon receives no reply; {LATER}")
+        raise OperationFailed(f"the daemon receives no reply; {LATER}")
     for bus in daemon.status["buses"]:
         if bus["errors"] > LOST * bus["exchanges"]:
             lost = f"{bus['errors']} of {bus['exchanges']} readings of bus {bus['name']} were not whole"
-            raise CheckUnavailable(f"{lost}, and a long latency timer looks like that too; {LATER}")
+            raise OperationFailed(f"{lost}, and a long latency timer looks like that too; {LATER}")
     if daemon.status["loop"]["on_time"] < PUNCTUAL:
-        raise CheckUnavailable(f"the loop itself is late; {LATER}")
+        raise OperationFailed(f"the loop itself is late; {LATER}")
     yield from judge_latency(
         " ".join(str(context.ports.get(bus.name)) for bus in serial),
         sum(mean) / 1e3,

@@ -13,7 +13,6 @@ from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.doctor.check import (
     Check,
-    CheckUnavailable,
     Devices,
     DoctorFinding,
     Severity,
@@ -23,6 +22,7 @@ from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.inspectors import Answer, CanBusInspector, DaemonInspector, scan_bus
 from twind.doctor.serial_survey import device_of
 from twind.doctor.servo_state import is_armed
+from twind.exceptions import OperationFailed
 from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
 from twind_drivers.can.can_reader import CanReader
 from twind_drivers.can.channel import CanErrorState
@@ -111,7 +111,7 @@ def can_surveys(context: CheckContext) -> Iterator[CanSurvey]:
         if context.daemon is not None:
             return _survey_by_daemon(context.daemon, spec, context.need_robot())
         if spec.name not in context.can_lines:
-            raise CheckUnavailable(f"bus {spec.name} has no port: name it with --port")
+            raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_can_line(context.can_lines[spec.name])
 
     return context.survey_buses(can=True, look=look, kind=CanSurvey)
@@ -121,11 +121,11 @@ def can_surveys(context: CheckContext) -> Iterator[CanSurvey]:
 
 
 def survey_can_line(line: CanBusInspector) -> CanSurvey:
-    """Survey one bus completely. Raises CheckUnavailable."""
+    """Survey one bus completely. Raises OperationFailed."""
     try:
         return _survey(line)
     except PortError as error:
-        raise CheckUnavailable(str(error)) from error
+        raise OperationFailed(str(error)) from error
 
 
 def _survey(line: CanBusInspector) -> CanSurvey:

@@ -10,7 +10,6 @@ from twind.doctor.check import (
     SUPPORT,
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     DoctorFinding,
     Fix,
     Severity,
@@ -18,6 +17,7 @@ from twind.doctor.check import (
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.ports import can_interfaces
+from twind.exceptions import OperationFailed
 from twind_drivers.can.can_interface import CAN_TYPE, LONG
 
 SHORT = 48  # frames: two cycles of 24 actuators
@@ -76,7 +76,7 @@ def read_link(host: HostInspector, name: str) -> CanNetworkInterface | None:
     plain = CanNetworkInterface(name, kind, bool(int(flags, 16) & UP), queue)
     try:
         output = host.program("ip", "-details", "-json", "link", "show", "dev", name)
-    except CheckUnavailable:
+    except OperationFailed:
         return plain
     return with_details(plain, output)
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from twind.exceptions import TwindError
+
 MANY = 3  # devices of one bus with the same finding; more of them share one finding
 
 # Cautions that several rows share: what to make sure of before a remedy is followed.
@@ -98,11 +100,7 @@ class DoctorFinding:
     severity: Severity | None = None  # None: that of the row
 
 
-class CheckUnavailable(Exception):
-    """The subject of a check cannot be inspected, with the reason. The report lists it at its end."""
-
-
-class CheckNotApplicable(Exception):
+class CheckNotApplicable(TwindError):
     """This machine or robot has no such subject (no CAN bus). The report leaves it out."""
 
 

@@ -22,10 +22,10 @@ from twind.config.robot_file import RobotFile, load_robot
 from twind.config.robot_spec import BusSpec
 from twind.config.yaml_tree import ConfigError
 from twind.ctl.instances import SERVICE, settings_of, sockets_of
-from twind.doctor.check import CheckNotApplicable, CheckUnavailable, DoctorFinding
+from twind.doctor.check import CheckNotApplicable, DoctorFinding
 from twind.doctor.host_inspector import HostInspector, asleep, would_start
 from twind.doctor.inspectors import PATIENCE, CanBusInspector, DaemonInspector, SerialBusInspector
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind_drivers.clock import Clock
 
 Survey = TypeVar("Survey")
@@ -52,9 +52,9 @@ class CheckContext:
     surveys: dict[str, Any] = field(default_factory=dict)  # results of inspections that checks share
 
     def need_robot(self) -> RobotFile:
-        """Return the robot. Raises CheckUnavailable where its file is rejected."""
+        """Return the robot. Raises OperationFailed where its file is rejected."""
         if self.robot is None:
-            raise CheckUnavailable("the robot file cannot be read")
+            raise OperationFailed("the robot file cannot be read")
         return self.robot
 
     def need_daemon(self) -> DaemonInspector:
@@ -81,7 +81,7 @@ class CheckContext:
         daemon = None
         if self.daemon is not None:
             daemon = {"socket": self.daemon.path}
-            with suppress(CheckUnavailable):
+            with suppress(OperationFailed):
                 daemon |= {key: self.daemon.status[key] for key in ("version", "robot", "mode", "state")}
         name = None if self.robot is None else self.robot.name
         joints = () if self.robot is None else self.robot.joints
@@ -91,7 +91,7 @@ class CheckContext:
     def bus(self, name: str) -> BusSpec:
         """Return a bus of the robot.
 
-        Raises CheckUnavailable where there is no robot, KeyError for an unknown name.
+        Raises OperationFailed where there is no robot, KeyError for an unknown name.
         """
         return self.need_robot().bus(name)
 
@@ -100,7 +100,7 @@ class CheckContext:
     ) -> Iterator[Survey]:
         """Yield the survey of each CAN or serial bus, made once by `look`, whose result is a `kind`.
 
-        Raises CheckNotApplicable: there is no such bus; CheckUnavailable, after the others: one failed.
+        Raises CheckNotApplicable: there is no such bus; after the others: one failed.
         """
         if self.sim:
             raise CheckNotApplicable("mode sim opens no bus")
@@ -112,7 +112,7 @@ class CheckContext:
             if spec.name not in self.surveys:
                 try:
                     self.surveys[spec.name] = look(spec)
-                except CheckUnavailable as error:
+                except OperationFailed as error:
                     self.surveys[spec.name] = error
             seen = self.surveys[spec.name]
             if isinstance(seen, kind):
@@ -120,7 +120,7 @@ class CheckContext:
             else:
                 reasons.append(str(seen))
         if reasons:
-            raise CheckUnavailable("; ".join(dict.fromkeys(reasons)))
+            raise OperationFailed("; ".join(dict.fromkeys(reasons)))
 
     def close(self) -> None:
         """Close the ports and the connection to the daemon."""
@@ -252,7 +252,7 @@ def _source(daemon: DaemonInspector) -> Path | None:
     """Return the settings file that a daemon has read; None: it has read none, or this is unknown."""
     try:
         source = str(daemon.parameters.get("source") or "defaults")
-    except CheckUnavailable:
+    except OperationFailed:
         return None
     return Path(source) if source.startswith("/") else None
 
@@ -261,7 +261,7 @@ def _same_ports(options: argparse.Namespace, daemon: DaemonInspector) -> bool:
     """Return whether the ports of the command line are among the daemon's; True without any."""
     try:
         its = {real_port(bus["port"]) for bus in daemon.status["buses"]}
-    except CheckUnavailable:
+    except OperationFailed:
         return True
     return {real_port(port.partition("=")[2] or port) for port in options.port} <= its
 
@@ -280,9 +280,7 @@ def _robot(
     """Load the robot file of the daemon as it is now, else that of the settings."""
     name = None if settings is None else settings.robot
     if daemon is not None:
-        with suppress(
-            CheckUnavailable, KeyError
-        ):  # a daemon in trouble, or a newer one: the settings say it too
+        with suppress(KeyError):  # a daemon in trouble, or a newer one: the settings say it too
             name = str(daemon.robot["robot"]["path"])
     if name is None:
         return None
@@ -318,7 +316,7 @@ def _ports(
     Raises UsageError: the command line is wrong.
     """
     if daemon is not None:
-        with suppress(CheckUnavailable):
+        with suppress(OperationFailed):
             return {bus["name"]: bus["port"] or None for bus in daemon.status["buses"]}
     if settings is None or robot is None:
         return {}

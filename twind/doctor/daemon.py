@@ -13,7 +13,6 @@ from twind.doctor.check import (
     SUPPORT,
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     DoctorFinding,
     Fix,
     Severity,
@@ -21,6 +20,7 @@ from twind.doctor.check import (
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import would_start
 from twind.doctor.inspectors import PATIENCE
+from twind.exceptions import OperationFailed
 from twind.listening_sockets import GROUPS, NAMES
 from twind.protocol.socket_paths import SYSTEM
 from twind.version import __version__
@@ -109,7 +109,7 @@ def check_access(context: CheckContext) -> Iterator[DoctorFinding]:
     if context.daemon is not None:
         try:
             context.daemon.status  # noqa: B018  a daemon in trouble does not answer this call
-        except CheckUnavailable as error:
+        except OperationFailed as error:
             yield DoctorFinding("DAEMON_SILENT", context.daemon.path, str(error), ANSWER)
         return
     path = Path(context.sockets or os.path.dirname(socket_path())) / "control.sock"
@@ -145,7 +145,7 @@ def _start_command(context: CheckContext) -> str:
     """Return the command that starts the daemon: as its service where installed, else by hand."""
     try:
         service.unit_properties(context)
-    except (CheckNotApplicable, CheckUnavailable):
+    except (CheckNotApplicable, OperationFailed):
         return "twind"
     return f"sudo systemctl start {context.unit.removesuffix('.service')}"
 
@@ -226,7 +226,7 @@ def check_ticks(context: CheckContext) -> Iterator[DoctorFinding]:
     loop = context.need_daemon().status["loop"]
     total = loop["ticks"] + loop["missed"]
     if total < ENOUGH:
-        raise CheckUnavailable(f"the daemon has run for {loop['ticks']} ticks only")
+        raise OperationFailed(f"the daemon has run for {loop['ticks']} ticks only")
     share = loop["missed"] / total
     if share > MISSED:
         worst = loop.get("late_max_us") or 0.0

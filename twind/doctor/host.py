@@ -17,13 +17,13 @@ from twind.doctor.check import (
     SUPPORT,
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     DoctorFinding,
     Fix,
     Severity,
 )
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import BOOTED, HostInspector, is_daemon
+from twind.exceptions import OperationFailed
 from twind.loop.realtime import LIMIT, PRIORITY
 from twind_drivers.dynamixel.port_holder import command
 
@@ -111,14 +111,14 @@ ROWS = (
 def check_state_folder(context: CheckContext) -> Iterator[DoctorFinding]:
     """STATE_UNWRITABLE: the state folder, for the daemon's user."""
     if context.settings is None:
-        raise CheckUnavailable("the settings cannot be read")
+        raise OperationFailed("the settings cannot be read")
     folder = context.settings.state_dir
     there = _existing(folder)
     account, whose = service.runner_account(context)
     try:
         may = account.may(there, os.W_OK | os.X_OK)
     except OSError as error:
-        raise CheckUnavailable(f"{there}: {error.strerror}") from error
+        raise OperationFailed(f"{there}: {error.strerror}") from error
     if account.uid == 0 and os.statvfs(there).f_flag & os.ST_RDONLY:
         yield DoctorFinding(
             "STATE_UNWRITABLE", str(folder), "its disk is mounted read-only", "read and write"
@@ -153,7 +153,7 @@ def check_realtime(context: CheckContext) -> Iterator[DoctorFinding]:
     if context.daemon is not None:
         got, denied = (context.daemon.status["loop"].get(key) for key in ("realtime", "realtime_denied"))
         if got is None or denied is None:
-            raise CheckUnavailable("the daemon does not report its real-time rights: its version differs")
+            raise OperationFailed("the daemon does not report its real-time rights: its version differs")
         for key, wanted in (("scheduler", "fifo"), ("memory", "locked")):
             if key in denied:
                 yield DoctorFinding("NO_REALTIME", "the running daemon", f"{key}: {got[key]}", wanted)
@@ -259,11 +259,11 @@ def outdated(requirements: list[str]) -> Iterator[DoctorFinding]:
 
 
 def is_synchronised() -> bool:
-    """Return whether the kernel's clock is synchronised (adjtimex(2)). Raises CheckUnavailable."""
+    """Return whether the kernel's clock is synchronised (adjtimex(2)). Raises OperationFailed."""
     answer = ctypes.create_string_buffer(512)  # struct timex is 208 bytes; modes 0 only asks
     state = ctypes.CDLL(None, use_errno=True).adjtimex(answer)
     if state < 0:
-        raise CheckUnavailable(f"adjtimex: {os.strerror(ctypes.get_errno())}")
+        raise OperationFailed(f"adjtimex: {os.strerror(ctypes.get_errno())}")
     return bool(state != ERROR)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from twind.doctor.check import CheckUnavailable
+from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
 from twind_drivers.can.can_interface_lock import owners
 from twind_drivers.dynamixel.port_holder import command
@@ -168,19 +168,19 @@ class HostInspector:
     def program(self, *words: str) -> str:
         """Return the standard output of a program.
 
-        Raises CheckUnavailable: it is not installed, failed, or took too long.
+        Raises OperationFailed: it is not installed, failed, or took too long.
         """
         try:
             done = subprocess.run(
                 words, capture_output=True, text=True, timeout=PATIENCE, check=False, stdin=subprocess.DEVNULL
             )
         except FileNotFoundError:
-            raise CheckUnavailable(f"{words[0]} is not installed") from None
+            raise OperationFailed(f"{words[0]} is not installed") from None
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise CheckUnavailable(f"`{' '.join(words[:3])}`: {error}") from error
+            raise OperationFailed(f"`{' '.join(words[:3])}`: {error}") from error
         if done.returncode:
             output = done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}"
-            raise CheckUnavailable(f"`{' '.join(words[:3])}`: {output.splitlines()[0]}")
+            raise OperationFailed(f"`{' '.join(words[:3])}`: {output.splitlines()[0]}")
         return done.stdout
 
 
@@ -198,7 +198,7 @@ def _is_same_node(one: Path, other: str) -> bool:
 
 
 def properties(host: HostInspector, unit: str, *names: str) -> dict[str, str]:
-    """Return properties of a unit by `systemctl show`. Raises CheckUnavailable."""
+    """Return properties of a unit by `systemctl show`. Raises OperationFailed."""
     return parse_properties(host.program("systemctl", "show", unit, "-p", ",".join(names)))
 
 
@@ -221,7 +221,7 @@ def asleep(host: HostInspector, path: str) -> str:
     listener = f"twind-{file.removesuffix('.sock')}{at}.socket"
     try:
         states = host.program("systemctl", "show", "-P", "ActiveState", service, listener).split()
-    except CheckUnavailable:
+    except OperationFailed:
         return ""
     return service if len(states) == 2 and states[0] not in RUNNING and states[1] == "active" else ""
 
@@ -235,6 +235,6 @@ def last_lines(host: HostInspector, unit: str) -> str:
     """Return the last lines of a service's journal, or the reason why they are unavailable."""
     try:
         lines = host.program("journalctl", "-u", unit, "-n", str(LAST_LINES), "-o", "cat", "--no-pager", "-q")
-    except CheckUnavailable as error:
+    except OperationFailed as error:
         return f"(its journal cannot be read: {error})"
     return lines.strip() or f"(no line of it may be read: `sudo journalctl -u {unit}`)"

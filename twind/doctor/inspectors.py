@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from twind.client import CallError, Client, ClientError, NoDaemon
 from twind.config.actuator_types import CanType
 from twind.config.robot_spec import BusSpec, RobotFile
-from twind.doctor.check import CheckUnavailable
 from twind.doctor.host_inspector import HostInspector
+from twind.exceptions import OperationFailed
 from twind_drivers.bus import ByteTransport, PortError
 from twind_drivers.can.actuator import CanActuator
 from twind_drivers.can.can_ports import open_channel, parse
@@ -34,7 +34,7 @@ Answer = dict[str, Any]
 
 
 class DaemonInspector:
-    """One daemon on one connection. Each property asks once; it may raise CheckUnavailable."""
+    """One daemon on one connection. Each property asks once; it may raise OperationFailed."""
 
     def __init__(self, client: Client) -> None:
         """`client`: connected to the observe or the control socket."""
@@ -69,13 +69,13 @@ class DaemonInspector:
     def latency(self) -> dict[str, Answer]:
         """`Latency` of the interface by hop: request, reply, state, twin, …"""
         if self._silent:
-            raise CheckUnavailable(self._silent)
+            raise OperationFailed(self._silent)
         try:
             for news in self.client.stream("Monitor", topics=["latency"], rate=10.0):
                 return {str(hop["hop"]): hop for hop in news.get("latency") or ()}
         except ClientError as error:
-            raise CheckUnavailable(f"the daemon does not answer Monitor: {error}") from error
-        raise CheckUnavailable("the daemon ended Monitor without an answer")
+            raise OperationFailed(f"the daemon does not answer Monitor: {error}") from error
+        raise OperationFailed("the daemon ended Monitor without an answer")
 
     @property
     def is_live(self) -> bool:
@@ -90,37 +90,37 @@ class DaemonInspector:
                 probe.settimeout(PATIENCE)
                 probe.connect(self.path)
             except OSError as error:
-                raise CheckUnavailable(f"{self.path}: {error.strerror or error}") from error
+                raise OperationFailed(f"{self.path}: {error.strerror or error}") from error
             found = probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER.size)
         return int(PEER.unpack(found)[0])
 
     def ask(self, method: str, **parameters: Any) -> Answer:
-        """Call a reading method. Raises CheckUnavailable with the daemon's reply."""
+        """Call a reading method. Raises OperationFailed with the daemon's reply."""
         if self._silent:
-            raise CheckUnavailable(self._silent)
+            raise OperationFailed(self._silent)
         try:
             return self.client.call(method, **parameters)
         except CallError as error:
-            raise CheckUnavailable(f"{method}: {error}") from error
+            raise OperationFailed(f"{method}: {error}") from error
         except ClientError as error:
             self._silent = f"the daemon does not answer {method}: {error}"
-            raise CheckUnavailable(self._silent) from error
+            raise OperationFailed(self._silent) from error
 
     def open_operator(self) -> Client:
-        """Open a connection that may read registers. Raises CheckUnavailable: this user is no operator."""
+        """Open a connection that may read registers. Raises OperationFailed: this user is no operator."""
         client = Client(Path(self.path).parent, timeout=SCAN_PATIENCE)
         try:
             client.connect()
         except ClientError as error:
-            raise CheckUnavailable(f"registers are read by operators alone: {error}") from error
+            raise OperationFailed(f"registers are read by operators alone: {error}") from error
         return client
 
     def port_of(self, bus: str) -> str:
-        """Return the port of a bus. Raises CheckUnavailable."""
+        """Return the port of a bus. Raises OperationFailed."""
         for each in self.status["buses"]:
             if each["name"] == bus:
                 return str(each["port"])
-        raise CheckUnavailable(f"the daemon has no bus {bus}: it runs with another robot file")
+        raise OperationFailed(f"the daemon has no bus {bus}: it runs with another robot file")
 
     @cached_property
     def _both(self) -> Answer:
@@ -130,16 +130,16 @@ class DaemonInspector:
 def scan_bus(client: Client, bus: str) -> dict[int, Answer]:
     """Scan a bus through the daemon: the devices that answer among those of its robot file, by id.
 
-    Empty where all are silent. Raises CheckUnavailable: the bus failed, or the daemon does not answer.
+    Empty where all are silent. Raises OperationFailed: the bus failed, or the daemon does not answer.
     """
     try:
         return {int(found["id"]): dict(found) for found in client.stream("Scan", bus=bus)}
     except CallError as error:
         if error.name == "BusFailed" and error.parameters.get("silent"):
             return {}
-        raise CheckUnavailable(f"bus {bus}: {error}") from error
+        raise OperationFailed(f"bus {bus}: {error}") from error
     except ClientError as error:
-        raise CheckUnavailable(f"the daemon does not answer Scan: {error}") from error
+        raise OperationFailed(f"the daemon does not answer Scan: {error}") from error
 
 
 class ProbeReply(NamedTuple):
@@ -182,7 +182,7 @@ class BusProbe:
 
 
 class SerialBusInspector:
-    """One free serial port at the rate of its bus. `transport`, `prober` may raise CheckUnavailable."""
+    """One free serial port at the rate of its bus. `transport`, `prober` may raise OperationFailed."""
 
     def __init__(self, port: str, baud: int, host: HostInspector, clock: Clock) -> None:
         """The port is opened when first used, and stays open until `close`."""
@@ -194,13 +194,13 @@ class SerialBusInspector:
 
     @cached_property
     def transport(self) -> SerialTransport:
-        """The open port. Raises CheckUnavailable: held (with the holder), missing, not permitted."""
+        """The open port. Raises OperationFailed: held (with the holder), missing, not permitted."""
         for other in self.host.holders(self.port):  # also those without a lock: they would get our replies
-            raise CheckUnavailable(f"{self.port} is held by pid {other.pid} ({other.command})")
+            raise OperationFailed(f"{self.port} is held by pid {other.pid} ({other.command})")
         try:
             self._open = SerialTransport(self.port, self.baud)
         except PortError as error:
-            raise CheckUnavailable(str(error)) from error
+            raise OperationFailed(str(error)) from error
         return self._open
 
     @property
@@ -214,7 +214,7 @@ class SerialBusInspector:
         return Prober(self.transport, self.clock, self.baud, timer=self.timer_s)
 
     def open_probe(self) -> BusProbe:
-        """Return a probe on the open port. Raises CheckUnavailable."""
+        """Return a probe on the open port. Raises OperationFailed."""
         return BusProbe(self.transport, self.clock, self.baud, timer=self.timer_s)
 
     def close(self) -> None:
@@ -227,7 +227,7 @@ class SerialBusInspector:
 
 
 class CanBusInspector:
-    """One free CAN bus at its bit rate. `channel`, `reader` may raise CheckUnavailable."""
+    """One free CAN bus at its bit rate. `channel`, `reader` may raise OperationFailed."""
 
     def __init__(
         self,
@@ -252,12 +252,12 @@ class CanBusInspector:
 
     @cached_property
     def channel(self) -> CanChannel:
-        """The open channel. Raises CheckUnavailable: possibly driven, held, missing, not permitted, down."""
+        """The open channel. Raises OperationFailed: possibly driven, held, missing, not permitted, down."""
         self._require_alone()
         try:
             self._open = open_channel(self.port, self.spec.baud)
         except PortError as error:
-            raise CheckUnavailable(str(error)) from error
+            raise OperationFailed(str(error)) from error
         return self._open
 
     @cached_property
@@ -278,22 +278,20 @@ class CanBusInspector:
         return CanReader(self.spec.name, self.channel, actuators, bitrate=self.spec.baud)
 
     def _require_alone(self) -> None:
-        """Raise CheckUnavailable where another program may drive the bus: most adapters can be shared."""
+        """Raise OperationFailed where another program may drive the bus: most adapters can be shared."""
         parts = parse(self.port)
         if parts.interface == "slcan":  # a serial port: its driver has it open
             for other in self.host.holders(parts.channel):
-                raise CheckUnavailable(f"{parts.channel} is held by pid {other.pid} ({other.command})")
+                raise OperationFailed(f"{parts.channel} is held by pid {other.pid} ({other.command})")
             return
         shut = f"{self.port} was not opened"
         if self._why is not None and not self._why.absent:
-            raise CheckUnavailable(f"{shut}, a daemon may drive it: {self._why}")
+            raise OperationFailed(f"{shut}, a daemon may drive it: {self._why}")
         for other in self.host.daemons():
             how = "ask that one with `--socket DIR`, or stop it"
-            raise CheckUnavailable(f"{shut}, pid {other.pid} ({other.command}) may drive it: {how}")
+            raise OperationFailed(f"{shut}, pid {other.pid} ({other.command}) may drive it: {how}")
         if parts.interface == "socketcan" and self.host.hears(parts.channel):
-            raise CheckUnavailable(
-                f"{shut}, a program listens there (/proc/net/can): end it, then look again"
-            )
+            raise OperationFailed(f"{shut}, a program listens there (/proc/net/can): end it, then look again")
 
     def close(self) -> None:
         """Close the channel, if it was opened."""

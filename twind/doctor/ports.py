@@ -16,12 +16,12 @@ from twind.doctor.check import (
     UNPLUGGED,
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     DoctorFinding,
     Severity,
 )
 from twind.doctor.check_context import CheckContext, CheckProbe
 from twind.doctor.host_inspector import HostInspector, PortHolder, is_daemon
+from twind.exceptions import OperationFailed
 from twind.protocol.socket_paths import SYSTEM
 from twind_drivers.can import can_ports
 
@@ -92,7 +92,7 @@ class PortDevice(NamedTuple):
 
 
 def port_devices(context: CheckContext) -> list[PortDevice]:
-    """List the serial devices of all buses. Raises CheckNotApplicable, CheckUnavailable."""
+    """List the serial devices of all buses. Raises CheckNotApplicable, OperationFailed."""
     robot = context.need_robot()
     found = []
     for name, port in context.ports.items():
@@ -110,7 +110,7 @@ def port_devices(context: CheckContext) -> list[PortDevice]:
 
 
 def can_interfaces(context: CheckContext) -> list[tuple[str, str]]:
-    """List bus and interface of every bus on a CAN interface of the kernel. Raises CheckUnavailable."""
+    """List bus and interface of every bus on a CAN interface of the kernel. Raises OperationFailed."""
     robot = context.need_robot()
     buses = [
         (name, can_ports.parse(port))
@@ -147,7 +147,7 @@ def check_present(context: CheckContext) -> Iterator[DoctorFinding]:
             yield DoctorFinding("PORT_MISSING", node.path, f"no such port (bus {node.bus})", advice=advice)
             continue
         except OSError as error:
-            raise CheckUnavailable(f"{node.path}: {error.strerror}") from error
+            raise OperationFailed(f"{node.path}: {error.strerror}") from error
         if not stat.S_ISCHR(found.st_mode):
             text = f"is not a character device (bus {node.bus})"
             advice = "give a serial port: `ls -l /dev/serial/by-id/`"
@@ -198,7 +198,7 @@ def check_held(context: CheckContext) -> Iterator[DoctorFinding]:
 
 
 def check_probed(context: CheckContext) -> Iterator[DoctorFinding]:
-    """PORT_PROBED: ModemManager runs, and no udev rule keeps it from this port. Raises CheckUnavailable.
+    """PORT_PROBED: ModemManager runs, and no udev rule keeps it from this port. Raises OperationFailed.
 
     brltty is left out: it takes adapters of some makers by its own list, and its user may need it to read.
     Where it has the port, that is PORT_HELD.
@@ -270,7 +270,7 @@ def _other_daemon(host: HostInspector, pid: int) -> str:
 
 
 def _is_ignored(host: HostInspector, tty: str) -> bool:
-    """Return whether udev keeps ModemManager from the port. Raises CheckUnavailable: unknown."""
+    """Return whether udev keeps ModemManager from the port. Raises OperationFailed: unknown."""
     output = host.program("udevadm", "info", "--query=property", f"--name=/dev/{tty}")
     return not {"ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1"}.isdisjoint(output.splitlines())
 

@@ -57,7 +57,7 @@ def _by_daemon(daemon: DaemonInspector, servo: SurveyedServo, name: str, value: 
 def _alone(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int) -> None:
     """Write on the free port.
 
-    Raises CheckUnavailable: another program has the port; PortError; Rejected: another servo answers, none
+    Raises OperationFailed: another program has the port; PortError; Rejected: another servo answers, none
     answers, torque is on, the servo refused, or the read-back differs.
     """
     line.close()  # opening it checks the holders again

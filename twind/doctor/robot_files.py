@@ -8,9 +8,9 @@ from typing import Any
 from twind.config.doc_pages import CALIBRATION, page
 from twind.config.file_changes import fingerprint
 from twind.config.robot_file import RobotFile
-from twind.doctor.check import Check, CheckNotApplicable, CheckUnavailable, DoctorFinding, Severity
+from twind.doctor.check import Check, CheckNotApplicable, DoctorFinding, Severity
 from twind.doctor.check_context import CheckContext, CheckProbe
-from twind.exceptions import InvalidInput
+from twind.exceptions import InvalidInput, OperationFailed
 from twind.twin.binding import bind
 
 SHOWN = 4  # names in one finding
@@ -77,7 +77,7 @@ def check_calibration(context: CheckContext) -> Iterator[DoctorFinding]:
     """CALIBRATION_MISSING."""
     robot = context.need_robot()
     if context.settings is None:
-        raise CheckUnavailable("the settings cannot be read")
+        raise OperationFailed("the settings cannot be read")
     if context.sim:
         raise CheckNotApplicable("mode sim needs no calibration")
     if context.daemon is not None:
@@ -101,7 +101,7 @@ def check_loaded_files(context: CheckContext) -> Iterator[DoctorFinding]:
     loaded = daemon.robot
     path = Path(str(loaded["robot"]["path"]))
     if not path.is_absolute():
-        raise CheckUnavailable(f"the daemon read {path}, relative to the folder it was started in")
+        raise OperationFailed(f"the daemon read {path}, relative to the folder it was started in")
     if _text_hash(path) not in (loaded["robot"]["text_sha256"], None):
         yield _changed(str(path), "changed since the daemon read it")
     known: Any = loaded.get("calibration")

@@ -25,13 +25,13 @@ from twind.doctor import (
 from twind.doctor.check import (
     Check,
     CheckNotApplicable,
-    CheckUnavailable,
     Devices,
     DoctorFinding,
     Severity,
     severity_of,
 )
 from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 
 CHECK_BROKEN = Check(
@@ -127,7 +127,7 @@ def _try_fix(found: DoctorFinding) -> str:
     assert found.fix is not None
     try:
         found.fix.do()
-    except (OSError, ClientError, PortError, Rejected, CheckUnavailable) as error:
+    except (OSError, ClientError, PortError, Rejected, OperationFailed) as error:
         return str(error) or type(error).__name__
     return ""
 
@@ -162,7 +162,7 @@ def _run_one(context: CheckContext, check: CheckProbe, outcome: DoctorReport) ->
     except CheckNotApplicable as error:
         outcome.absent.append((check.what, str(error)))
         return
-    except CheckUnavailable as error:
+    except OperationFailed as error:
         if (check.what, str(error)) not in outcome.unseen:  # several checks share a subject
             outcome.unseen.append((check.what, str(error)))
         return

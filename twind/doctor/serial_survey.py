@@ -12,9 +12,10 @@ import numpy as np
 
 from twind.client import CallError, Client, ClientError
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
-from twind.doctor.check import CheckUnavailable, Devices
+from twind.doctor.check import Devices
 from twind.doctor.check_context import CheckContext
 from twind.doctor.inspectors import Answer, BusProbe, DaemonInspector, SerialBusInspector, scan_bus
+from twind.exceptions import OperationFailed
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.bus_scan import BAUDS, IDS, ScannedDevice, Trouble, scan, scan_rate
 from twind_drivers.dynamixel.control_tables import ControlTable, TableRegister, number_of
@@ -105,7 +106,7 @@ def serial_surveys(context: CheckContext) -> Iterator[SerialSurvey]:
         if context.daemon is not None:
             return survey_by_daemon(context.daemon, spec, context.need_robot())
         if spec.name not in context.lines:
-            raise CheckUnavailable(f"bus {spec.name} has no port: name it with --port")
+            raise OperationFailed(f"bus {spec.name} has no port: name it with --port")
         return survey_port(context.lines[spec.name], spec, context.need_robot())
 
     return context.survey_buses(can=False, look=look, kind=SerialSurvey)
@@ -123,14 +124,14 @@ def expected_servos(context: CheckContext) -> Iterator[tuple[SerialSurvey, Surve
 def survey_port(
     line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
 ) -> SerialSurvey:
-    """Survey one bus completely; other rates only where a device is missing. Raises CheckUnavailable.
+    """Survey one bus completely; other rates only where a device is missing. Raises OperationFailed.
 
     `ids`: the ids to ping; all of them take about a second at each rate.
     """
     try:
         return _survey(line, spec, robot, ids)
     except PortError as error:
-        raise CheckUnavailable(str(error)) from error
+        raise OperationFailed(str(error)) from error
 
 
 def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialSurvey:
@@ -279,7 +280,7 @@ def _scan_other_rates(
 
 
 def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
-    """Survey one bus through the daemon. Raises CheckUnavailable: not open, or no answer of the daemon."""
+    """Survey one bus through the daemon. Raises OperationFailed: not open, or no answer of the daemon."""
     port = daemon.port_of(spec.name)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
     states = {joint["name"]: joint for joint in daemon.joints}
@@ -296,11 +297,11 @@ def survey_by_daemon(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -
 
 
 def _ask_imu(client: Client, imu: ImuSpec) -> SurveyedImu:
-    """Return the daemon's last reading of the inertial sensor. Raises CheckUnavailable."""
+    """Return the daemon's last reading of the inertial sensor. Raises OperationFailed."""
     try:
         reading = client.call("Monitor", topics=["state"]).get("imu")
     except ClientError as error:
-        raise CheckUnavailable(f"the daemon does not answer Monitor: {error}") from error
+        raise OperationFailed(f"the daemon does not answer Monitor: {error}") from error
     if reading is None or reading["age_ms"] > SILENT:
         return SurveyedImu(_imu_name(imu), False)
     return SurveyedImu(_imu_name(imu), True, math.hypot(*reading["acceleration"]))
@@ -325,13 +326,13 @@ def _scanned_servo(client: Client, joint: JointSpec, found: Answer, state: Answe
 
 
 def _ask_register(client: Client, joint: JointSpec, name: str) -> int | None:
-    """Read one register; None: no answer, or no such register. Raises CheckUnavailable: not served."""
+    """Read one register; None: no answer, or no such register. Raises OperationFailed: not served."""
     try:
         answer = client.call("ReadRegister", bus=joint.bus, id=joint.id, name=name)
     except CallError as error:
         if error.name in ("BusFailed", "NotFound"):
             return None
-        raise CheckUnavailable(f"ReadRegister: {error}") from error
+        raise OperationFailed(f"ReadRegister: {error}") from error
     except ClientError as error:
-        raise CheckUnavailable(f"the daemon does not answer ReadRegister: {error}") from error
+        raise OperationFailed(f"the daemon does not answer ReadRegister: {error}") from error
     return int(answer["register"]["value"])

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.doctor import host_inspector
-from twind.doctor.check import Check, CheckNotApplicable, CheckUnavailable, DoctorFinding, Severity
+from twind.doctor.check import Check, CheckNotApplicable, DoctorFinding, Severity
 from twind.doctor.check_context import CheckContext, CheckProbe
+from twind.exceptions import OperationFailed
 
 PROPERTIES = (
     *("LoadState", "ActiveState", "SubState", "Result", "NRestarts", "MainPID", "User"),
@@ -70,7 +71,7 @@ def check_front(context: CheckContext) -> Iterator[DoctorFinding]:
     loop = (figures["ticks"] + figures["missed"]) / figures["rate_hz"]  # the front starts with the first tick
     fronts = context.host.children(pid, "twind.front")
     if not fronts:
-        raise CheckUnavailable(f"the children of process {pid} are hidden")
+        raise OperationFailed(f"the children of process {pid} are hidden")
     youngest = min(age for _, age in fronts)
     if loop - youngest > YOUNGER:
         text = f"runs for {youngest:.0f} s, the loop for {loop:.0f} s: it was restarted"
@@ -82,7 +83,7 @@ def check_front(context: CheckContext) -> Iterator[DoctorFinding]:
 def unit_properties(context: CheckContext) -> Mapping[str, str]:
     """Return properties of the unit, read once.
 
-    Raises CheckNotApplicable: no systemd, or no such unit; CheckUnavailable.
+    Raises CheckNotApplicable: no systemd, or no such unit; OperationFailed.
     """
     key = f"unit {context.unit}"
     if key not in context.surveys:
@@ -98,7 +99,7 @@ def unit_properties(context: CheckContext) -> Mapping[str, str]:
 def daemon_pid(context: CheckContext) -> int:
     """Return the pid of the daemon: the listener on its socket, or the main process of the service.
 
-    Raises CheckUnavailable.
+    Raises OperationFailed.
     """
     pid = context.need_daemon().listener
     if pid > 1:
@@ -106,7 +107,7 @@ def daemon_pid(context: CheckContext) -> int:
     try:
         return int(unit_properties(context)["MainPID"])
     except CheckNotApplicable as error:
-        raise CheckUnavailable(f"which process the daemon is: {error}") from error
+        raise OperationFailed(f"which process the daemon is: {error}") from error
 
 
 def own_pids(context: CheckContext) -> set[int]:
@@ -137,7 +138,7 @@ class UserAccount:
     def may(self, path: Path, want: int) -> bool:
         """Return whether it has access `want` (os.R_OK | os.W_OK | os.X_OK), by owner, group and mode.
 
-        Checks the path and its folders. Raises OSError: missing or hidden; CheckUnavailable: an access
+        Checks the path and its folders. Raises OSError: missing or hidden; OperationFailed: an access
         control list decides.
         """
         if self.uid == 0:
@@ -149,13 +150,13 @@ class UserAccount:
     def _bits(self, path: Path, want: int) -> bool:
         found = path.stat()
         if "system.posix_acl_access" in _attributes(path) and found.st_uid != self.uid:
-            raise CheckUnavailable(f"{path} has an access control list: `getfacl {path}`")
+            raise OperationFailed(f"{path} has an access control list: `getfacl {path}`")
         shift = 6 if found.st_uid == self.uid else 3 if found.st_gid in self.gids else 0
         return (stat.S_IMODE(found.st_mode) >> shift) & want == want
 
 
 def runner_account(context: CheckContext) -> tuple[UserAccount, str]:
-    """Return the account that the daemon has or would have, and its description. Raises CheckUnavailable."""
+    """Return the account that the daemon has or would have, and its description. Raises OperationFailed."""
     if context.daemon is not None:
         return account_of_process(context.host.proc, daemon_pid(context)), "the daemon's user"
     try:
@@ -172,11 +173,11 @@ def own_account() -> UserAccount:
 
 
 def account_of_process(proc: Path, pid: int) -> UserAccount:
-    """Return the account of a process, with its present groups. Raises CheckUnavailable."""
+    """Return the account of a process, with its present groups. Raises OperationFailed."""
     try:
         lines = (proc / str(pid) / "status").read_text().splitlines()
     except OSError as error:
-        raise CheckUnavailable(f"process {pid}: {error.strerror}") from error
+        raise OperationFailed(f"process {pid}: {error.strerror}") from error
     words = {line.partition(":")[0]: line.partition(":")[2].split() for line in lines}
     return UserAccount(int(words["Uid"][1]), frozenset(map(int, (words["Gid"][1], *words.get("Groups", ())))))
 
@@ -184,12 +185,12 @@ def account_of_process(proc: Path, pid: int) -> UserAccount:
 def account_of_service(user: str, groups: str) -> UserAccount:
     """Return the account of a service with User= and SupplementaryGroups=.
 
-    Raises CheckUnavailable: there is no such user.
+    Raises OperationFailed: there is no such user.
     """
     try:
         entry = pwd.getpwnam(user or "root")
     except KeyError:
-        raise CheckUnavailable(f"there is no user {user!r}") from None
+        raise OperationFailed(f"there is no user {user!r}") from None
     gids = set(os.getgrouplist(entry.pw_name, entry.pw_gid))
     gids |= {gid for name in groups.split() if (gid := group_id(name)) is not None}
     return UserAccount(entry.pw_uid, frozenset(gids))

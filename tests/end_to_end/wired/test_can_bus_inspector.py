@@ -10,9 +10,9 @@ from tests.support.doctor_rig import host, plant
 from twind.client import Client, NoDaemon
 from twind.config.robot_file import load_robot
 from twind.doctor.can_bus import survey_can_line
-from twind.doctor.check import CheckUnavailable
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import CanBusInspector
+from twind.exceptions import OperationFailed
 from twind_drivers.can.can_ports import open_channel
 from twind_drivers.can.channel import CanChannel
 from twind_drivers.clock import MonotonicClock
@@ -69,7 +69,7 @@ def test_beside_a_daemon_that_runs_no_frame_is_sent(
     plant(lonely.proc / "4242/cmdline", "/opt/twind/bin/python\0/opt/twind/bin/twind\0--config\0a.yaml\0")
     one = line(lonely, f"can:virtual:doctor{os.getpid()}", why(tmp_path))
     with pytest.raises(
-        CheckUnavailable, match=r"was not opened, pid 4242 \(.*bin/twind .*may drive it: ask that"
+        OperationFailed, match=r"was not opened, pid 4242 \(.*bin/twind .*may drive it: ask that"
     ):
         survey_can_line(one)
     assert len(wire.receive(0.0)) == 0
@@ -77,7 +77,7 @@ def test_beside_a_daemon_that_runs_no_frame_is_sent(
 
 def test_a_daemon_that_may_not_be_asked_may_drive_the_bus(lonely: HostInspector, wire: CanChannel) -> None:
     denied = NoDaemon("/run/twind/control.sock: permission denied: operators are in the group")
-    with pytest.raises(CheckUnavailable, match=r"a daemon may drive it: .*permission denied"):
+    with pytest.raises(OperationFailed, match=r"a daemon may drive it: .*permission denied"):
         survey_can_line(line(lonely, f"can:virtual:doctor{os.getpid()}", denied))
     assert len(wire.receive(0.0)) == 0
 
@@ -89,11 +89,11 @@ def test_an_interface_that_somebody_listens_on_is_not_opened(
     one = line(lonely, "can:socketcan:can7", why(tmp_path))
     plant(lonely.proc / "net/can/rcvlist_all", NOBODY_HEARS)
     plant(lonely.proc / "net/can/rcvlist_fil", HEARD.format("can8"))
-    with pytest.raises(CheckUnavailable) as caught:
+    with pytest.raises(OperationFailed) as caught:
         survey_can_line(one)
     assert "listens" not in str(caught.value), "this machine has no can7"
     plant(lonely.proc / "net/can/rcvlist_fil", HEARD.format(name))
-    with pytest.raises(CheckUnavailable, match="can7 was not opened, a program listens there"):
+    with pytest.raises(OperationFailed, match="can7 was not opened, a program listens there"):
         survey_can_line(one)
 
 
@@ -103,7 +103,7 @@ def test_a_serial_adapter_that_somebody_has_open_is_not_opened(lonely: HostInspe
         port = os.ttyname(slave)
         (lonely.proc / "4242/fd").mkdir(parents=True)
         (lonely.proc / "4242/fd/3").symlink_to(port)
-        with pytest.raises(CheckUnavailable, match=f"{port} is held by pid 4242"):
+        with pytest.raises(OperationFailed, match=f"{port} is held by pid 4242"):
             survey_can_line(line(lonely, f"can:slcan:{port}", why(tmp_path)))
     finally:
         os.close(master)

@@ -13,11 +13,11 @@ from tests.support.processes import robot
 from twind.command_line.verb import Rejected
 from twind.config.robot_file import load_robot
 from twind.doctor import register_fix
-from twind.doctor.check import CheckUnavailable
 from twind.doctor.check_context import CheckContext
 from twind.doctor.host_inspector import HostInspector
 from twind.doctor.inspectors import SerialBusInspector
 from twind.doctor.serial_survey import expected_servos, survey_port
+from twind.exceptions import OperationFailed
 from twind_drivers.clock import MonotonicClock
 
 HOLD = "import os,sys; fd=os.open(sys.argv[1],os.O_RDWR|os.O_NOCTTY); print(flush=True); sys.stdin.read()"
@@ -87,7 +87,7 @@ def test_a_port_that_somebody_has_by_now_is_not_written_to(ground: Ground, fix: 
         assert holder.stdout is not None
         assert holder.stdin is not None
         holder.stdout.readline()
-        with pytest.raises(CheckUnavailable, match=f"held by pid {holder.pid}"):
+        with pytest.raises(OperationFailed, match=f"held by pid {holder.pid}"):
             fix()
         holder.stdin.close()
     assert mask(ground) == MASK[1]
