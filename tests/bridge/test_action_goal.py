@@ -57,7 +57,7 @@ def test_tolerances_of_a_joint_are_one_row() -> None:
     ]
 
 
-def test_what_is_not_served_is_named_never_left_out_in_silence() -> None:
+def test_every_unserved_goal_field_is_named() -> None:
     assert unserved(SimpleNamespace()) == ""
     empty = SimpleNamespace(joint_names=[], points=[])
     assert unserved(SimpleNamespace(multi_dof_trajectory=empty, component_path_tolerance=[])) == ""
@@ -66,7 +66,7 @@ def test_what_is_not_served_is_named_never_left_out_in_silence() -> None:
     assert unserved(SimpleNamespace(component_goal_tolerance=[1])) == "component_goal_tolerance"
 
 
-def test_the_bytes_say_what_the_goal_says() -> None:
+def test_an_encoded_goal_keeps_its_times_and_positions() -> None:
     point = SimpleNamespace(
         positions=[0.1], velocities=[], accelerations=[], effort=[], time_from_start=moment(1, 500_000_000)
     )
@@ -87,11 +87,11 @@ def state(mode: str, **joint: Any) -> dict[str, Any]:
     }
 
 
-def test_the_actual_place_is_that_of_whom_commands_go_to() -> None:
+def test_the_actual_position_follows_the_mode() -> None:
     assert places(state("live"), ["knee"]) == ([1.0], [0.5], [0.5])
     assert places(state("sim"), ["knee"]) == ([1.0], [0.9], [pytest.approx(0.1)])
 
 
-def test_what_is_not_known_of_a_joint_is_not_told_of_any() -> None:
+def test_an_unknown_joint_position_suppresses_the_feedback_of_all_joints() -> None:
     assert places(state("live", position=None), ["knee"]) is None
     assert places(state("live"), ["knee", "tail"]) is None

@@ -13,7 +13,7 @@ def test_a_line_has_what_whose_and_why() -> None:
     assert line({"topic": "/mode", "asked": "live", "phase": "done"}) == "/mode live: done"
 
 
-def test_a_reader_that_hangs_holds_up_nobody_and_what_had_no_room_is_counted() -> None:
+def test_a_blocked_journal_reader_delays_no_caller_and_overflow_is_counted() -> None:
     lines: list[str] = []
     go_on = threading.Event()
 

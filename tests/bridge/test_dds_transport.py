@@ -63,7 +63,7 @@ def test_named_peers_are_asked_by_unicast() -> None:
     assert not list(found.iter("NetworkInterface"))
 
 
-def test_peers_are_never_given_up_and_this_machine_hears_of_us_each_second() -> None:
+def test_peer_locators_are_never_pruned_and_local_discovery_repeats_each_second() -> None:
     far = settings(DiscoverySettings(peers=("127.0.0.2",)))
     for found, interval in ((settings(DiscoverySettings()), "1 s"), (far, None)):
         assert found.findtext(".//InitialLocatorPruneDelay") == "inf"
@@ -78,7 +78,7 @@ def test_a_subnet_is_searched_by_multicast_and_a_users_own_configuration_counts(
     assert configuration(DiscoverySettings(range=DiscoveryRange.SYSTEM_DEFAULT)) is None
 
 
-def test_a_peer_without_an_address_is_told_and_ends_no_process() -> None:
+def test_a_peer_without_an_address_raises_a_transport_error() -> None:
     with pytest.raises(OperationFailed, match=r"ROS_STATIC_PEERS: no-such-host\.invalid"):
         configuration(DiscoverySettings(peers=("no-such-host.invalid",)))
 
@@ -110,7 +110,7 @@ def node() -> Iterator[DdsTransport]:
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\x00\x01\x00\x00", b"\xff\xff\x00\x00body"])
-def test_what_is_no_message_at_all_is_refused(node: DdsTransport, data: bytes) -> None:
+def test_a_payload_that_is_no_cdr_message_is_refused(node: DdsTransport, data: bytes) -> None:
     with pytest.raises(OperationFailed, match=rf"/out: {len(data)} bytes are no CDR"):
         node.publish(OUT, data)
 
@@ -136,7 +136,7 @@ def bound(opened: Collection[int]) -> dict[int, bytes]:
 
 
 @pytest.mark.parametrize("reach", [DiscoveryRange.OFF, DiscoveryRange.LOCALHOST])
-def test_on_this_machine_alone_no_socket_hears_a_network(reach: DiscoveryRange) -> None:
+def test_with_localhost_range_no_socket_listens_on_a_network_device(reach: DiscoveryRange) -> None:
     told: list[str] = []
     with free_domain() as domain:
         before = sockets()
@@ -150,7 +150,7 @@ def test_on_this_machine_alone_no_socket_hears_a_network(reach: DiscoveryRange) 
     assert told == []
 
 
-def test_a_socket_that_cannot_be_closed_to_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_socket_that_cannot_be_restricted_to_loopback_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     monkeypatch.setattr("twind.bridge.ros.dds.loopback_only._LOOPBACK", b"no-such\0")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket(socket.AF_UNIX) as other:
@@ -161,7 +161,7 @@ def test_a_socket_that_cannot_be_closed_to_others_is_told(monkeypatch: pytest.Mo
 # ------------------------------------------------------------------------------------- coming, going
 
 
-def test_it_may_be_left_twice_and_joined_again() -> None:
+def test_a_transport_can_be_closed_twice_and_opened_again() -> None:
     with free_domain() as domain:
         node = DdsTransport(DiscoverySettings(domain=domain), print)
         node.close()
@@ -187,7 +187,7 @@ def test_two_of_one_process_in_a_domain_are_refused_in_words_and_leave_the_first
         second.close()
 
 
-def test_messages_that_found_no_room_are_counted_and_told_ever_more_rarely(
+def test_messages_dropped_for_lack_of_room_are_counted_and_reported_at_powers_of_ten(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told: list[str] = []
@@ -204,7 +204,7 @@ def test_messages_that_found_no_room_are_counted_and_told_ever_more_rarely(
 
 
 @pytest.mark.parametrize("version", ["11.0.2", "11.1.0", "12.0.0"])
-def test_a_missing_or_unknown_library_is_told_with_the_remedy(
+def test_a_missing_or_unknown_library_is_reported_with_the_remedy(
     monkeypatch: pytest.MonkeyPatch, version: str
 ) -> None:
     node = DdsTransport(DiscoverySettings(), print)
@@ -219,7 +219,7 @@ def test_a_missing_or_unknown_library_is_told_with_the_remedy(
         node.open((OUT,), (), nothing, nothing)
 
 
-def test_what_is_installed_is_the_version_whose_layouts_are_known() -> None:
+def test_the_required_dds_version_is_the_version_with_known_layouts() -> None:
     project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())
     (wanted,) = project["project"]["optional-dependencies"]["dds"]
     assert wanted.partition(";")[0] == f"cyclonedds=={KNOWN}"

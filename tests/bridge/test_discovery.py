@@ -57,13 +57,15 @@ def test_options_come_before_the_environment() -> None:
         ("ROS_DISTRO", "../jazzy"),
     ],
 )
-def test_what_says_nothing_usable_is_refused_by_name(name: str, value: str) -> None:
+def test_an_unusable_variable_value_is_refused_by_name(name: str, value: str) -> None:
     with pytest.raises(InvalidInput, match=name if name != "ROS_DOMAIN_ID" else "ROS_DOMAIN_ID|domain"):
         discovery({name: value})
 
 
 @given(domain=TEXTS, reach=TEXTS, peers=TEXTS)
-def test_whatever_is_set_the_answer_is_sound_or_an_error(domain: str, reach: str, peers: str) -> None:
+def test_any_environment_gives_valid_discovery_settings_or_an_error(
+    domain: str, reach: str, peers: str
+) -> None:
     said = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers}
     try:
         found = discovery(said)

@@ -29,7 +29,7 @@ def shown(roll: FleetRoster, now: float, width: int = 120) -> list[str]:
     return plain(rows(roll.robots(), now, width)).split("\n")
 
 
-def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_is() -> None:
+def test_a_roster_row_shows_mode_state_joints_faults_and_age() -> None:
     roll = FleetRoster()
     roll.update_status(
         "h1", UPLINK, answer(heard=23, faults=[{"code": "BUS_LOST"}, {"code": "BUS_ERRORS"}]), 10.0, 0.02
@@ -57,7 +57,7 @@ def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_
     }
 
 
-def test_one_that_went_away_is_lost_with_the_reason_and_its_last_words_and_never_with_its_old_state() -> None:
+def test_a_lost_robot_is_shown_with_the_reason_and_without_its_old_state() -> None:
     roll = FleetRoster()
     roll.update_status("h1", UPLINK, answer(), 10.0, 0.02)
     roll.mark_lost("h1", UPLINK, "its uplink ended")
@@ -68,7 +68,7 @@ def test_one_that_went_away_is_lost_with_the_reason_and_its_last_words_and_never
     assert "armed" in shown(roll, 101.0)[1]
 
 
-def test_one_that_is_there_and_says_nothing_is_not_shown_as_it_was() -> None:
+def test_a_present_robot_without_an_answer_is_not_shown_with_its_old_state() -> None:
     roll = FleetRoster()
     roll.there("new", UPLINK)
     roll.update_status("old", UPLINK, answer(), 10.0, 0.02)
@@ -78,7 +78,7 @@ def test_one_that_is_there_and_says_nothing_is_not_shown_as_it_was() -> None:
     assert roll.has_unknown_robots()
 
 
-def test_who_was_named_is_in_the_list_there_or_not_and_nobody_else() -> None:
+def test_only_named_robots_are_listed_whether_present_or_lost() -> None:
     roll = FleetRoster(["h1", "h2"])
     roll.update_status("h2", UPLINK, answer(), 1.0, 0.0)
     roll.update_status("h3", UPLINK, answer(), 1.0, 0.0)
@@ -98,7 +98,7 @@ def test_two_ways_to_one_name_are_two_rows_that_of_this_machine_first() -> None:
     st.lists(st.tuples(st.sampled_from("abcd"), st.sampled_from(["there", "told", "lost"])), max_size=30),
     st.integers(10, 200),
 )
-def test_whatever_happens_everybody_who_was_known_has_a_row_that_fits(
+def test_every_known_robot_keeps_a_row_that_fits_the_width(
     happened: list[tuple[str, str]], width: int
 ) -> None:
     roll = FleetRoster()
@@ -138,7 +138,7 @@ ODD: list[Any] = [
 
 
 @pytest.mark.parametrize("said", ODD)
-def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said: Any) -> None:
+def test_an_odd_answer_marks_only_its_own_row(said: Any) -> None:
     roll = FleetRoster()
     for name in ("a", "odd", "z"):
         roll.update_status(name, UPLINK, answer(), 10.0, 0.02)
@@ -154,7 +154,7 @@ def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said:
     assert "armed" in shown(roll, 11.0, 200)[3]
 
 
-def test_what_a_newer_robot_says_besides_is_not_odd() -> None:
+def test_unknown_fields_from_a_newer_robot_are_not_odd() -> None:
     roll = FleetRoster()
     newer = answer(mood="good", faults=[{"code": "BUS_LOST", "since": 3.0}]) | {"weather": "fine"}
     roll.update_status("newer", UPLINK, newer, 10.0, 0.02)

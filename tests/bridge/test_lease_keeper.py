@@ -111,7 +111,7 @@ def test_a_stop_beside_the_robot_voids_what_waits_here_and_our_own_letting_go_do
     assert hand.goal("own", lease, came)["phase"] == "accepted"
 
 
-def test_what_waits_behind_a_goal_that_the_gate_threw_away_does_not_begin(hand: Hand) -> None:
+def test_a_goal_that_waits_behind_a_goal_refused_by_the_gate_does_not_begin(hand: Hand) -> None:
     lease = hand.acquire("desk")
     came = time.monotonic()
     hand.daemon.refuse["SubmitTrajectory"] = THROWN_AWAY
@@ -121,7 +121,7 @@ def test_what_waits_behind_a_goal_that_the_gate_threw_away_does_not_begin(hand: 
     assert hand.sent == 1
 
 
-def test_a_lease_that_lapses_while_a_goal_is_judged_lets_go_at_once(hand: Hand) -> None:
+def test_a_lease_that_lapses_during_the_check_of_a_goal_is_released_at_once(hand: Hand) -> None:
     lease = hand.acquire("desk")
     judged = threading.Event()
     answer = threading.Event()
@@ -158,7 +158,7 @@ def test_a_goal_that_is_accepted_after_its_lease_lapsed_is_let_go(hand: Hand) ->
     assert hand.given_back
 
 
-def test_who_takes_the_lease_from_afar_says_until_when_and_a_take_out_of_a_queue_takes_nothing(
+def test_a_remote_lease_refusal_names_holder_and_time_and_a_late_take_is_ignored(
     hand: Hand,
 ) -> None:
     first = hand.acquire("first")
@@ -174,7 +174,7 @@ def test_who_takes_the_lease_from_afar_says_until_when_and_a_take_out_of_a_queue
     assert hand.tenancy.holds(second, hand.time) and not hand.tenancy.holds(first, hand.time)
 
 
-def test_who_holds_the_lease_beside_the_robot_is_not_taken_it_from_afar(hand: Hand) -> None:
+def test_a_remote_client_does_not_take_the_lease_of_a_local_holder(hand: Hand) -> None:
     hand.daemon.refuse["AcquireLease"] = BESIDE
     with pytest.raises(CallError, match="uid 7, pid 8") as held:
         hand.acquire("far", take=True, deadline=hand.time + 1.0)
@@ -192,7 +192,7 @@ def test_a_goal_is_asked_after_by_its_name(hand: Hand) -> None:
     assert hand.sent == 1
 
 
-def test_the_clock_that_is_told_afar_goes_on_while_the_robot_sleeps() -> None:
+def test_the_remote_clock_includes_the_time_of_suspend() -> None:
     """As where a machine slept for 5,000 s: its clock since it was booted is that much ahead."""
     asleep = ["unshare", "--time", "--boottime", "5000"]
     if subprocess.run([*asleep, "true"], capture_output=True, check=False).returncode != 0:
@@ -205,7 +205,7 @@ def test_the_clock_that_is_told_afar_goes_on_while_the_robot_sleeps() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "x", "m1 succeeded", "a client has stopped the robot"])
-def test_a_stop_beside_the_robot_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: str) -> None:
+def test_a_local_stop_counts_by_its_fields_whatever_its_text(hand: Hand, text: str) -> None:
     lease = hand.acquire("desk")
     name = hand.goal("runs", lease)["id"]
     came = time.monotonic()

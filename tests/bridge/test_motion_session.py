@@ -68,7 +68,7 @@ def test_a_newer_motion_goes_on_the_same_connection(hand: Hand) -> None:
     assert hand.driving.driving == ("m2",) and len(hand.daemon.lines) == 1
 
 
-def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
+def test_a_motion_end_received_before_the_submit_reply_counts(hand: Hand) -> None:
     hand.daemon.meanwhile = lambda method: (
         hand.driving.on_monitor_reply(ended("m1", "succeeded")) if method == "SubmitTrajectory" else None
     )
@@ -76,7 +76,7 @@ def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
     assert hand.after(0.1) == [MotionEnd("m1", "succeeded", [])]
 
 
-def test_ends_of_others_are_not_ours_and_are_forgotten(hand: Hand) -> None:
+def test_ends_of_foreign_motions_are_ignored_and_dropped(hand: Hand) -> None:
     for number in range(1000):
         hand.driving.on_monitor_reply(ended(f"x{number}", "succeeded"))
     assert hand.after(0.2) == [] and len(hand.driving.finished) <= 64
@@ -103,7 +103,7 @@ def test_a_refusal_leaves_what_runs_as_it_is(hand: Hand) -> None:
     assert hand.after(2.0) == [] and hand.driving.driving == ("m1",)
 
 
-def test_who_is_refused_keeps_nobody_else_from_driving(hand: Hand) -> None:
+def test_a_refused_trajectory_does_not_keep_the_lease(hand: Hand) -> None:
     far: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "message": "far"}]})
     hand.daemon.refuse["SubmitTrajectory"] = far
     for _ in range(3):
@@ -113,7 +113,7 @@ def test_who_is_refused_keeps_nobody_else_from_driving(hand: Hand) -> None:
         hand.after(0.3)
 
 
-def test_a_lease_that_is_kept_for_somebody_outlives_a_refusal(hand: Hand) -> None:
+def test_a_lease_held_on_request_outlives_a_refusal(hand: Hand) -> None:
     hand.driving.hold()
     hand.daemon.refuse["SubmitTrajectory"] = ("Refused", {"findings": []})
     with pytest.raises(Refused):
@@ -121,7 +121,7 @@ def test_a_lease_that_is_kept_for_somebody_outlives_a_refusal(hand: Hand) -> Non
     assert hand.driving.held and not hand.daemon.named("ReleaseLease")
 
 
-def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(hand: Hand) -> None:
+def test_a_motion_without_an_end_event_is_lost_once_the_robot_stays_at_rest(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.driving.on_monitor_reply(moving("holding"))  # as it was when it was accepted
     assert hand.after(0.5) == []
@@ -139,14 +139,14 @@ def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(han
     assert lost == [MotionEnd("m2", LOST)]
 
 
-def test_one_that_is_to_begin_later_is_not_lost_before(hand: Hand) -> None:
+def test_a_motion_with_a_later_start_is_not_lost_before_its_start(hand: Hand) -> None:
     hand.driving.submit(PATH | {"start_in": 10.0})
     for _ in range(8):
         hand.driving.on_monitor_reply(moving("holding"))
         assert hand.after(1.0) == []
 
 
-def test_with_its_connection_a_motion_is_lost_unless_its_end_is_heard_soon(hand: Hand) -> None:
+def test_a_motion_is_lost_with_its_connection_unless_its_end_arrives_soon(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
     hand.daemon.dead = True
@@ -168,7 +168,7 @@ def test_without_a_daemon_nothing_is_under_way(hand: Hand) -> None:
     assert hand.driving.driving == () and hand.after(3.0) == []
 
 
-def test_who_lost_the_lease_does_not_take_it_again(hand: Hand) -> None:
+def test_a_lost_lease_is_not_acquired_again(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.daemon.refuse["RenewLease"] = ("Refused", {"findings": [{"code": "LEASE_MISSING", "message": "no"}]})
     hand.after(1.0)
@@ -178,7 +178,7 @@ def test_who_lost_the_lease_does_not_take_it_again(hand: Hand) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "x", "m1 aborted", "m2 succeeded", "the motion m1 has arrived"])
-def test_an_end_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: str) -> None:
+def test_a_motion_end_counts_by_its_fields_whatever_its_text(hand: Hand, text: str) -> None:
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
     end = ended("m1", "succeeded")
@@ -188,7 +188,7 @@ def test_an_end_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: st
     assert hand.driving.driving == ("m2",)
 
 
-def test_an_end_that_only_a_text_tells_is_the_end_of_every_motion_and_gives_the_lease_back(
+def test_a_motion_end_without_fields_ends_every_motion_and_releases_the_lease(
     hand: Hand,
 ) -> None:
     hand.driving.hold()

@@ -34,14 +34,14 @@ def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"bridge": 7}', '{"bridge": null}', "[" * 100_000])
-def test_what_is_no_status_is_nobody(text: str) -> None:
+def test_an_invalid_bridge_status_reports_no_peer(text: str) -> None:
     neighbours = PeerBridges()
     neighbours.on_bridge_status(encode(STRING, {"data": text}))
     neighbours.on_bridge_status(text.encode())
     assert not neighbours.conflict_text()
 
 
-def test_of_many_some_are_kept() -> None:
+def test_the_number_of_known_peer_bridges_is_bounded() -> None:
     neighbours = PeerBridges()
     for number in range(10 * MOST):
         neighbours.on_bridge_status(bridge_status(id=str(number), commands=True))

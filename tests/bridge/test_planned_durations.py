@@ -12,7 +12,7 @@ def accepted(name: str, time: float, lasts: float, start_in: float | None = None
     return {"topic": "trajectories", "time": time, "accepted": {"id": name, "trajectory": path}}
 
 
-def test_it_grows_from_its_start_and_never_says_that_it_is_over() -> None:
+def test_the_share_grows_from_the_start_of_a_motion_and_never_reaches_its_end() -> None:
     plans = PlannedDurations()
     plans.on_monitor_reply(accepted("a", 10.0, 4.0))
     plans.on_monitor_reply(accepted("b", 10.0, 4.0, start_in=2.0))
@@ -20,7 +20,7 @@ def test_it_grows_from_its_start_and_never_says_that_it_is_over() -> None:
     assert [plans.share("b", now) for now in (11.0, 14.0)] == [0.0, 0.5]
 
 
-def test_of_what_was_not_heard_nothing_is_done_and_what_is_old_is_forgotten() -> None:
+def test_an_unknown_motion_has_share_zero_and_old_plans_are_dropped() -> None:
     plans = PlannedDurations()
     for number in range(KEPT + 1):
         plans.on_monitor_reply(accepted(str(number), 0.0, 1.0))

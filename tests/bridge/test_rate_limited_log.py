@@ -3,7 +3,7 @@
 from twind.bridge.uplink.rate_limited_log import AT_ONCE, EACH, RateLimitedLog
 
 
-def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
+def test_a_flood_of_lines_is_cut_and_replaced_by_a_count() -> None:
     clock = [0.0]
     said = list[str]()
     saying = RateLimitedLog(said.append, lambda: clock[0])
@@ -18,7 +18,7 @@ def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
     assert said[-1] == "one more"
 
 
-def test_who_says_little_is_always_heard() -> None:
+def test_a_log_below_the_rate_limit_loses_no_line() -> None:
     clock = [0.0]
     said = list[str]()
     saying = RateLimitedLog(said.append, lambda: clock[0])

@@ -41,14 +41,14 @@ def installed(root: Path, name: str, version: str = "3.10") -> Path:
     return place
 
 
-def test_what_is_sourced_counts_and_names_its_python(tmp_path: Path) -> None:
+def test_a_sourced_distribution_counts_and_names_its_python(tmp_path: Path) -> None:
     place = prefix(tmp_path)
     packages = place / "lib" / "python3.10" / "site-packages"
     sourced = PATH | {"AMENT_PREFIX_PATH": str(place), "PYTHONPATH": f"/nothing:{packages}"}
     assert distribution(sourced, None).python == str(place / "bin" / "python3.10")
 
 
-def test_a_prefix_alone_is_enough_where_packages_lie_in_it(tmp_path: Path) -> None:
+def test_a_prefix_with_packages_suffices_without_a_python_path(tmp_path: Path) -> None:
     found = distribution(PATH | {"AMENT_PREFIX_PATH": str(prefix(tmp_path, "3.12"))}, None)
     assert found.python == str(tmp_path / "bin" / "python3.12")
 
@@ -61,7 +61,7 @@ def test_the_only_distribution_is_sourced(tmp_path: Path) -> None:
     assert found.environment["KEPT"] == "yes"
 
 
-def test_of_several_one_has_to_be_named(tmp_path: Path) -> None:
+def test_several_installed_distributions_require_a_choice(tmp_path: Path) -> None:
     for name, version in (("humble", "3.10"), ("jazzy", "3.12")):
         installed(tmp_path, name, version)
     with pytest.raises(UsageError, match=r"humble, jazzy: say which one with --distro"):
@@ -80,7 +80,9 @@ def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_p
     assert distribution(sourced, "jazzy", tmp_path).python == str(place / "bin" / "python3.12")
 
 
-def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_distribution_is_reported_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path / "nothing built"))
     with pytest.raises(UsageError, match="--backend zenoh, which needs none, or dds, which only publishes"):
         distribution(PATH, None, tmp_path)
@@ -104,7 +106,7 @@ def built(folder: Path) -> Path:
     return place
 
 
-def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distribution(
+def test_a_distribution_from_make_ros_is_found_last_and_only_for_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rclpy_launcher.sys, "prefix", str(tmp_path))
@@ -165,7 +167,9 @@ def test_unset_means_this_machine_alone() -> None:
 
 @pytest.mark.parametrize("reach", ["OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"])
 @pytest.mark.parametrize("peers", ["", "10.0.0.7"])
-def test_what_rclpy_is_told_is_what_was_found_and_never_its_own_default(reach: str, peers: str) -> None:
+def test_rclpy_gets_the_discovery_settings_of_the_environment_and_not_its_defaults(
+    reach: str, peers: str
+) -> None:
     said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers}
     told = graph({"ROS_DISTRO": "jazzy", **said}, None)
     assert told["ROS_AUTOMATIC_DISCOVERY_RANGE"] == reach
@@ -187,7 +191,7 @@ def test_what_rclpy_is_told_is_what_was_found_and_never_its_own_default(reach: s
         ("SUBNET", "10.0.0.7", None),
     ],
 )
-def test_humble_is_told_in_the_one_word_that_it_knows_or_refused(
+def test_humble_gets_only_the_localhost_variable_or_is_refused(
     reach: str, peers: str, only: str | None
 ) -> None:
     said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers, "ROS_DISTRO": "humble"}
@@ -206,7 +210,7 @@ def test_options_are_handed_on() -> None:
 
 
 @pytest.mark.parametrize("version", ["3.10", "3.12", "3.13"])
-def test_an_interpreter_without_rclpy_says_so(version: str, tmp_path: Path) -> None:
+def test_an_interpreter_without_rclpy_is_reported_in_one_line(version: str, tmp_path: Path) -> None:
     words = command(interpreters.python(version), OPTIONS)
     done = subprocess.run(words, cwd=tmp_path, env=PATH, capture_output=True, text=True, check=False)
     assert done.returncode == 2
@@ -215,7 +219,7 @@ def test_an_interpreter_without_rclpy_says_so(version: str, tmp_path: Path) -> N
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_of_our_installation_it_sees_twind_alone(tmp_path: Path) -> None:
+def test_the_rclpy_process_imports_only_twind_from_this_installation(tmp_path: Path) -> None:
     """Neither our packages nor a twind of somebody else that lies where it is begun."""
     (tmp_path / "twind").mkdir()
     (tmp_path / "twind" / "__init__.py").write_text("raise SystemExit('the wrong twind')")

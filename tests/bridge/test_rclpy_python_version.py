@@ -35,7 +35,7 @@ def loaded(python: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
-def test_it_loads_the_standard_library_rclpy_and_twind_alone(version: str) -> None:
+def test_the_rclpy_process_loads_only_the_standard_library_rclpy_and_twind(version: str) -> None:
     found = loaded(interpreters.python(version))
     ours = {name for name in found if name.partition(".")[0] == "twind"}
     assert {"twind.bridge.ros.ros_bridge", "twind.bridge.ros.rclpy_node"} <= ours
@@ -45,7 +45,7 @@ def test_it_loads_the_standard_library_rclpy_and_twind_alone(version: str) -> No
     assert not {"numpy", "msgspec", "rich", "structlog", "yaml"} & found.keys()
 
 
-def test_its_types_are_those_of_python_3_10() -> None:
+def test_the_types_of_the_rclpy_process_check_under_python_3_10() -> None:
     ours = [file for name, file in loaded(sys.executable).items() if name.partition(".")[0] == "twind"]
     words = [sys.executable, "-m", "mypy", "--python-version", "3.10", *ours]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)

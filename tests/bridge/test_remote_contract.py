@@ -54,7 +54,7 @@ def test_a_wrong_parameter_is_named(method: str, asked: dict[str, object], where
 @pytest.mark.parametrize(
     "data", [b'{"op":"renew","op":"acquire"}', b'{"deadline":NaN}', b"[" * 40 + b"]" * 40, b'"op"', b"\xff"]
 )
-def test_what_two_readers_could_take_for_two_things_is_refused(data: bytes) -> None:
+def test_an_ambiguous_query_is_refused(data: bytes) -> None:
     with pytest.raises(CallError, match="parameter"):
         check_query("Lease", data)
 
@@ -65,7 +65,7 @@ def test_only_what_carries_a_trajectory_may_be_large() -> None:
             check_query(method, b" " * (most + 1))
 
 
-def test_a_holders_name_is_cut_before_anybody_keeps_or_tells_it() -> None:
+def test_a_holder_name_is_cut_before_it_is_kept_or_published() -> None:
     said = json.dumps({"op": "acquire", "holder": "h" * 60_000}).encode()
     assert check_query("Lease", said)["holder"] == "h" * HOLDER
 

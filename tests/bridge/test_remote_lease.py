@@ -74,7 +74,7 @@ def test_renewals_that_were_held_up_on_the_way_renew_nothing() -> None:
     assert not tenancy.holds(lease, 10.3), "a lease that has been seen lapsed does not come back"
 
 
-def test_whose_lease_is_wrested_commands_no_more_and_may_not_give_it_back() -> None:
+def test_a_replaced_lease_commands_nothing_and_cannot_be_renewed() -> None:
     tenancy = RemoteLease()
     first = tenancy.grant("first", 10.0)["lease"]
     second = tenancy.grant("second", 10.1)

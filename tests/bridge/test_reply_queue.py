@@ -52,7 +52,7 @@ def test_a_message_that_comes_later_is_waited_for_and_none_is_an_answer_too() ->
     timer.join()
 
 
-def test_what_came_before_the_end_is_taken_before_the_end_is_told() -> None:
+def test_replies_received_before_the_end_are_taken_before_the_end() -> None:
     inbox = ReplyQueue()
     inbox.answer(b"{}")
     inbox.end("it went away")
@@ -62,7 +62,7 @@ def test_what_came_before_the_end_is_taken_before_the_end_is_told() -> None:
         inbox.take(time.monotonic())
 
 
-def test_answers_that_nobody_takes_are_bounded_and_then_it_is_over() -> None:
+def test_untaken_replies_are_bounded_and_then_the_connection_ends() -> None:
     inbox = ReplyQueue(answers=3)
     for number in range(5):
         inbox.answer(b"%d" % number)
@@ -72,7 +72,7 @@ def test_answers_that_nobody_takes_are_bounded_and_then_it_is_over() -> None:
 
 
 @pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
-def test_news_that_do_not_say_what_was_dropped_are_taken_as_they_are(odd: bytes) -> None:
+def test_news_without_a_drop_count_pass_unchanged(odd: bytes) -> None:
     inbox = ReplyQueue(room=100)
     inbox.put_news(b"x" * 101)
     inbox.put_news(odd)

@@ -42,7 +42,7 @@ def options(*words: str) -> argparse.Namespace:
         (["--rate", "nan"], "--rate nan: must be above 0 Hz"),
     ],
 )
-def test_what_makes_no_sense_is_usage(
+def test_an_invalid_ros_option_is_a_usage_error(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["ros", "--backend", "dds", *words]) == 2
@@ -57,7 +57,7 @@ def test_a_variable_that_makes_no_sense_is_usage(
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE='EVERYWHERE'" in capsys.readouterr().err
 
 
-def test_a_middleware_that_nobody_knows_is_usage(
+def test_an_unknown_middleware_is_a_usage_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "foo")
@@ -99,7 +99,7 @@ def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str
         ),
     ],
 )
-def test_it_says_first_who_may_do_what(
+def test_the_first_line_names_the_graph_and_its_permissions(
     graph: DiscoverySettings, words: list[str], said: str, tmp_path: Path
 ) -> None:
     given: Any = options("--backend", "rclpy", *words)
@@ -107,7 +107,7 @@ def test_it_says_first_who_may_do_what(
     assert said in ros_command._headline(given, graph)
 
 
-def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back_ends_it_is(
+def test_the_first_line_over_dds_names_the_back_ends_that_accept_commands(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pytest.importorskip("cyclonedds", reason="no wheel for this machine")

@@ -62,7 +62,7 @@ def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
     assert inbox.dropped() is None
 
 
-def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
+def test_a_newer_command_is_not_voided_by_an_accepted_one() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))
@@ -74,7 +74,7 @@ def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
     assert [each.head and each.head.frame for each in taken(inbox, clock)] == ["newer"]
 
 
-def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
+def test_later_followed_and_malformed_commands_are_kept() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
     later = command("a", stamp=7)
@@ -89,7 +89,7 @@ def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
 
 
 @given(st.lists(st.tuples(NAMES, st.integers(0, 1)), max_size=60))
-def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
+def test_the_command_queue_is_bounded_keeps_the_newest_and_counts_all_drops(
     asked: list[tuple[tuple[str, ...], int]],
 ) -> None:
     clock = StubClock()
@@ -109,7 +109,7 @@ def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
     assert (dropped[0] if dropped else 0) == len(commands) - len(left)
 
 
-def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> None:
+def test_a_full_queue_returns_the_followed_command_it_drops() -> None:
     inbox = RosCommandQueue(StubClock().now)
     first = command("a", stamp=1)
     first.told = lambda result: None
@@ -117,7 +117,7 @@ def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> N
     assert gone[-1] == [first] and not any(gone[:-1])
 
 
-def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
+def test_two_commands_are_taken_at_least_one_pace_apart() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))
@@ -129,7 +129,7 @@ def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
     assert inbox.take(0.0) is not None
 
 
-def test_drops_are_told_once_a_second_at_most() -> None:
+def test_drops_are_reported_at_most_once_a_second() -> None:
     clock = StubClock()
     inbox = RosCommandQueue(clock.now)
     for place in range(ROOM + 2):
@@ -141,7 +141,7 @@ def test_drops_are_told_once_a_second_at_most() -> None:
     assert inbox.dropped() == (1, CommandHeader(7, 0, "2", ("a",)))
 
 
-def test_whoever_waits_for_a_command_is_woken() -> None:
+def test_a_wake_ends_the_wait_for_a_command() -> None:
     inbox = RosCommandQueue()
     begun = time.monotonic()
     inbox.wake()
@@ -149,7 +149,7 @@ def test_whoever_waits_for_a_command_is_woken() -> None:
     assert time.monotonic() - begun < 20.0
 
 
-def test_whoever_waits_for_the_time_of_the_next_is_woken_too_but_not_by_those_that_come() -> None:
+def test_a_wake_ends_the_wait_for_the_pace_but_a_new_command_does_not() -> None:
     clock = StubClock()  # which stands still: the time never comes
     inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))

@@ -55,7 +55,7 @@ def test_all_is_well_where_all_is_well() -> None:
     assert values(found["joint l_knee"])["temperature"] == "41"
 
 
-def test_a_daemon_that_is_away_is_an_error_and_nothing_old_is_said_of_the_robot() -> None:
+def test_an_absent_daemon_is_an_error_and_old_robot_rows_are_not_published() -> None:
     found = rows(Diagnostics(), BRIDGE | {"daemon": False, "error": "no daemon"}, None, joints())
     assert list(found) == ["bridge"] and found["bridge"]["level"] == ERROR
     assert found["bridge"]["message"] == "no daemon"
@@ -72,7 +72,7 @@ def test_a_daemon_that_is_away_is_an_error_and_nothing_old_is_said_of_the_robot(
         ("robot", WARN, "ESTOP: by hand", {"faults": [HAND]}, {}),
     ],
 )
-def test_what_is_wrong_is_said_in_its_row(
+def test_a_fault_appears_in_its_diagnostics_row(
     name: str, level: int, words: str, known: dict[str, Any], seen: dict[str, Any]
 ) -> None:
     row = rows(Diagnostics(), known=status(**known), seen=joints(**seen))[name]
@@ -99,7 +99,7 @@ def test_counts_that_grew_warn_once_and_a_new_daemon_is_no_growth() -> None:
     assert slow["level"] == WARN and "4 messages were dropped: a reader" in slow["message"]
 
 
-def test_what_is_unknown_is_said_so() -> None:
+def test_an_unknown_value_is_published_as_unknown() -> None:
     found = rows(
         Diagnostics(), known=status(lease=None, latency_ms=None), seen=joints(l_knee={"voltage": None})
     )

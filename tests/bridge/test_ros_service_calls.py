@@ -82,7 +82,7 @@ def desk() -> Desk:
         (b"\0\1\0\0\xff\xff\xff\xff", "settle"),
     ],
 )
-def test_whatever_comes_as_an_e_stop_is_one(desk: Desk, data: bytes, level: str) -> None:
+def test_any_e_stop_message_triggers_an_e_stop(desk: Desk, data: bytes, level: str) -> None:
     assert desk.heard(E_STOP, data)["phase"] == "done"
     (asked,) = desk.daemon.named("EStop")
     assert asked["level"] == level and asked["reason"] == "asked for over ROS"
@@ -90,12 +90,12 @@ def test_whatever_comes_as_an_e_stop_is_one(desk: Desk, data: bytes, level: str)
 
 
 @pytest.mark.parametrize("data", [text(""), text("now"), b"\0"])
-def test_whatever_comes_as_a_stop_is_one(desk: Desk, data: bytes) -> None:
+def test_any_stop_message_triggers_a_stop(desk: Desk, data: bytes) -> None:
     assert desk.heard(STOP, data)["phase"] == "done"
     assert desk.daemon.named("Cancel") == [{}] and desk.stops == 1
 
 
-def test_a_mode_is_asked_for_and_what_is_none_is_told(desk: Desk) -> None:
+def test_a_valid_mode_is_requested_and_an_unknown_mode_is_reported(desk: Desk) -> None:
     assert desk.heard(SET_MODE, text("mirror")) == {
         "topic": "/bridge/set_mode_cmd",
         "asked": "mirror",
@@ -176,7 +176,7 @@ def test_a_cut_does_not_wait_for_a_robot_that_does_not_settle(desk: Desk) -> Non
     assert desk.results[0]["asked"] == "cut"
 
 
-def test_a_stop_whose_outcome_cannot_be_told_is_not_the_last_one(desk: Desk) -> None:
+def test_a_stop_whose_outcome_cannot_be_published_does_not_prevent_the_next(desk: Desk) -> None:
     desk.broken = True
     for count in (1, 2):
         desk.calls.on_message(E_STOP, text("cut"))
@@ -195,7 +195,7 @@ def test_an_e_stop_takes_the_other_way_where_the_one_fails(desk: Desk) -> None:
     assert [each["level"] for each in desk.daemon.named("EStop")] == ["cut"]
 
 
-def test_who_may_not_command_is_known_by_a_call_that_does_nothing(desk: Desk) -> None:
+def test_a_missing_permission_is_detected_by_a_call_without_effect(desk: Desk) -> None:
     assert denied(desk.daemon.client) == ""
     desk.daemon.refuse["ReleaseLease"] = ("NotAllowed", {"method": "ReleaseLease", "role": "observer"})
     assert "not for the role observer" in str(denied(desk.daemon.client))
@@ -221,12 +221,12 @@ def test_a_status_is_that_of_the_time_when_it_was_asked_for(desk: Desk) -> None:
     assert desk.calls.handle_request(GET_STATUS, None) == (True, '"nobody listens"')
 
 
-def test_a_stop_says_what_the_robot_does_and_not_how_its_bus_is(desk: Desk) -> None:
+def test_a_stop_reply_describes_the_motion_and_not_the_bus(desk: Desk) -> None:
     assert desk.heard(STOP, b"")["message"] == "stopping: the robot decelerates and holds"
     assert desk.calls.handle_request(TO_STOP, None) == (True, "stopping: the robot decelerates and holds")
 
 
-def test_what_is_not_taken_is_answered_with_the_reason_and_an_e_stop_always_is(desk: Desk) -> None:
+def test_a_closed_service_replies_with_the_reason_and_an_e_stop_is_always_served(desk: Desk) -> None:
     desk.closed = {True: "it only looks", False: "another bridge"}
     told = desk.heard(STOP, b"")
     assert (told["phase"], told["message"]) == ("refused", "it only looks")
@@ -252,7 +252,7 @@ def test_every_service_is_answered(desk: Desk) -> None:
     assert desk.calls.handle_request(SET_LIVE, False) == (True, "mirror")
 
 
-def test_a_service_that_fails_says_why(desk: Desk) -> None:
+def test_a_failed_service_call_replies_with_the_cause(desk: Desk) -> None:
     desk.daemon.absent = True
     assert desk.calls.handle_request(TO_STOP, None) == (False, "nobody listens")
     assert desk.calls.handle_request(GET_STATUS, None)[0]

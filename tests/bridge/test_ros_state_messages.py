@@ -42,7 +42,7 @@ def bridged(connected: bool, mode: str) -> RosStateMessages:
     return speech
 
 
-def test_a_joint_that_was_not_heard_is_in_no_message() -> None:
+def test_a_joint_without_a_fresh_reading_is_in_no_message() -> None:
     rows = joints(l_knee={"heard": False, "age_ms": 40.0}, head_yaw={"position": None})
     found = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))
     measured = found[HW_JOINTS]
@@ -53,7 +53,7 @@ def test_a_joint_that_was_not_heard_is_in_no_message() -> None:
 
 
 @given(st.lists(st.booleans(), min_size=24, max_size=24), st.floats(0.0, 30.0))
-def test_whoever_was_heard_is_there_and_the_stamp_is_when_the_last_of_them_was(
+def test_fresh_joints_are_published_with_the_stamp_of_the_newest_reading(
     heard: list[bool], age: float
 ) -> None:
     rows = [
@@ -71,7 +71,7 @@ def test_whoever_was_heard_is_there_and_the_stamp_is_when_the_last_of_them_was(
 @pytest.mark.parametrize(
     ("mode", "simulated"), [("sim", SIM_JOINTS), ("mirror", MIRRORED_JOINTS), ("live", SIM_JOINTS)]
 )
-def test_each_mode_says_what_it_simulates_by_its_own_name_and_what_it_measures_if_anything(
+def test_each_mode_publishes_simulated_and_measured_joints_on_separate_topics(
     mode: str, simulated: RosTopic, connected: bool
 ) -> None:
     rows = joints() if connected or mode == "sim" else joints(**{name: {"heard": False} for name in NAMES})
@@ -84,7 +84,7 @@ def test_each_mode_says_what_it_simulates_by_its_own_name_and_what_it_measures_i
         assert found[JOINTS] == found[HW_JOINTS if HW_JOINTS in found else simulated]
 
 
-def test_the_mode_is_that_of_the_reading_whatever_the_last_status_said() -> None:
+def test_the_mode_of_a_state_message_is_that_of_its_reading() -> None:
     speech = bridged(True, "live")
     assert HW_JOINTS not in decoded_messages(speech.state(state(joints(), mode="sim"), CLOCKS))
     assert MIRRORED_JOINTS in decoded_messages(speech.state(state(joints(), mode="mirror"), CLOCKS))
@@ -93,7 +93,7 @@ def test_the_mode_is_that_of_the_reading_whatever_the_last_status_said() -> None
     assert HW_JOINTS in decoded_messages(speech.state(older, CLOCKS))
 
 
-def test_what_nobody_knows_is_nan_and_a_column_of_nothing_is_empty() -> None:
+def test_an_unknown_value_is_nan_and_a_column_without_values_is_empty() -> None:
     rows = [joint("a", 0, effort=None), joint("b", 1, velocity=None, effort=None)]
     measured = decoded_messages(bridged(True, "live").state(state(rows), CLOCKS))[HW_JOINTS]
     assert measured["effort"] == []
@@ -123,7 +123,7 @@ def test_a_clock_beyond_all_stamps_is_the_first_or_the_last_stamp(wall: int) -> 
     assert message["header"]["stamp"] == stamp(min(max(wall, 0), LAST))
 
 
-def test_an_imu_is_told_when_it_was_heard_and_never_twice() -> None:
+def test_an_imu_reading_is_published_once_with_its_own_stamp() -> None:
     speech = bridged(True, "live")
     imu = {"gyro": [1.0, 2.0, 3.0], "acceleration": [0.0, 0.0, 9.81], "quaternion": [1.0, 0.0, 0.0, 0.0]}
     first = decoded_messages(speech.state(state([], imu=imu | {"age_ms": 4.0}), CLOCKS))[INERTIAL]
@@ -137,7 +137,7 @@ def test_an_imu_is_told_when_it_was_heard_and_never_twice() -> None:
     )
 
 
-def test_what_passed_the_gate_is_a_trajectory_that_begins_at_its_stamp() -> None:
+def test_an_accepted_trajectory_is_published_with_its_start_as_stamp() -> None:
     points = [{"positions": [0.5], "velocities": [0.0], "time_from_start": 1.5}]
     path = {"joint_names": ["l_knee"], "points": points, "start_in": 2.0}
     answer = {"topic": "trajectories", "time": 101.0, "accepted": {"id": "x1", "trajectory": path}}

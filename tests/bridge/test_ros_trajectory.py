@@ -49,7 +49,7 @@ def test_a_future_stamp_waits_and_one_too_far_ahead_names_the_clock() -> None:
         trajectory(command(point(1.0), when=NOW + DAY), NOW)
 
 
-def test_of_a_past_stamp_what_is_over_is_left_out_and_all_over_is_refused() -> None:
+def test_past_points_of_a_past_stamp_are_dropped_and_a_fully_past_command_is_refused() -> None:
     points = [point(1.0, [0.1]), point(2.0, [0.2]), point(3.0, [0.3])]
     found = trajectory(command(*points, when=NOW - 2 * SECOND), NOW)
     assert found["start_in"] == 0.0
@@ -63,7 +63,7 @@ def test_of_a_past_stamp_what_is_over_is_left_out_and_all_over_is_refused() -> N
     st.lists(st.integers(1, 5 * SECOND), min_size=1, max_size=6, unique=True).map(sorted),
     st.integers(0, 6 * SECOND),
 )
-def test_whatever_is_left_of_a_past_command_happens_at_its_own_time(times: list[int], late: int) -> None:
+def test_remaining_points_of_a_past_command_keep_their_own_times(times: list[int], late: int) -> None:
     points = [point(0.0) | {"time_from_start": stamp(time)} for time in times]
     try:
         found = trajectory(command(*points, when=NOW - late), NOW)
@@ -76,7 +76,7 @@ def test_whatever_is_left_of_a_past_command_happens_at_its_own_time(times: list[
     )
 
 
-def test_of_a_past_command_out_of_order_nobody_knows_what_is_over() -> None:
+def test_a_past_command_with_unordered_times_is_refused() -> None:
     assert code_of(command(point(2.0), point(1.0), when=NOW - SECOND)) == "TIME_ORDER"
     assert code_of(command(point(-1.0), point(5.0), when=NOW - SECOND)) == "TIME_ORDER"
 
@@ -107,7 +107,7 @@ def test_no_bytes_break_it(data: bytes) -> None:
             trajectory(each, NOW)
 
 
-def test_what_the_socket_could_not_carry_is_refused_before_it_costs_anything() -> None:
+def test_a_command_too_large_for_the_socket_is_refused_before_it_is_decoded() -> None:
     assert code_of(bytes(LONGEST + 1)) == "FRAME_TOO_LARGE"
     wide = [point(float(place), [0.1] * 80) for place in range(2000)]
     data = command(*wide)
@@ -123,7 +123,7 @@ def test_the_heading_is_read_without_the_rest() -> None:
     assert heading(data[:30]) == CommandHeader(*divmod(NOW, SECOND), "mine")
 
 
-def test_whose_a_command_is_is_told_without_reading_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_header_of_a_command_is_read_without_decoding_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     read = list[str]()
     text = CdrReader.text
     monkeypatch.setattr(CdrReader, "text", lambda source: (read.append(""), text(source))[1])
@@ -137,7 +137,7 @@ def test_whose_a_command_is_is_told_without_reading_all_of_it(monkeypatch: pytes
     assert heading(command(frame="x" * 1_000_000)) is None
 
 
-def test_points_that_say_nothing_are_not_read_beyond_those_that_the_gate_takes(
+def test_empty_points_beyond_the_gate_limit_are_not_decoded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     many = command(*[point(place / 1000.0, []) for place in range(POINTS + 1)])

@@ -41,7 +41,7 @@ def test_as_many_a_second_as_asked_whatever_the_jitter(rate: float, jitter: list
 
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 100.0, 500.0])
-def test_who_asks_for_all_has_all(rate: float) -> None:
+def test_a_subscriber_at_the_full_rate_receives_every_message(rate: float) -> None:
     thinned = TopicRateLimiter("state", rate)
     sent = min(rate, 100.0)
     assert all(thinned.takes(news(place / sent)) for place in range(1000))
@@ -53,12 +53,12 @@ def test_after_a_gap_nothing_is_made_up_for() -> None:
     assert not [now for now in (70.2, 70.3) if thinned.takes(news(now))]
 
 
-def test_a_robot_whose_clock_began_anew_is_heard_at_once() -> None:
+def test_a_robot_with_a_restarted_clock_is_received_at_once() -> None:
     thinned = TopicRateLimiter("state", 2.0)
     assert thinned.takes(news(5000.0)) and thinned.takes(news(3.0)) and not thinned.takes(news(3.1))
 
 
-def test_topics_without_a_rate_and_what_tells_no_time_are_whole() -> None:
+def test_topics_without_a_rate_and_messages_without_a_time_pass_unlimited() -> None:
     events = TopicRateLimiter("events", 1.0)
     states = TopicRateLimiter("state", 2.0)
     assert all(events.takes(news(1.0)) for _ in range(100))

@@ -43,7 +43,7 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_a_command_is_accepted_followed_and_told_with_its_own_stamp(desk: Desk) -> None:
+def test_an_accepted_command_is_reported_to_its_end_with_its_own_stamp(desk: Desk) -> None:
     desk.orders.put(GOOD)
     assert desk.after() == ["accepted"]
     desk.orders.on_monitor_reply(ended("m1", "succeeded"))
@@ -75,7 +75,7 @@ def test_a_command_is_accepted_followed_and_told_with_its_own_stamp(desk: Desk) 
         ),
     ],
 )
-def test_what_is_refused_is_told_with_the_reason(
+def test_a_refused_command_is_reported_with_the_reason(
     desk: Desk, data: bytes, refuse: dict[str, Any], said: str
 ) -> None:
     desk.daemon.refuse = refuse
@@ -102,13 +102,13 @@ def test_a_bad_command_leaves_the_one_that_runs_alone(desk: Desk) -> None:
     assert desk.orders.driving == ("m1",) and not desk.daemon.named("Cancel")
 
 
-def test_what_waited_too_long_is_not_done_any_more(desk: Desk) -> None:
+def test_a_command_that_waited_too_long_expires(desk: Desk) -> None:
     desk.orders.put(command(point(1.0)))
     desk.time += PATIENT + 0.1
     assert desk.after() == ["refused"] and desk.results[0]["findings"][0]["code"] == "CMD_EXPIRED"
 
 
-def test_a_flood_reaches_the_daemon_a_few_times_a_second_and_is_told(desk: Desk) -> None:
+def test_a_command_flood_reaches_the_daemon_at_a_bounded_rate_and_drops_are_reported(desk: Desk) -> None:
     for place in range(500):
         for _ in range(4):
             desk.orders.put(command(point(1.0), joints=(f"joint_{place % 20}",)))
@@ -138,7 +138,7 @@ def test_a_stop_while_a_command_is_judged_wins(desk: Desk) -> None:
     assert [method for method, _ in desk.daemon.calls][-1] == "Cancel"
 
 
-def test_where_a_stop_cannot_be_asked_for_the_lease_is_let_go(desk: Desk) -> None:
+def test_a_failed_cancel_request_releases_the_lease(desk: Desk) -> None:
     def stopping(method: str) -> None:
         if method == "SubmitTrajectory":
             desk.orders.stop()
@@ -182,7 +182,7 @@ def test_a_goal_is_cancelled_before_it_begins_and_while_it_runs(desk: Desk) -> N
     assert phases[-1] == "cancelled"
 
 
-def test_a_goal_that_finds_no_room_is_refused_and_not_forgotten(desk: Desk) -> None:
+def test_a_goal_that_finds_no_room_is_refused(desk: Desk) -> None:
     first, _ = followed(desk)
     for _ in range(ROOM):
         followed(desk)
@@ -208,7 +208,7 @@ def for_joints(desk: Desk, *joints: str) -> None:
         ),
     ],
 )
-def test_a_stop_of_anybody_else_comes_before_what_was_asked_for_before_it(
+def test_a_foreign_stop_refuses_the_commands_submitted_before_it(
     desk: Desk, stop: Callable[[Desk], None]
 ) -> None:
     for_joints(desk, "a", "b", "c")
@@ -220,7 +220,7 @@ def test_a_stop_of_anybody_else_comes_before_what_was_asked_for_before_it(
     assert desk.after() == ["accepted"]
 
 
-def test_what_began_between_a_stop_and_its_being_heard_of_is_cancelled(desk: Desk) -> None:
+def test_a_motion_accepted_between_a_stop_and_its_event_is_cancelled(desk: Desk) -> None:
     for_joints(desk, "a", "b")
     desk.after()
     stopped = desk.time
@@ -237,7 +237,7 @@ def test_what_began_between_a_stop_and_its_being_heard_of_is_cancelled(desk: Des
     assert len(desk.daemon.named("Cancel")) == 1
 
 
-def test_a_motion_that_is_replaced_or_arrives_stops_nobody(desk: Desk) -> None:
+def test_a_foreign_motion_that_is_replaced_or_succeeds_stops_no_command(desk: Desk) -> None:
     for phase in ("replaced", "succeeded"):
         for_joints(desk, "a")
         desk.orders.on_monitor_reply(ended("x1", phase, time=desk.time))
@@ -297,7 +297,7 @@ def test_a_goal_that_has_ended_is_not_cancelled_in_the_place_of_another(desk: De
     assert not desk.daemon.named("Cancel")
 
 
-def test_whatever_breaks_on_a_command_its_sender_hears_of_it(
+def test_an_internal_error_on_a_command_is_reported_to_its_sender(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     desk.orders.put(GOOD)
@@ -320,7 +320,7 @@ def test_long_tolerances_are_refused_before_the_socket_would_hang_up(desk: Desk)
     assert phases == ["refused"] and "tolerances" in desk.results[0]["message"]
 
 
-def test_long_bytes_are_neither_kept_nor_told_again(desk: Desk) -> None:
+def test_oversized_bytes_are_neither_kept_nor_repeated_in_the_result(desk: Desk) -> None:
     desk.orders.put(command(point(1.0), frame="x" * 10_000) + bytes(5 * LONGEST))
     assert len(desk.orders._inbox._waiting[0].data) == LONGEST + 1
     assert desk.after() == ["refused"]
@@ -330,7 +330,7 @@ def test_long_bytes_are_neither_kept_nor_told_again(desk: Desk) -> None:
     assert [each.data for each in desk.orders._begun.values()] == [b""]
 
 
-def test_a_bridge_that_ends_tells_what_it_lets_go_of(desk: Desk) -> None:
+def test_a_closing_bridge_reports_the_motions_it_cancels(desk: Desk) -> None:
     phases, _ = followed(desk)
     desk.after()
     desk.orders.close()
@@ -338,7 +338,7 @@ def test_a_bridge_that_ends_tells_what_it_lets_go_of(desk: Desk) -> None:
     assert desk.daemon.open == 0
 
 
-def test_an_end_that_nobody_heard_is_told_in_words(desk: Desk) -> None:
+def test_a_motion_without_an_end_event_is_reported_as_lost(desk: Desk) -> None:
     desk.orders.put(GOOD)
     desk.after()
     desk.orders.on_monitor_reply(moving("holding"))

@@ -30,12 +30,12 @@ def run(*words: str) -> int:
         (("--seconds", "nan"), "above 0"),
     ],
 )
-def test_wrong_words_are_told_before_anybody_is_connected_to(words: tuple[str, ...], said: str) -> None:
+def test_an_invalid_uplink_option_is_refused_before_any_connection(words: tuple[str, ...], said: str) -> None:
     with pytest.raises(UsageError, match=said):
         run("--connect", "tcp/127.0.0.1:1", *words)
 
 
-def test_without_the_engine_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_zenoh_module_is_reported_with_its_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zenoh", None)
     with pytest.raises(UsageError) as told:
         run("--connect", "tcp/127.0.0.1:1")

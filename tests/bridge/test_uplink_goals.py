@@ -41,7 +41,7 @@ def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
             known.latest_reply()
 
 
-def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothing_any_more() -> None:
+def test_a_dropped_goal_is_past_its_deadline_and_cannot_begin_again() -> None:
     goals = UplinkGoalTable()
     now = 10.0
     for number in range(MOST):

@@ -18,7 +18,7 @@ def said(*keys: str, environment: dict[str, str] | None = None, **given: Any) ->
     return [json.loads(config.get_json(key)) for key in keys]
 
 
-def test_where_nobody_says_otherwise_it_is_the_router_of_this_machine_and_nothing_leaves_it() -> None:
+def test_the_default_session_uses_the_local_router_and_no_multicast() -> None:
     mode, connect, listen, multicast = said(
         "mode", "connect/endpoints", "listen/endpoints", "scouting/multicast/enabled"
     )
@@ -43,7 +43,7 @@ def test_overrides_come_last() -> None:
     assert said("mode", "connect/endpoints", environment=override) == ["client", ["tcp/c:3"]]
 
 
-def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_an_unreadable_session_setting_is_named(tmp_path: Path) -> None:
     with pytest.raises(OperationFailed, match=r"gone\.json5"):
         session_config({}, None, str(tmp_path / "gone.json5"))
     with pytest.raises(OperationFailed, match=OVERRIDE):
@@ -52,7 +52,7 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
         session_config({}, "nonsense", None)
 
 
-def test_of_what_is_far_too_long_nothing_is_kept() -> None:
+def test_messages_beyond_the_maximum_size_are_not_received() -> None:
     (most,) = said("transport/link/rx/max_message_size")
     assert LONGEST < most <= 2 * LONGEST
 
@@ -61,7 +61,7 @@ def test_of_what_is_far_too_long_nothing_is_kept() -> None:
     ("name", "value"),
     [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "10.0.0.7")],
 )
-def test_a_variable_that_does_not_count_over_zenoh_is_told(
+def test_a_variable_without_effect_over_zenoh_is_reported(
     name: str, value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []

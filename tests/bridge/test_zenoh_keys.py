@@ -19,7 +19,7 @@ def test_a_name_is_one_chunk_of_a_key_or_none_at_all(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "*", "**", "a/b", "a$b", "x" * 65, ".hidden", "n\n", "ä"])
-def test_what_would_match_others_is_no_name(name: str) -> None:
+def test_a_name_that_matches_other_keys_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="must be 1 to 64"):
         chunk("goal", name)
 
@@ -31,6 +31,6 @@ def test_a_key_of_a_name_that_no_robot_may_have_is_nobodys(name: str) -> None:
 
 
 @pytest.mark.parametrize("key", ["", "twind", "twind/a", "other/a/alive"])
-def test_a_key_of_somebody_else_is_nobodys(key: str) -> None:
+def test_a_foreign_key_names_no_robot(key: str) -> None:
     with pytest.raises(ValueError, match="none of twind's"):
         robot_of(key)

@@ -61,7 +61,7 @@ def test_keys_and_tokens_are_those_that_the_peer_builds(endpoint: RosTopic | Ros
     assert QosProfile.decode(quality) == QosProfile(durability=durability, history_depth=depth)
 
 
-def test_each_endpoint_says_what_it_is() -> None:
+def test_each_endpoint_token_contains_its_kind() -> None:
     names = ZenohNames(0, ZID)
     kinds = [names.token(1, each).split("/")[5] for each in (STATUS, TRAJECTORY, SET_LIVE)]
     assert kinds == ["MP", "MS", "SS"]

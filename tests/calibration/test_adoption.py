@@ -58,7 +58,7 @@ def test_looking_writes_nothing(robot: RobotFile) -> None:
     assert "id (7): 1 -> 7" in text
 
 
-def test_a_used_servo_gets_back_what_nobody_asks_for_otherwise(robot: RobotFile) -> None:
+def test_an_adopted_used_servo_gets_default_values_for_unspecified_registers(robot: RobotFile) -> None:
     used = fresh(
         operating_mode=4, drive_mode=5, homing_offset=-900, secondary_shadow_id=3, startup_configuration=1,
         min_position_limit=900, max_position_limit=1100, velocity_limit=12, shutdown=0,
@@ -75,7 +75,9 @@ def test_a_used_servo_gets_back_what_nobody_asks_for_otherwise(robot: RobotFile)
 
 
 @pytest.mark.parametrize("level", [1, 2])
-def test_a_servo_that_does_not_answer_writes_is_told_to(robot: RobotFile, level: int) -> None:
+def test_an_adopted_servo_that_does_not_acknowledge_writes_is_set_to_reply(
+    robot: RobotFile, level: int
+) -> None:
     bench = Bench(robot, [settled(1), settled(9), fresh()])
     bench.bus.servos.registers.put("status_return_level", level, 2)
     bench.bus.servos.invalidate_cache()
@@ -100,7 +102,7 @@ def test_a_joint_whose_id_is_the_factorys_keeps_it(tmp_path: Path) -> None:
     assert (bench.value(0, "id"), bench.value(0, "baud_rate")) == (1, 3)
 
 
-def test_a_servo_that_somebody_gave_its_id_and_rate_gets_the_rest(robot: RobotFile) -> None:
+def test_an_adopted_servo_with_the_right_id_and_rate_gets_the_remaining_settings(robot: RobotFile) -> None:
     bench = Bench(robot, [settled(1), settled(9), settled(7, return_delay_time=250)])
     assert bench.adopt() is None  # nobody is missing
     there(bench.adopt("wrist"))
@@ -192,7 +194,7 @@ REFUSED: list[tuple[str, str | None, Callable[[], list[object]], str]] = [
 @pytest.mark.parametrize(
     ("name", "specs", "said"), [each[1:] for each in REFUSED], ids=[e[0] for e in REFUSED]
 )
-def test_what_is_not_clear_is_refused_with_the_remedy_and_nothing_is_written(
+def test_an_ambiguous_adoption_is_refused_with_the_remedy_and_writes_nothing(
     robot: RobotFile, name: str | None, specs: Callable[[], list[object]], said: str
 ) -> None:
     bench = Bench(robot, specs())  # type: ignore[arg-type]
@@ -235,7 +237,7 @@ def test_a_servo_that_was_only_overheard_keeps_its_place(robot: RobotFile) -> No
     assert bench.port.writes == []
 
 
-def test_who_talks_unasked_is_refused(robot: RobotFile) -> None:
+def test_adoption_on_a_line_with_unsolicited_bytes_is_refused(robot: RobotFile) -> None:
     bench = Bench(robot, [settled(1), fresh()])
     bench.bus.faults.babble(on=True)
     with pytest.raises(Rejected, match="talks on this line"):
@@ -252,7 +254,7 @@ def test_who_talks_unasked_is_refused(robot: RobotFile) -> None:
         (", registers: {torque_enable: 1}", "torque_enable is 0, the robot file says 1"),
     ],
 )
-def test_what_the_robot_file_asks_and_no_servo_can_be_is_refused_before_a_write(
+def test_an_impossible_register_value_in_the_robot_file_is_refused_before_a_write(
     tmp_path: Path, more: str, said: str
 ) -> None:
     bench = Bench(robot_of(tmp_path, {"wrist": 7}, more=more), [fresh()])

@@ -55,7 +55,7 @@ def test_killed_at_any_write_the_same_command_ends_the_job(
 
 @examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_whatever_goes_wrong_it_is_at_one_of_its_places_and_the_next_run_ends_it(
+def test_an_interrupted_adoption_leaves_a_findable_servo_and_the_next_run_completes_it(
     robot: RobotFile, data: st.DataObject
 ) -> None:
     bench = Bench(robot, [settled(1), settled(9), fresh()])
@@ -82,7 +82,7 @@ def test_whatever_goes_wrong_it_is_at_one_of_its_places_and_the_next_run_ends_it
     assert [bench.eeprom(0), bench.eeprom(1)] == others
 
 
-def test_a_servo_that_loses_its_power_midway_is_told_of_and_found_again(robot: RobotFile) -> None:
+def test_a_servo_that_loses_power_during_adoption_is_reported_and_found_again(robot: RobotFile) -> None:
     bench = Bench(robot, [settled(1), settled(9), fresh()])
     adoption = there(bench.look())
     bench.bus.faults.silence(id=1)
@@ -139,7 +139,7 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
 
 
 @pytest.mark.parametrize("calibrated_too", [True, False])
-def test_what_was_swept_of_the_old_servo_goes_with_it(
+def test_adoption_removes_the_draft_travel_of_the_old_servo(
     robot: RobotFile, tmp_path: Path, calibrated_too: bool
 ) -> None:
     """Of the same model and settings: nothing else keeps `zero` from taking it for that of the new one."""
@@ -164,7 +164,7 @@ def test_what_was_swept_of_the_old_servo_goes_with_it(
     assert is_home(bench, 2)
 
 
-def test_where_no_calibration_is_yet_its_draft_is_looked_for_where_it_would_be(
+def test_without_a_calibration_the_draft_is_searched_at_its_usual_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
@@ -174,7 +174,7 @@ def test_where_no_calibration_is_yet_its_draft_is_looked_for_where_it_would_be(
     assert described.usual == tmp_path / "calibration" / "h24.yaml"
 
 
-def test_what_others_calibrated_since_it_was_looked_at_stays(robot: RobotFile, tmp_path: Path) -> None:
+def test_entries_calibrated_since_the_start_of_an_adoption_are_kept(robot: RobotFile, tmp_path: Path) -> None:
     path = calibrated(robot, tmp_path)
     entry = entry_of(robot, path, "wrist", path)
     known = load_calibration(path, robot)

@@ -65,7 +65,7 @@ def swept(name: str, calibration: Calibration, longer: int = 0) -> DraftTravel:
 # ------------------------------------------------------------------------------------------- two people
 
 
-def test_what_another_calibrated_while_one_was_asked_stays(place: CalibrationContext) -> None:
+def test_entries_saved_by_another_process_during_a_prompt_are_kept(place: CalibrationContext) -> None:
     mine = known(place)
     theirs = known(place)
     write_entries(place, theirs, [moved(theirs, ELBOW, 50)])
@@ -94,7 +94,7 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
     assert (place.path.read_bytes() if place.path.exists() else None) == before
 
 
-def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
+def test_a_rollback_does_not_discard_entries_saved_during_its_prompt(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     file_ownership.save(made(2050), place.path)
@@ -188,7 +188,7 @@ def options(step: Any, *words: str) -> Namespace:
 # ------------------------------------------------------------------------------------------- drafts
 
 
-def test_what_two_sweep_at_once_is_both_in_the_draft(place: CalibrationContext) -> None:
+def test_two_concurrent_sweeps_are_both_in_the_draft(place: CalibrationContext) -> None:
     one = swept(KNEE, known(place))
     two = swept(ELBOW, known(place))
     drafts.change(place.path, ROBOT, lambda found: found.joined(KNEE, one))
@@ -196,7 +196,7 @@ def test_what_two_sweep_at_once_is_both_in_the_draft(place: CalibrationContext) 
     assert held == drafts.load(place.path, ROBOT) == CalibrationDraft({KNEE: one, ELBOW: two})
 
 
-def test_what_was_swept_anew_since_stays_in_the_draft() -> None:
+def test_a_joint_recorded_again_since_stays_in_the_draft() -> None:
     calibration = made()
     then = CalibrationDraft({KNEE: swept(KNEE, calibration), ELBOW: swept(ELBOW, calibration)})
     since = then.joined(KNEE, swept(KNEE, calibration, longer=9))
@@ -217,14 +217,14 @@ def test_a_draft_has_the_rights_of_the_calibration_file(place: CalibrationContex
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
-def test_the_first_draft_of_root_belongs_to_whom_the_folder_belongs(tmp_path: Path) -> None:
+def test_the_first_draft_of_root_belongs_to_the_folder_owner(tmp_path: Path) -> None:
     os.chown(tmp_path, 65534, 65533)
     drafts.change(tmp_path / "h24.yaml", ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
     left = draft_of(tmp_path, "h24").stat()
     assert (left.st_uid, left.st_gid) == (65534, 65533)
 
 
-def test_what_this_user_may_not_read_asks_for_sudo_and_is_not_said_to_be_broken(
+def test_an_unreadable_file_asks_for_sudo_and_is_not_reported_as_broken(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def denied(*_: Any) -> bytes:
@@ -260,7 +260,7 @@ def saving_beside(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) ->
     others[0].join(10.0)
 
 
-def test_of_two_who_save_at_once_one_waits_and_both_are_kept(
+def test_two_concurrent_saves_are_serialised_and_both_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = "first\n" * 900
@@ -272,7 +272,7 @@ def test_of_two_who_save_at_once_one_waits_and_both_are_kept(
     assert (tmp_path / "h24.0001.yaml").read_text() == first
 
 
-def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
+def test_an_entry_written_during_a_save_is_merged_with_the_saved_file(
     place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = known(place)
@@ -283,7 +283,9 @@ def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
     assert after.by_name[ELBOW] == moved(mine, ELBOW, 50)
 
 
-def test_who_waits_too_long_is_told_why(place: CalibrationContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_save_that_waits_too_long_for_the_lock_reports_the_cause(
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(atomic_save, "PATIENCE", 0.05)
     before = place.path.read_bytes()
     with (
@@ -323,7 +325,7 @@ OTHERWISE = DeviceRecord(1020, 46, None, 0, 0, 3, *LIMITED)
         (None, LIMITED, "the travel is its position limits (52, 48)\n"),
     ],
 )
-def test_the_travel_of_a_servo_that_changed_since_is_not_taken_and_it_is_said(
+def test_the_travel_of_a_servo_changed_since_its_sweep_is_rejected_and_reported(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: Captured,
@@ -352,7 +354,7 @@ def test_the_travel_of_a_servo_that_changed_since_is_not_taken_and_it_is_said(
     assert not draft_of(tmp_path, "h24").exists()
 
 
-def test_what_is_refused_says_as_well_that_a_sweep_was_left_out(
+def test_a_refused_import_also_reports_an_omitted_sweep(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     now = replace(OTHERWISE, min_ticks=0, max_ticks=4095)

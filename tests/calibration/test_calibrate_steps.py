@@ -66,7 +66,7 @@ def daemon(file: Path, monkeypatch: pytest.MonkeyPatch) -> FakeDaemon:
 
 
 @pytest.mark.parametrize("mode", ["mirror", "live"])
-def test_whoever_is_moved_by_hand_is_kept_limp_in_mirror_as_in_live(daemon: FakeDaemon, mode: str) -> None:
+def test_joints_moved_by_hand_stay_limp_in_mirror_and_in_live(daemon: FakeDaemon, mode: str) -> None:
     daemon.mode = mode
     clock = FakeClock(0.0)
     with limp(daemon, clock, take=False) as keep:  # type: ignore[arg-type]
@@ -160,7 +160,7 @@ def standing(daemon: FakeDaemon, angle: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("mode", ["mirror", "live"])
-def test_nobody_arms_however_long_the_readings_take(
+def test_calibration_never_arms_however_long_the_readings_take(
     daemon: FakeDaemon, mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     daemon.mode = mode
@@ -201,7 +201,7 @@ def test_a_joint_that_stands_outside_its_travel_has_no_zero() -> None:
 
 
 @pytest.mark.parametrize("how", [(), ("--from-sweep",)])
-def test_who_has_a_zero_gets_another_only_when_it_is_asked_for(
+def test_a_joint_with_a_zero_gets_another_only_on_request(
     daemon: FakeDaemon, how: tuple[str, ...], capsys: Captured
 ) -> None:
     standing(daemon)
@@ -220,7 +220,7 @@ def method(daemon: FakeDaemon, name: str) -> str:
     return load_calibration(daemon.file, ROBOT).by_name[name].method
 
 
-def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> None:
+def test_a_joint_with_one_known_stop_has_an_unknown_zero_uncertainty(capsys: Captured) -> None:
     stops = replace(KNEE.joint.stops, upper=None)
     slot = replace(KNEE, joint=replace(KNEE.joint, stops=stops))
     sweep = FITTING.by_name["l_knee"].sweep_ticks
@@ -235,7 +235,7 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
     assert "+-" not in zero_command.describe_coarse_zeros([one])
 
 
-def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path: Path) -> None:
+def test_an_impossible_actuator_pose_is_reported_by_its_joints(tmp_path: Path) -> None:
     robot = linked.linked(tmp_path)
     place = CalibrationContext(robot, tmp_path / "linked.yaml", named=True)
     options = options_of(zero, "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
@@ -309,7 +309,7 @@ def broken_off(daemon: FakeDaemon, writes: int, error: BaseException) -> None:
     ],
     ids=["ctrl-c", "disconnected", "pipe", "refused"],
 )
-def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
+def test_an_interrupted_limits_command_is_completed_by_running_it_again(
     daemon: FakeDaemon, capsys: Captured, error: BaseException, writes: int, silent: bool
 ) -> None:
     """`silent`: nobody tells what the servo in hand holds."""
@@ -337,7 +337,7 @@ def test_whatever_ends_it_the_same_command_brings_servos_and_file_to_agreement(
     assert "every servo has the limits of its joint" in capsys.readouterr().out
 
 
-def test_what_the_servo_holds_already_is_recorded_without_a_write(daemon: FakeDaemon) -> None:
+def test_limits_already_on_the_servo_are_recorded_without_a_write(daemon: FakeDaemon) -> None:
     """As after a rollback past it."""
     assert limits_command.limits(options_of(limits, "l_knee", "--yes")) == DONE
     save_calibration(FITTING, daemon.file.parent, "h24")
@@ -372,7 +372,7 @@ def test_limits_that_leave_the_counts_are_refused_before_anything_is_written(dae
         limits_command.fences_of([KNEE], replace(FITTING, joints=(moved,)), {"l_knee": device})
 
 
-def test_rollback_past_a_fence_says_what_brings_them_to_agreement(
+def test_a_rollback_past_recorded_limits_names_the_command_that_restores_agreement(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     assert limits_command.limits(options_of(limits, *PAIR, "--yes")) == DONE

@@ -42,7 +42,7 @@ def test_an_offset_that_fell_back_to_0_is_refused_with_what_it_was(plant: Any) -
 # ------------------------------------------------------------------- 5: EEPROM under torque
 
 
-def test_eeprom_is_not_written_under_torque_that_somebody_else_switched_on(plant: Any) -> None:
+def test_eeprom_is_not_written_under_torque_from_another_source(plant: Any) -> None:
     """The daemon cannot know it yet: the servo refuses, that is told, and nothing is half written."""
     rig = plant(PLAIN, PLAIN)
     rig.connect()
@@ -157,9 +157,7 @@ def test_another_firmware_is_warned_of_and_everything_read_anew(plant: Any) -> N
 
 
 @pytest.mark.parametrize(("mode", "bit"), [(8, "bit 3"), (4, "bit 2")])
-def test_a_bit_of_the_drive_mode_that_nobody_may_rely_on_is_refused_by_name(
-    plant: Any, mode: int, bit: str
-) -> None:
+def test_a_drive_mode_bit_that_is_not_supported_is_refused_by_name(plant: Any, mode: int, bit: str) -> None:
     """3: a goal switches torque on. 2: profiles are times, and a goal is where it should be much later."""
     said = plant(PLAIN, JointTruth(drive_mode=mode)).refused()
     assert names_it(said, "DEVICE_MISMATCH", KNEE, f"drive_mode (10) is {mode}", bit)
@@ -180,7 +178,7 @@ def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: An
 # ------------------------------------------------------------------- 14: what a change of mode resets
 
 
-def test_what_a_change_of_mode_has_reset_is_written_and_read_back_before_torque(plant: Any) -> None:
+def test_registers_reset_by_a_mode_change_are_restored_and_read_back_before_torque(plant: Any) -> None:
     rig = plant(PLAIN, PLAIN)
     rig.arm()
     row = rig.names.index("r_knee")

@@ -72,7 +72,7 @@ def arms_and_moves(rig: Rig, calibration: Calibration) -> None:
     assert np.abs(np.delete(moved, knee)).max() < NEAR
 
 
-def test_a_specimen_in_position_mode_is_calibrated_arms_and_moves() -> None:
+def test_a_virtual_robot_in_position_mode_is_calibrated_arms_and_moves() -> None:
     rig, found = calibrated("h24", random_truth(load_robot("h24"), 1))
     try:
         assert max(map(abs, off(rig, found).values())) <= WELL

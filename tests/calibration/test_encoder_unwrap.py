@@ -88,7 +88,7 @@ def test_a_step_over_a_quarter_turn_begins_anew(step: int, way: int) -> None:
     st.integers(1, 60),
     st.floats(-0.99 * FASTEST, 0.99 * FASTEST),
 )
-def test_whatever_is_missed_at_a_speed_of_hands_is_told_or_made_no_difference(
+def test_a_gap_in_the_readings_at_hand_speed_is_reported_or_has_no_effect(
     steps: list[int], gap: int, speed: float
 ) -> None:
     track = UnwrappedEncoder(TURN)
@@ -120,7 +120,7 @@ def test_the_edges_of_what_counts_as_lost(step: float, gap: float, speed: float,
     assert bool(find_gap_reason(int(step), gap, speed, TURN)) is told
 
 
-def test_an_old_reading_told_again_is_no_reading() -> None:
+def test_a_repeated_old_reading_is_ignored() -> None:
     track = UnwrappedEncoder(TURN)
     for sample in (
         EncoderSample(1.0, 100),
@@ -200,7 +200,7 @@ def test_a_held_joint_is_read_over_the_seam_as_anywhere(at: int, noise: list[int
         ([3, -3] * 25, ""),
     ],
 )
-def test_what_is_no_capture_says_why(readings: list[int], why: str) -> None:
+def test_an_unusable_capture_reports_the_cause(readings: list[int], why: str) -> None:
     found = capture(readings, TURN)
     assert why in found.wrong and bool(found.wrong) is bool(why)
 

@@ -116,7 +116,7 @@ def stop_of(name: str, side: str, off: int = 0) -> int:
     scatter=st.lists(st.integers(-2, 2), min_size=2, max_size=5),
 )
 @examples(100)
-def test_the_zero_is_where_the_stop_says_it_is(
+def test_the_zero_follows_from_the_endstop_position(
     place: int, side: str, off: int, turns: int, scatter: list[int]
 ) -> None:
     slot = slots(ROBOT)[place]
@@ -146,7 +146,7 @@ def test_a_stop_that_leaves_no_room_for_the_limits_is_refused() -> None:
 # ------------------------------------------------------------------------------- the step
 
 
-def test_what_was_found_is_written_and_the_rest_of_the_file_stays(
+def test_an_endstop_zero_is_written_and_the_rest_of_the_file_is_kept(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     counts = [stop_of("head_yaw", "upper", 40) + each for each in (0, 1, -1)]
@@ -168,7 +168,7 @@ def test_what_was_found_is_written_and_the_rest_of_the_file_stays(
         assert word in said
 
 
-def test_the_robot_file_says_which_side_and_how_strong(tmp_path: Path) -> None:
+def test_the_robot_file_gives_side_and_current_of_the_endstop_search(tmp_path: Path) -> None:
     text = ROBOT.path.read_text().replace("mjcf: h24.xml", f"mjcf: {ROBOT.mjcf_path}")
     for old, new in OTHERS.items():
         text = text.replace(old, new, 1)
@@ -197,14 +197,14 @@ def test_json_is_one_line_each(file: Path, capsys: pytest.CaptureFixture[str]) -
         (("head_yaw", "--side", "lower"), "no stop"),
     ],
 )
-def test_what_was_not_found_is_not_written(file: Path, words: tuple[str, ...], why: str) -> None:
+def test_a_failed_endstop_search_writes_nothing(file: Path, words: tuple[str, ...], why: str) -> None:
     before = file.read_bytes()
     with pytest.raises(Rejected, match=why):
         _endstop(options(*words, "--yes"), Daemon(ROBOT, file, None))  # type: ignore[arg-type]
     assert file.read_bytes() == before
 
 
-def test_nothing_moves_before_all_that_speaks_against_it_was_looked_at(file: Path) -> None:
+def test_every_refusal_of_an_endstop_search_precedes_its_motion(file: Path) -> None:
     def refused(daemon: Daemon, *words: str, error: type[Exception] = Rejected) -> str:
         with pytest.raises(error) as told:
             _endstop(options(*words, "--yes"), daemon)  # type: ignore[arg-type]
@@ -227,7 +227,7 @@ def test_nothing_moves_before_all_that_speaks_against_it_was_looked_at(file: Pat
     assert "stop_rad" in refused(Daemon(split, made, counts), "head_yaw")
 
 
-def test_nobody_who_says_no_is_moved(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_negative_confirmation_moves_no_joint(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: "n\n", raising=False)
     daemon = Daemon(ROBOT, file, [0, 0])

@@ -81,7 +81,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
 
 
 @given(st.integers(1500, 2500), OFFSETS)
-def test_the_offset_that_is_on_the_servo_needs_nobody_s_word(zero: int, offset: int) -> None:
+def test_an_offset_equal_to_the_servos_needs_no_make_option(zero: int, offset: int) -> None:
     low, high = span(KNEE, zero)
     motor = LeRobotMotor("m", KNEE.joint.id, 0, offset, low, high)
     folded = convert_entry(KNEE, of_motor(motor, None), device(offset), zero)
@@ -98,7 +98,7 @@ def test_the_middle_of_the_travel_may_be_the_zero() -> None:
     assert abs(entry.zero_ticks - 2048) <= 1
 
 
-def test_a_servo_s_own_limits_are_its_travel_unless_it_was_swept() -> None:
+def test_the_servos_own_limits_are_its_travel_unless_a_sweep_is_recorded() -> None:
     low, high = span(KNEE, 2048)
     limited = device(100, low=low, high=high)
     assert taken(convert_entry(KNEE, of_registers(KNEE, limited, None), limited, 2048)).sweep_ticks == (
@@ -132,7 +132,7 @@ def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None)
         (knee(travel=(1400, 2700)), None, device(), "beyond its travel"),
     ],
 )
-def test_what_cannot_be_folded_in_is_refused_with_the_reason(
+def test_an_unusable_foreign_value_is_refused_with_the_reason(
     motor: LeRobotMotor, make: str | None, now: DeviceRecord, why: str
 ) -> None:
     assert why in refused(convert_entry(KNEE, of_motor(motor, make), now, 2048))
@@ -143,7 +143,7 @@ def test_limits_as_delivered_are_no_travel() -> None:
     assert "a whole turn, as delivered: `twindctl calibrate sweep` first" in said
 
 
-def test_a_travel_that_is_too_long_is_taken_when_told_to_and_one_too_short_is_not() -> None:
+def test_a_travel_that_is_too_long_needs_wide_and_a_too_short_one_is_refused() -> None:
     low, high = span(KNEE, 2048)
     long = of_motor(knee(travel=(low - 500, high + 500)), None)
     short = of_motor(knee(travel=(2000, 2100)), None)
@@ -196,7 +196,7 @@ def import_message(data: bytes) -> str:
     ],
 )
 @pytest.mark.parametrize("field", list(FIELDS))
-def test_whatever_is_no_whole_number_is_refused_by_its_path(field: str, value: Any, word: str) -> None:
+def test_a_non_integer_field_is_refused_by_its_path(field: str, value: Any, word: str) -> None:
     said = import_message(file({"shoulder": GOOD | {field: value}}))
     assert f"shoulder.{field} is" in said
     assert word in said
@@ -233,7 +233,7 @@ def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
 
 @examples(40)
 @given(st.binary(max_size=60) | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(file))
-def test_whatever_the_file_holds_it_is_read_or_refused(data: bytes) -> None:
+def test_any_foreign_file_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(Rejected):
         assert all(isinstance(each, LeRobotMotor) for each in read(data, "a.json").values())
 
@@ -270,7 +270,7 @@ def test_a_map_that_does_not_fit_is_refused(names: dict[str, str | None], why: s
         matched({"a": motor("a", 1)}, SLOTS, names)
 
 
-def test_an_id_that_is_nobody_s_two_buses_or_taken_twice_is_refused() -> None:
+def test_an_unassigned_ambiguous_or_repeated_id_is_refused() -> None:
     with pytest.raises(Rejected, match="which is no actuator's: `--map FILE`"):
         matched({"a": motor("a", 200)}, SLOTS, None)
     with pytest.raises(Rejected, match=r"a and b|b and a"):

@@ -86,7 +86,7 @@ def test_diff_is_by_default_what_the_last_write_changed(verb: Verb) -> None:
     assert json_output(out) == [{"joint": ROBOT.names[0], "what": "proof", "before": None, "after": SHOWN}]
 
 
-def test_diff_tells_ticks_and_degrees_at_the_joint(verb: Verb) -> None:
+def test_diff_reports_ticks_and_degrees_at_the_joint(verb: Verb) -> None:
     _, out, _ = verb("diff", "1", "2", "--json")
     zeros = [each for each in json_output(out) if each["what"] == "zero_ticks"]
     assert [each["joint"] for each in zeros] == list(ROBOT.names)
@@ -97,7 +97,7 @@ def test_diff_tells_ticks_and_degrees_at_the_joint(verb: Verb) -> None:
     assert f"  zero_ticks: 2048 -> 2050 (+2 ticks, {360 * 2 / 4096 * ROBOT.joints[0].sign:+.2f} deg)" in out
 
 
-def test_what_does_not_differ_is_said_and_a_path_may_be_named(verb: Verb, files: Path) -> None:
+def test_equal_files_are_reported_as_equal_and_a_path_may_be_named(verb: Verb, files: Path) -> None:
     code, out, _ = verb("diff", "current", str(files))
     assert (code, out.splitlines()[1:]) == (0, ["nothing differs"])
 
@@ -170,9 +170,7 @@ def test_without_a_yes_nothing_is_written(verb: Verb, files: Path, monkeypatch: 
     assert files.read_text() == before
 
 
-def test_with_sudo_is_said_where_the_folder_may_not_be_written(
-    verb: Verb, files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unwritable_folder_suggests_sudo(verb: Verb, files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: Any, **__: Any) -> Path:
         raise PermissionError(13, "Permission denied")
 
@@ -181,7 +179,7 @@ def test_with_sudo_is_said_where_the_folder_may_not_be_written(
     assert (code, "try with sudo" in err) == (1, True)
 
 
-def test_without_any_file_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_calibration_file_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--robot", "h24", "--calibration", str(tmp_path / "none.yaml")]
     assert main(["calibrate", "show", *words]) == 1
     assert main(["calibrate", "diff", *words]) == 1

@@ -82,7 +82,7 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
         assert right.judged.proof is SignProof.PROVED and not right.like
 
 
-def test_twins_with_parallel_axes_are_untold_by_their_own_load_and_told_by_what_hangs_from_them() -> None:
+def test_twins_with_parallel_axes_are_distinguished_only_by_the_loads_of_attached_links() -> None:
     """All servos the same way round: only the shanks feel which leg was moved, where friction lets them."""
     alike = replace(H24, joints=tuple(replace(joint, sign=1) for joint in H24.joints))
     right = alike.names.index("r_hip_pitch")
@@ -104,7 +104,9 @@ def test_twins_with_parallel_axes_are_untold_by_their_own_load_and_told_by_what_
         ("left", "l_knee", "l_hip_roll"),
     ],
 )
-def test_whose_servo_is_here_is_named_where_few_measure_so_much(base: str, name: str, other: str) -> None:
+def test_an_exchanged_servo_is_named_where_few_joints_have_such_loads(
+    base: str, name: str, other: str
+) -> None:
     found = weighed(H24, base, name, other=other)
     assert found.judged.proof is SignProof.CONTRADICTED
     assert place(other) in found.like
@@ -112,7 +114,7 @@ def test_whose_servo_is_here_is_named_where_few_measure_so_much(base: str, name:
 
 @given(st.sampled_from(BASES), ANY, st.sampled_from(H24.names))
 @examples(15)
-def test_exchanged_servos_are_contradicted_or_left_untold_never_excluded(
+def test_exchanged_servos_are_contradicted_or_undecided_never_excluded(
     base: str, name: str, other: str
 ) -> None:
     if place(other) not in body().twins(place(name)):
@@ -121,7 +123,7 @@ def test_exchanged_servos_are_contradicted_or_left_untold_never_excluded(
     assert found.judged.proof is SignProof.CONTRADICTED or place(other) in found.untold
 
 
-def test_a_neighbour_with_the_wrong_sign_is_named() -> None:
+def test_an_adjacent_joint_with_the_wrong_sign_is_named() -> None:
     """The forearm is bent where the model believes it is bent the other way."""
     one = PosedModel(H24, "left")
     joint = place("l_hip_yaw")
@@ -148,7 +150,7 @@ def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itsel
     assert alone.judged.proof is SignProof.UNOBSERVABLE
 
 
-def test_a_propped_joint_is_no_witness() -> None:
+def test_a_supported_joint_proves_no_exchange() -> None:
     """Its load does not change, whoever is moved: that is no sign of an exchanged servo."""
     one = PosedModel(H24, "left")
     joint = place("waist_yaw")
@@ -160,7 +162,7 @@ def test_a_propped_joint_is_no_witness() -> None:
     assert (found.judged.proof, found.like) == (SignProof.UNOBSERVABLE, ())
 
 
-def test_what_the_ground_carries_or_nobody_heard_proves_nothing() -> None:
+def test_a_joint_on_the_ground_or_without_readings_is_unobservable() -> None:
     free = replace(H24, support="free")
     assert weighed(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
     assert weighed(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED

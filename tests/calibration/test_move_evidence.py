@@ -58,7 +58,7 @@ def test_a_joint_that_is_right_follows_and_its_load_agrees_where_the_pose_shows_
 
 
 @pytest.mark.slow
-def test_a_reversed_joint_follows_all_the_same_and_only_the_load_of_a_pose_that_shows_it_tells() -> None:
+def test_a_reversed_joint_follows_its_goal_and_is_detected_by_load_only() -> None:
     """Goal and reading share the sign, so no encoder can tell; what hangs feels the same either way."""
     with armed(built("waist_pitch", sign=-1)) as rig:
         seen, load = judged(rig.wiggled("waist_pitch"), "waist_pitch")
@@ -72,7 +72,7 @@ def test_a_reversed_joint_follows_all_the_same_and_only_the_load_of_a_pose_that_
         assert (seen.motion, load) == (EncoderResponse.FOLLOWS, TorqueResponse.REVERSED)
 
 
-def test_exchanged_servos_follow_all_the_same_and_the_load_of_a_bent_leg_tells() -> None:
+def test_exchanged_servos_follow_their_goals_and_are_detected_by_the_load_of_a_bent_leg() -> None:
     """Left and right hip: each servo has the other's place, and so moves the other leg."""
     other = {"l_hip_pitch": ("r_hip_pitch", -1), "r_hip_pitch": ("l_hip_pitch", 1)}
     joints = [
@@ -137,7 +137,7 @@ def test_another_joint_that_moves_is_named_with_how_far() -> None:
     assert (instead.motion, instead.others) == (EncoderResponse.STILL, (2,))
 
 
-def test_what_was_not_heard_is_no_motion() -> None:
+def test_a_missing_reading_counts_as_no_motion() -> None:
     assert answer(None, 0, WAY).motion is EncoderResponse.UNHEARD
     assert answer(stays_of({0: np.nan}), 0, WAY).motion is EncoderResponse.UNHEARD
     assert answer(stays_of({0: WAY, 1: np.nan}), 0, WAY).others == ()
@@ -167,7 +167,7 @@ def test_both_signs_are_judged_alike_and_only_where_they_differ(
 
 
 @pytest.mark.parametrize("place", range(3))
-def test_a_number_that_is_none_says_nothing(place: int) -> None:
+def test_a_nan_load_gives_an_unknown_response(place: int) -> None:
     numbers = [1.0, 1.0, -1.0]
     numbers[place] = np.nan
     assert weigh(*numbers, FRICTION).load is TorqueResponse.UNKNOWN
@@ -200,7 +200,7 @@ def row(position: float | None, goal: float | None, heard: bool = True) -> list[
     ]
 
 
-def test_stays_are_told_by_the_goal_and_a_lost_reading_is_none() -> None:
+def test_stays_are_separated_by_the_goal_and_a_missing_reading_is_skipped() -> None:
     trace = StateTrace(["a"])
     for place, goal in [(0.0, 0.0)] * 5 + [(0.5, 0.5)] + [(1.0, 1.0)] * 5 + [(0.5, 0.5)] + [(0.1, 0.0)] * 5:
         trace.take(row(place, goal))
@@ -238,7 +238,7 @@ def test_a_move_that_did_not_come_to_its_end_has_no_stays() -> None:
         ("head_yaw", -0.1, "turns clockwise seen from above"),
     ],
 )
-def test_what_is_to_be_seen_is_said_in_words(name: str, way: float, seen: str) -> None:
+def test_the_expected_motion_is_described_by_body_and_direction(name: str, way: float, seen: str) -> None:
     assert BODY.looks_like(np.zeros(len(H24.names)), H24.names.index(name), way).endswith(seen)
 
 
@@ -271,7 +271,7 @@ def test_exchanged_servos_measure_each_others_load() -> None:
     assert BODY.elsewhere(believed, left, right) == pytest.approx(measured)
 
 
-def test_a_leg_on_the_ground_is_not_weighed() -> None:
+def test_a_leg_on_the_ground_gets_no_load_check() -> None:
     knee = H24.names.index("l_knee")
     elbow = H24.names.index("l_elbow")
     assert not BODY.stands_on(knee)

@@ -80,12 +80,12 @@ def test_a_joint_that_does_not_go_alone_where_it_is_sent_is_contradicted_whateve
         verdict(motion=EncoderResponse.UNHEARD),
     ],
 )
-def test_what_was_not_measured_is_neither_good_nor_contradicted(nothing: ProofVerdict) -> None:
+def test_an_unmeasured_joint_is_neither_consistent_nor_contradicted(nothing: ProofVerdict) -> None:
     assert (nothing.proof, nothing.is_consistent, nothing.record(AT)) == (None, False, None)
     assert nothing.lines()[0].startswith("not done     l_knee (main id 16)")
 
 
-def test_every_verdict_is_said_in_words_and_in_json() -> None:
+def test_every_proof_verdict_has_a_text_and_a_json_form() -> None:
     for one, word in (
         (
             verdict(),
@@ -136,13 +136,13 @@ def test_a_proof_is_kept_and_reads_back_as_it_was_written() -> None:
         verdict(gone=MoveResult(0.3, refused=("POS_LIMIT",))),
     ],
 )
-def test_what_proves_nothing_is_not_kept_and_leaves_an_earlier_proof(other: ProofVerdict) -> None:
+def test_an_inconclusive_proof_is_not_kept_and_leaves_an_earlier_proof(other: ProofVerdict) -> None:
     assert with_proofs(MADE, {"l_knee": other}, AT) == (MADE, [], [])
     before, _, _ = with_proofs(MADE, {"l_knee": verdict()}, AT)
     assert with_proofs(before, {"l_knee": other}, "2027-01-01T00:00:00Z") == (before, [], [])
 
 
-def test_what_contradicts_is_never_kept_and_takes_an_earlier_proof_away() -> None:
+def test_a_contradiction_is_not_kept_and_removes_an_earlier_proof() -> None:
     assert with_proofs(MADE, {"l_knee": CONTRADICTED}, AT) == (MADE, [], [])
     before, _, _ = with_proofs(MADE, {"l_knee": verdict()}, AT)
     after, new, gone = with_proofs(before, {"l_knee": CONTRADICTED}, AT)
@@ -198,7 +198,7 @@ def test_a_joint_that_no_pose_shows_is_planned_for_the_eye() -> None:
     assert way.foreseen.flip < 0.1
 
 
-def test_a_plan_needs_no_robot_and_says_what_to_type(tmp_path: Path, capsys: Captured) -> None:
+def test_a_plan_needs_no_robot_and_prints_the_commands(tmp_path: Path, capsys: Captured) -> None:
     words = ["--socket", str(tmp_path), "calibrate", "prove", "--plan", "--robot", "h24"]
     assert main([*words, "l_knee", "waist_pitch", "l_ankle_roll"]) == 0
     said = capsys.readouterr().out
@@ -212,7 +212,7 @@ def test_a_plan_needs_no_robot_and_says_what_to_type(tmp_path: Path, capsys: Cap
     assert "no joint 'l_kne'" in json.loads(capsys.readouterr().out)["parameters"]["message"]
 
 
-def test_joints_of_a_transmission_are_planned_for_nobody(tmp_path: Path, capsys: Captured) -> None:
+def test_joints_of_a_transmission_are_not_planned(tmp_path: Path, capsys: Captured) -> None:
     robot = linked(tmp_path)
     assert main(["calibrate", "prove", "--plan", "--robot", str(robot.path)]) == 0
     said = capsys.readouterr().out
@@ -233,14 +233,14 @@ def test_joints_of_a_transmission_are_planned_for_nobody(tmp_path: Path, capsys:
         (["--base", "back", "--friction", "-1"], "--friction -1 is outside"),
     ],
 )
-def test_what_makes_no_sense_is_a_usage_error(
+def test_an_invalid_option_is_a_usage_error(
     words: list[str], said: str, tmp_path: Path, capsys: Captured
 ) -> None:
     assert main(["--socket", str(tmp_path), "calibrate", "prove", *words]) == 2
     assert said in capsys.readouterr().err
 
 
-def test_without_a_daemon_the_exit_code_says_so(tmp_path: Path) -> None:
+def test_a_missing_daemon_gives_the_no_daemon_exit_code(tmp_path: Path) -> None:
     assert main(["--socket", str(tmp_path), "calibrate", "prove", "--base", "back", "--yes"]) == 3
 
 

@@ -78,7 +78,7 @@ def proofs(path: Path) -> list[str]:
     return [each.name for each in load_calibration(path, H24).joints if each.proof is not None]
 
 
-def test_entries_are_compared_as_the_daemon_tells_them_and_proofs_are_no_difference() -> None:
+def test_entries_compare_in_the_daemons_format_and_proofs_are_no_difference() -> None:
     force = in_force(told(MADE))
     assert unlike(measurement_records(MADE), force) == []
     assert unlike(measurement_records(with_proof(MADE, "l_knee")), force) == []
@@ -111,7 +111,7 @@ def test_a_zero_that_was_measured_meanwhile_gets_no_proof_and_the_others_get_the
     assert load_calibration(path, H24).by_name["l_hip_pitch"].zero_ticks == zero + 300
 
 
-def test_what_contradicted_an_earlier_zero_takes_no_proof_of_a_later_one_away(path: Path) -> None:
+def test_a_contradiction_of_an_earlier_zero_keeps_the_proof_of_a_later_zero(path: Path) -> None:
     one = session(path)
     save(with_proof(with_zero(MADE, "l_knee", 5), "l_knee"), path)
     with pytest.raises(Rejected, match="l_knee calibrated anew"):
@@ -119,7 +119,7 @@ def test_what_contradicted_an_earlier_zero_takes_no_proof_of_a_later_one_away(pa
     assert proofs(path) == ["l_knee"]
 
 
-def test_a_file_that_is_gone_by_the_end_is_told(path: Path) -> None:
+def test_a_calibration_file_removed_during_a_proof_is_reported(path: Path) -> None:
     one = session(path)
     path.unlink()
     with pytest.raises(Rejected, match="l_knee calibrated anew meanwhile"):

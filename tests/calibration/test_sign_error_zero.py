@@ -117,7 +117,7 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
         ("left", "l_hip_roll", 0.0, True),
     ],
 )
-def test_where_a_joint_has_to_stand_so_that_its_mirror_image_shows(
+def test_a_mirrored_zero_is_detected_where_the_position_makes_it_observable(
     base: str, name: str, at: float, observable: bool
 ) -> None:
     assert (judged(base, name, at=at).proof is SignProof.PROVED) is observable

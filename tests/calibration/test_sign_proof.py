@@ -47,7 +47,7 @@ def test_a_joint_that_is_right_is_never_contradicted(
 
 
 @given(st.sampled_from(BASES), ANY, st.floats(-0.95, 0.95), TORQUE, st.floats(0.0, 0.1), NOISE)
-def test_a_wrong_sign_is_never_proved_nor_plausible_and_is_caught_where_the_model_says_so(
+def test_a_wrong_sign_is_never_proved_and_is_contradicted_where_observable(
     base: str, name: str, off: float, stretch: float, rubs: float, noise: Floats
 ) -> None:
     found = judged(base, name, wrong=True, off=off * GROSS, stretch=stretch, rubs=rubs, noise=noise)
@@ -103,7 +103,7 @@ def test_evidence_that_is_no_proof_is_called_plausible() -> None:
     assert judged("back", "l_ankle_pitch").proof is SignProof.UNOBSERVABLE
 
 
-def test_a_load_that_fits_both_signs_is_unobservable_though_a_better_one_would_have_told() -> None:
+def test_a_load_that_fits_both_signs_is_unobservable() -> None:
     """A knee that tells half of its load: one with the other sign that tells 1.4 of it is as near."""
     weak = judged("back", "l_knee", stretch=0.55)
     assert weak.foreseen.visible and not weak.foreseen.observable
@@ -111,7 +111,7 @@ def test_a_load_that_fits_both_signs_is_unobservable_though_a_better_one_would_h
 
 
 @pytest.mark.parametrize("off", [-0.4, -0.2, 0.2, 0.4])
-def test_a_zero_that_is_grossly_off_contradicts_where_the_span_tells(off: float) -> None:
+def test_a_grossly_wrong_zero_is_contradicted_where_the_span_suffices(off: float) -> None:
     found = judged("upright", "l_hip_pitch", off=off)
     assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.ZERO)
     assert abs(found.offset - off) <= found.offset_unsure
@@ -120,7 +120,7 @@ def test_a_zero_that_is_grossly_off_contradicts_where_the_span_tells(off: float)
     assert abs(small.offset - 0.03) <= small.offset_unsure < 0.1
 
 
-def test_torque_that_is_told_the_wrong_way_round_is_called_so() -> None:
+def test_an_inverted_torque_reading_is_reported_as_inverted_current() -> None:
     """A reverse bit that turns position and not current: slope -1 where everything hangs."""
     one = body()
     joint = place("l_hip_pitch")
@@ -150,7 +150,7 @@ ROWS = st.lists(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3), min_size
 
 
 @given(ROWS, ROWS, st.floats(0.6, 1.4), st.floats(0.6, 1.4), st.data())
-def test_no_load_is_nearer_to_both_families_than_half_of_what_lies_between_them(
+def test_no_load_is_nearer_to_both_families_than_half_their_distance(
     one: Floats, other: Floats, s: float, t: float, data: st.DataObject
 ) -> None:
     between = apart(one, other)
@@ -164,6 +164,6 @@ def test_no_load_is_nearer_to_both_families_than_half_of_what_lies_between_them(
     assert apart(one, one) < 1e-6
 
 
-def test_a_joint_that_tells_no_torque_unit_still_has_its_friction() -> None:
+def test_a_joint_without_a_torque_unit_still_has_its_friction() -> None:
     assert slack(0.1, float("nan")) == pytest.approx(0.05)
     assert slack(0.1, 0.01) == pytest.approx(0.06)

@@ -143,7 +143,7 @@ def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() 
     assert hands.travels.travel("l_knee", at_once=True) is not None
 
 
-def test_where_it_hung_at_first_is_no_end_and_three_quarters_are_not_taken_for_all() -> None:
+def test_a_resting_position_is_no_end_and_three_quarters_of_a_travel_are_incomplete() -> None:
     hands = Hands(["r_hip_pitch"])
     hands.pass_(100)
     hands.go("r_hip_pitch", 1160)  # from 0 to one stop: 74 % of what it should go
@@ -177,7 +177,7 @@ def test_a_travel_that_was_done_and_grows_too_wide_is_one_no_more() -> None:
     assert hands.travels.travel("l_knee") is None and hands.travels.travel("l_knee", at_once=True) is None
 
 
-def test_who_moves_instead_of_whom_is_named_once() -> None:
+def test_a_joint_that_moves_in_place_of_the_requested_one_is_reported_once() -> None:
     hands = Hands(["l_knee"])
     hands.go("r_knee", 900)
     [told] = hands.news
@@ -230,7 +230,7 @@ def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
 
 
 @given(st.sampled_from(SLOTS), st.integers(-6000, 6000))
-def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(
+def test_the_ends_of_the_travel_give_the_zero_and_its_uncertainty(
     slot: CalibrationActuator, zero: int
 ) -> None:
     sweep = true_sweep(slot, zero, 0.0)
@@ -322,7 +322,7 @@ def test_a_draft_is_bound_to_the_description_and_leaves_with_its_last_joint(tmp_
     assert not kept.exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_anybody_moves(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_reported_before_any_joint_is_moved(tmp_path: Path) -> None:
     drafts.require_room(tmp_path / "new" / "calibration" / "h24.yaml")
     (tmp_path / "file").write_text("")
     with pytest.raises(Rejected, match="try with sudo"):

@@ -41,7 +41,7 @@ def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], said
     assert lines.count("told") == (len(pictures) if said else 0)
 
 
-def test_a_terminal_that_is_too_low_says_so_and_one_that_is_none_draws_nothing() -> None:
+def test_a_low_terminal_shows_a_note_and_a_non_terminal_gets_no_drawing() -> None:
     out = io.StringIO()
     SweepDisplay(out, live=True, rows=5, columns=40).draw([f"joint {number}" for number in range(9)])
     assert rendered(out.getvalue().replace("\n", "\r\n"))[:3] == [

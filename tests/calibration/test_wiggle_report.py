@@ -69,7 +69,7 @@ def verdict(**changes: Any) -> WiggleVerdict:
         ),
     ],
 )
-def test_a_verdict_says_what_is_known_and_what_is_not(changes: dict[str, Any], good: bool, said: str) -> None:
+def test_a_verdict_reports_known_and_unknown_results(changes: dict[str, Any], good: bool, said: str) -> None:
     made = verdict(**changes)
     assert made.is_consistent is good
     assert said in "\n".join(made.lines())

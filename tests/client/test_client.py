@@ -222,7 +222,7 @@ def test_during_a_stream_no_other_call_is_made(start: Start, tmp_path: Path) -> 
         stream.close()
 
 
-def test_a_daemon_that_hangs_up_is_told_apart_from_none(start: Start, tmp_path: Path) -> None:
+def test_a_lost_connection_and_an_absent_daemon_raise_different_errors(start: Start, tmp_path: Path) -> None:
     peer = start(lambda call: [])
     with Client(tmp_path) as client, pytest.raises(Disconnected, match="during Arm"):
         client.call("Arm")

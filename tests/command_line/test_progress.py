@@ -38,7 +38,7 @@ class Told:
         return self.out.getvalue()[place:]
 
 
-def test_a_line_says_what_how_much_how_long_and_how_long_still(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_progress_line_shows_share_elapsed_and_remaining_time(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Told(monkeypatch)
     bar = "━" * (BAR // 4) + "─" * (BAR - BAR // 4)
     assert told.after(1.0, "57600 baud", 0.25) == f"\rscan  {bar}  25%  0:01  57600 baud\x1b[K"
@@ -49,7 +49,7 @@ def test_a_step_with_escapes_in_its_name_moves_no_cursor(monkeypatch: pytest.Mon
     assert Told(monkeypatch).after(0.0, "bus\x1b[2J\n").endswith("bus?[2J?\x1b[K")
 
 
-def test_what_nobody_can_tell_is_not_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_share_is_not_estimated(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Told(monkeypatch).after(65.0, "asking") == "\rscan  1:05  asking\x1b[K"
     assert "25%" in Told(monkeypatch, seconds=40.0).after(10.0, "asking")
 
@@ -83,7 +83,7 @@ def test_clearing_what_is_not_shown_writes_nothing(monkeypatch: pytest.MonkeyPat
     assert told.out.getvalue() == ""
 
 
-def test_whatever_ends_the_work_nothing_of_the_line_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_work_erases_its_progress_line(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Told(monkeypatch)
 
     def interrupted() -> None:
@@ -121,7 +121,7 @@ def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch
     assert len(shown.strip("\r").removesuffix("\x1b[K")) == 39
 
 
-def test_things_are_told_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_advances_as_items_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Told(monkeypatch)
     taken = []
     for thing in told.progress.each("abcd", "letter {}".format):
@@ -153,7 +153,7 @@ TOLD = {  # which verbs each file with a progress serves
 }
 
 
-def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> None:
+def test_the_manual_page_lists_exactly_the_verbs_with_progress() -> None:
     root = Path(__file__).parents[2]
     files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
     telling = [file for file in files if "import ProgressLine\n" in file.read_text(encoding="utf-8")]

@@ -51,7 +51,9 @@ def test_time_may_be_seconds_or_sec_and_nanosec(tmp_path: Path, text: str, secon
         (" " * (5 << 20), "larger than 4 MiB"),
     ],
 )
-def test_what_is_no_trajectory_is_rejected_with_its_place(tmp_path: Path, text: str, reason: str) -> None:
+def test_an_invalid_trajectory_file_is_rejected_with_its_position(
+    tmp_path: Path, text: str, reason: str
+) -> None:
     with pytest.raises(Rejected, match=reason):
         load_motion(written(tmp_path, text))
 

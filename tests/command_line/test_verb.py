@@ -11,7 +11,7 @@ EVIL = "a\x1b[2J\x9b31m\rb"
 TOLD = "a?[2J?31m?b"
 
 
-def test_what_is_not_visible_becomes_a_question_mark() -> None:
+def test_an_invisible_character_becomes_a_question_mark() -> None:
     assert harmless("a\x1b[31m\n\x07\u200eb µ°") == "a?[31m???b µ°"
 
 
@@ -25,7 +25,7 @@ def test_an_error_names_what_was_wrong_without_its_escapes(capsys: pytest.Captur
     assert capsys.readouterr().err == "twindctl: no joint 'a?[2J'\ntwindctl: no joint b\n"
 
 
-def test_an_event_is_one_line_whatever_it_says(
+def test_an_event_is_one_line_whatever_its_text(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Observer:

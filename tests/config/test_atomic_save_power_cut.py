@@ -104,7 +104,7 @@ def test_after_any_call_the_file_is_old_or_new_and_the_history_whole(
     assert seen == {current, NEW.encode()}
 
 
-def test_what_a_cut_leaves_is_loaded_and_saved_over(recording: Recording, tmp_path: Path) -> None:
+def test_every_state_after_a_power_cut_is_loaded_and_saved_over(recording: Recording, tmp_path: Path) -> None:
     """On a real folder: each that differs in what counts."""
     folders = {
         frozenset(held.items()): held
@@ -142,7 +142,7 @@ def test_a_draft_is_old_or_new_as_well(tmp_path: Path, monkeypatch: pytest.Monke
     assert {held[name] for held in drafted.aftermaths(len(drafted.calls))} == {NEW.encode()}
 
 
-def test_the_model_of_the_disk_tells_a_save_that_forgets_to_sync(
+def test_the_disk_model_detects_a_save_without_one_of_its_syncs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without any one of its syncs the claims above would not hold: they can fail."""
@@ -262,7 +262,7 @@ def failure(act: Callable[[], object]) -> int:
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO])
-def test_a_disk_that_fails_at_any_call_keeps_a_whole_file_and_says_so(
+def test_a_disk_that_fails_at_any_call_keeps_a_whole_file_and_raises_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
     open_before = len(os.listdir("/proc/self/fd"))

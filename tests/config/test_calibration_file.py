@@ -29,7 +29,7 @@ def refused(text: str) -> str:
     return str(caught.value)
 
 
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_a_saved_calibration_loads_unchanged(tmp_path: Path) -> None:
     path = save_calibration(made(), tmp_path, "h24")
     assert load_calibration(path, ROBOT) == made()
     assert made().by_name["head_pitch"].zero_ticks == 2049
@@ -118,7 +118,7 @@ def test_a_file_that_does_not_fit_is_refused_at_its_line(old: str, new: str, mes
     assert message in refused(rehashed(TEXT.replace(old, new, 1)))
 
 
-def test_a_wrong_hash_says_what_to_do() -> None:
+def test_a_wrong_hash_is_refused_with_the_remedy() -> None:
     message = refused(TEXT.replace("zero_ticks: 2048", "zero_ticks: 2058", 1))
     assert "is not the hash of this file" in message
     assert "calibrate again, or put the earlier file back" in message

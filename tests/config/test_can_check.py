@@ -74,7 +74,7 @@ def test_a_calibration_of_both_kinds_is_written_and_read_back() -> None:
         ),
     ],
 )
-def test_what_a_device_tells_otherwise_than_the_file_refuses_with_both(
+def test_a_device_setting_that_differs_from_the_file_is_refused_with_both_values(
     settings: dict[str, int], words: str
 ) -> None:
     verdict = with_knee(set_to(**settings))
@@ -83,16 +83,16 @@ def test_what_a_device_tells_otherwise_than_the_file_refuses_with_both(
     assert words in found[0].message
 
 
-def test_a_range_told_a_thousandth_off_is_the_same() -> None:
+def test_a_range_within_a_thousandth_is_equal() -> None:
     assert with_knee(set_to(pmax_milli=12_501)) == Verdict()
 
 
-def test_a_device_that_tells_no_ranges_is_compared_by_what_it_tells() -> None:
+def test_a_device_that_reports_no_ranges_is_compared_by_its_other_values() -> None:
     silent = {key: value for key, value in NODE.items() if key not in TOLD}
     assert with_knee(lambda device: replace(device, settings=silent)) == Verdict()
 
 
-def test_a_model_that_is_told_is_compared() -> None:
+def test_a_reported_device_model_is_compared() -> None:
     verdict = with_knee(
         lambda device: replace(device, model_name="DM4340", model_number=can_number("DM4340"))
     )
@@ -117,7 +117,7 @@ def test_other_firmware_warns() -> None:
     assert "firmware is 2, was 1 when calibrated" in verdict.warnings[0].message
 
 
-def test_one_that_does_not_answer_is_missing() -> None:
+def test_a_device_that_does_not_answer_is_missing() -> None:
     devices = {key: device for key, device in DEVICES.items() if key != KEY}
     found = [each for each in compare(ROBOT, CALIBRATION, devices).refusals if each.joint == KNEE]
     assert [each.code for each in found] == [ReasonCode.DEVICE_MISSING]

@@ -62,7 +62,7 @@ def test_a_can_type_has_si_gains_and_the_ranges_of_its_model(tmp_path: Path) -> 
     assert isinstance(robot.joints[2].type, ServoType)
 
 
-def test_its_raw_units_are_those_of_the_can_rooms(tmp_path: Path) -> None:
+def test_the_raw_units_of_a_can_type_match_the_driver(tmp_path: Path) -> None:
     damiao = kind(read(tmp_path, LEG))
     assert (damiao.ticks_per_turn, damiao.velocity_lsb_rad_s) == (TURN, COUNT)
     assert (damiao.effort_lsb_nm, damiao.effort_limit_nm, damiao.full_effort) == (EFFORT, 28.0, 28.0 / EFFORT)
@@ -103,7 +103,7 @@ def test_a_damiao_answers_with_its_master_id(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_a_can_type_may_not_say_is_refused(tmp_path: Path, ours: str, message: str) -> None:
+def test_an_invalid_can_type_is_refused(tmp_path: Path, ours: str, message: str) -> None:
     text = LEG.replace("device: DM4340, gains: {kp: 120.0", ours)
     assert text != LEG
     with pytest.raises(ConfigError) as caught:
@@ -157,13 +157,13 @@ def test_what_a_can_type_may_not_say_is_refused(tmp_path: Path, ours: str, messa
         ("{id: 2, ratio: 3.0, limits_rad: [-1.2, 1.2]}", "one turn at most"),
     ],
 )
-def test_what_a_can_joint_may_not_say_is_refused(tmp_path: Path, knee: str, message: str) -> None:
+def test_an_invalid_can_joint_is_refused(tmp_path: Path, knee: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, LEG.replace(KNEE, f"  knee: {knee}\n"))
     assert message in str(caught.value)
 
 
-def test_families_of_29_bits_clash_with_nobody_and_others_where_their_frames_differ(tmp_path: Path) -> None:
+def test_families_with_29_bit_ids_conflict_with_none_and_others_by_their_frames(tmp_path: Path) -> None:
     more = "  ankle: {type: rs, id: 17, limits_rad: [-1, 1]}\n  toe: {type: od, id: 3, limits_rad: [-1, 1]}\n"
     robot = read(tmp_path, LEG.replace("poses:", f"{more}poses:"))
     assert [joint.feedback_id for joint in robot.joints[3:]] == [None, None]
@@ -182,7 +182,7 @@ def test_families_of_29_bits_clash_with_nobody_and_others_where_their_frames_dif
         ("{kind: canopen}", "'canopen' is none of dynamixel2, can"),
     ],
 )
-def test_what_a_can_bus_may_not_say_is_refused(tmp_path: Path, bus: str, message: str) -> None:
+def test_an_invalid_can_bus_is_refused(tmp_path: Path, bus: str, message: str) -> None:
     old = '{kind: can, bitrate: 1000000, port: "can:slcan:/dev/ttyACM0"}'
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, LEG.replace(old, bus))
@@ -237,7 +237,7 @@ def test_the_mixed_robot_is_the_body_of_h24_with_legs_on_can() -> None:
 
 
 @pytest.mark.parametrize("name", ["DM4340", "AK70-10", "RS01", "ODrive"])
-def test_what_is_asked_of_a_watchdog_and_a_supply_is_what_the_codec_can(name: str) -> None:
+def test_watchdog_and_supply_settings_match_the_codec(name: str) -> None:
     spans = ranges_of([replace(MODELS[name], position=12.5)])
     family = make(MODELS[name].family, "leg", [1], [name], ranges=spans, feedback_ids=[17])
     assert (family.watchdog is None) == (family.name in MUTE)
@@ -245,7 +245,7 @@ def test_what_is_asked_of_a_watchdog_and_a_supply_is_what_the_codec_can(name: st
     assert bool(reads) == (family.name in TELL_VOLTAGE)
 
 
-def test_an_odrive_tells_no_torque_so_its_effort_is_unknown_and_never_zero(tmp_path: Path) -> None:
+def test_an_odrive_reports_no_torque_so_its_effort_is_unknown_and_never_zero(tmp_path: Path) -> None:
     robot = read(
         tmp_path, LEG.replace("defaults: {type: dm", "defaults: {type: od").replace(", feedback_id: 0x22", "")
     )

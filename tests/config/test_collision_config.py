@@ -14,7 +14,7 @@ def read(text: str, support: str = "gantry") -> Clearance:
     return clearance(ConfigReader("robot.yaml", parse(text, "robot.yaml")), support)
 
 
-def test_what_is_not_given_has_its_default() -> None:
+def test_an_omitted_collision_setting_has_its_default() -> None:
     assert read("{}") == Clearance(0.002, 0.010, 0.020, False, (), None)
 
 
@@ -60,7 +60,7 @@ def test_a_larger_block_takes_the_default_warning_with_it() -> None:
         ("{world: maybe}", "true or false is expected"),
     ],
 )
-def test_what_is_wrong_is_refused(text: str, message: str) -> None:
+def test_an_invalid_value_is_refused(text: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read(text)
     assert message in str(caught.value)

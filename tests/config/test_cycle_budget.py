@@ -22,7 +22,7 @@ def test_the_built_in_robots_reach_100_hz_plain_and_fast_with_upkeep(name: str) 
         assert each.fast.reachable_hz > each.plain.reachable_hz
 
 
-def test_one_budget_for_each_bus_with_joints() -> None:
+def test_each_bus_with_joints_has_one_budget() -> None:
     robot = load_robot("h24-split")
     assert [(each.bus.name, each.count) for each in budgets(robot, 100.0)] == [("upper", 12), ("lower", 12)]
     alone = replace(robot, joints=tuple(joint for joint in robot.joints if joint.bus == "upper"))
@@ -47,7 +47,7 @@ def test_factory_settings_cannot_do_100_hz() -> None:
     assert delayed.plain.refusal(100.0) is not None
 
 
-def test_the_lines_say_bytes_microseconds_and_reach() -> None:
+def test_a_budget_text_gives_bytes_microseconds_and_reachable_rate() -> None:
     [each] = budgets(load_robot("h24"), 100.0)
     text = "\n".join(each.lines)
     assert "24 servos at 2000000 baud, 100 Hz wanted" in text

@@ -100,7 +100,7 @@ def test_a_register_that_was_not_read_refuses(register: str) -> None:
         (lambda d: replace(d, model_number=4711, model_name=None), "a model that is in no table"),
     ],
 )
-def test_what_makes_a_servo_unusable_is_refused_whatever_the_calibration_says(
+def test_an_unusable_servo_is_refused_whatever_the_calibration(
     change: Callable[[IdentifiedDevice], IdentifiedDevice], words: str
 ) -> None:
     verdict = check_devices(ROBOT, {**DEVICES, KEY: change(DEVICES[KEY])})
@@ -133,7 +133,7 @@ def test_another_model_of_the_same_size_is_refused_by_both_files() -> None:
     assert [each.code for each in verdict.refusals] == [ReasonCode.DEVICE_MISMATCH, ReasonCode.CALIB_MISMATCH]
 
 
-def test_what_was_not_read_is_refused_and_not_called_wrong() -> None:
+def test_an_unread_setting_is_refused_as_unread_and_not_as_wrong() -> None:
     verdict = with_knee(lambda device: replace(device, settings={}))
     first, *others = [each.message for each in verdict.refusals]
     assert "operating_mode, homing_offset, drive_mode not read" in first
@@ -187,7 +187,7 @@ def test_a_servo_has_the_mode_that_its_joint_names(mode: str, number: int) -> No
     assert (missing.code, missing.joint) == (ReasonCode.DEVICE_MISMATCH, KNEE)
 
 
-def test_where_the_servos_limits_do_nothing_a_warning_says_so() -> None:
+def test_a_mode_in_which_servo_limits_have_no_effect_gives_a_warning() -> None:
     # e-manual, Min/Max Position Limit (48, 52): used in position control mode only
     devices = {key: set_to(operating_mode=4)(each) for key, each in DEVICES.items()}
     verdict = check_devices(in_mode("extended_position"), devices)

@@ -54,7 +54,7 @@ def with_bits(**settings: int) -> IdentifiedDevice:
     return replace(DEVICES[KEY], settings={**DEVICES[KEY].settings, **settings})
 
 
-def test_a_profile_in_time_is_refused_and_ram_from_a_backup_is_told() -> None:
+def test_a_time_based_profile_is_refused_and_ram_from_a_backup_gives_a_warning() -> None:
     found = check_devices(ROBOT, {**DEVICES, KEY: with_bits(drive_mode=4)})
     assert "drive_mode (10) is 4: bit 2, time-based profile, must be 0" in found.refusals[0].message
     found = check_devices(ROBOT, {**DEVICES, KEY: with_bits(startup_configuration=2)})

@@ -5,7 +5,7 @@ from pathlib import Path
 from twind.config.doc_pages import CALIBRATION, page
 
 
-def test_the_first_folder_that_has_it_is_told(tmp_path: Path) -> None:
+def test_the_first_folder_that_holds_a_page_is_named(tmp_path: Path) -> None:
     made = tmp_path / "local"
     packaged = tmp_path / "share"
     (packaged / CALIBRATION).parent.mkdir(parents=True)
@@ -16,12 +16,12 @@ def test_the_first_folder_that_has_it_is_told(tmp_path: Path) -> None:
     assert page(CALIBRATION, (made, packaged)) == str(made / CALIBRATION)
 
 
-def test_where_no_folder_has_it_no_path_is_made_up(tmp_path: Path) -> None:
+def test_a_page_found_in_no_folder_gets_no_invented_path(tmp_path: Path) -> None:
     (tmp_path / CALIBRATION).mkdir(parents=True)  # a folder of that name is no page
     assert page(CALIBRATION, (tmp_path,)) == "calibration/README.md of twind's sources"
 
 
-def test_where_installing_puts_the_pages_is_where_they_are_looked_for(tmp_path: Path) -> None:
+def test_pages_are_searched_where_the_installer_puts_them(tmp_path: Path) -> None:
     said = (Path(__file__).parents[2] / "packaging/install.sh").read_text()
     assert "SHARE=${SHARE:-/usr/local/share}" in said
     assert '"$SHARE/doc/twind/$each"' in said

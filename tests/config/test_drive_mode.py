@@ -38,7 +38,7 @@ def row(rig: Rig, name: str) -> int:
     return rig.names.index(name)
 
 
-def test_a_robot_of_three_modes_arms_moves_and_lets_go(mixed: Rig) -> None:
+def test_a_robot_of_three_modes_arms_moves_and_disarms(mixed: Rig) -> None:
     modes = mixed.register("operating_mode")
     assert [int(modes[row(mixed, name)]) for name in (*FLOATING, *SOFT, "waist_yaw")] == [4, 4, 5, 5, 3]
     mixed.arm()
@@ -74,7 +74,7 @@ def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig)
     assert (mixed.register("torque_enable") == 0).all()
 
 
-def test_a_mode_that_somebody_writes_through_the_daemon_is_told_at_once(mixed: Rig) -> None:
+def test_a_mode_written_through_the_daemon_is_reported_at_once(mixed: Rig) -> None:
     mixed.connect()
     calibrate(mixed)
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=4)
@@ -91,7 +91,7 @@ def test_a_mode_that_somebody_writes_through_the_daemon_is_told_at_once(mixed: R
     mixed.connect()
 
 
-def test_a_register_that_nobody_compares_leaves_the_bus_connected(mixed: Rig) -> None:
+def test_a_write_to_an_uncompared_register_leaves_the_bus_connected(mixed: Rig) -> None:
     mixed.connect()
     assert mixed.call(link.WriteRegister, bus="main", id=2, name="led", value=1).error is None
     for _ in range(50):
@@ -99,7 +99,7 @@ def test_a_register_that_nobody_compares_leaves_the_bus_connected(mixed: Rig) ->
         assert mixed.loop.state is RobotState.CONNECTED
 
 
-def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
+def test_a_servo_with_the_shadow_id_of_another_is_never_armed() -> None:
     """E-manual, X series, "Secondary(Shadow) ID (12)": it acts on packets for that id, without an answer."""
     rig = Rig()
     try:

@@ -39,7 +39,7 @@ def test_stops_and_homing_are_read_in_either_unit(tmp_path: Path) -> None:
     assert degrees.homing.speed == pytest.approx(0.08727, abs=1e-5)
 
 
-def test_they_are_no_part_of_what_a_calibration_is_bound_to(tmp_path: Path) -> None:
+def test_endstops_are_not_part_of_the_calibration_hash(tmp_path: Path) -> None:
     (tmp_path / "one.xml").write_text("<mujoco/>")
     with_stops = read(tmp_path, TEXT.replace("MORE", "stop_rad: {lower: -0.15}"))
     assert with_stops.description_sha256 == read(tmp_path, TEXT.replace(", MORE", "")).description_sha256
@@ -64,13 +64,15 @@ def test_they_are_no_part_of_what_a_calibration_is_bound_to(tmp_path: Path) -> N
         ("stop_rad: {lower: -0.2}, homing: {side: lower, force: 1}", "unknown key"),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_reason(tmp_path: Path, more: str, message: str) -> None:
+def test_an_invalid_stop_or_homing_setting_is_refused_with_its_reason(
+    tmp_path: Path, more: str, message: str
+) -> None:
     with pytest.raises(ConfigError) as told:
         knee(tmp_path, more)
     assert message in str(told.value)
 
 
-def test_the_built_in_robot_says_where_its_stops_are() -> None:
+def test_every_joint_of_the_built_in_robot_has_both_endstops() -> None:
     for joint in load_robot("h24").joints:
         assert joint.stops.lower is not None and joint.stops.upper is not None
         assert joint.stops.lower < joint.lower and joint.stops.upper > joint.upper

@@ -137,7 +137,7 @@ def test_every_other_key_of_a_joint_waits(field: str) -> None:
     assert (found.changes, found.restart) == ({}, (f"{YAW}.{field}",))
 
 
-def test_where_the_joints_are_others_nothing_is_hot() -> None:
+def test_different_joints_allow_no_change_without_a_restart() -> None:
     found = robot_difference(H24, replace(changed(H24, lower=LOWER + 0.1), joints=H24.joints[1:]))
     assert found.changes == {}
     assert "joints" in found.restart
@@ -165,7 +165,7 @@ def test_where_the_joints_are_others_nothing_is_hot() -> None:
         {"": 1},
     ],
 )
-def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> None:
+def test_a_change_that_needs_a_restart_is_refused_as_a_whole(changes: Mapping[str, Any]) -> None:
     with pytest.raises(InvalidInput):
         applied(H24, {f"{YAW}.acceleration_limit_rad_s2": 1.0, **changes})
 
@@ -216,7 +216,7 @@ def shrunk(robot: RobotFile, shares: Mapping[tuple[int, str], float]) -> dict[st
 
 
 @given(SHARES)
-def test_what_differs_is_what_was_applied_and_applying_it_again_changes_nothing(shares: Any) -> None:
+def test_the_difference_of_applied_changes_equals_them_and_reapplying_is_idempotent(shares: Any) -> None:
     changes = shrunk(H24, shares)
     robot = applied(H24, changes)
     assert dict(robot_difference(H24, robot).changes) == changes
@@ -232,7 +232,7 @@ def test_the_order_of_keys_does_not_matter(shares: Any, random: Any) -> None:
 
 
 @given(SHARES)
-def test_what_was_shrunk_does_not_come_back_without_a_restart(shares: Any) -> None:
+def test_a_reduced_limit_does_not_return_without_a_restart(shares: Any) -> None:
     changes = shrunk(H24, shares)
     found = robot_difference(applied(H24, changes), H24)
     assert found.changes == {}
@@ -269,7 +269,7 @@ def test_a_file_that_is_in_force_whole_counts_as_read_and_another_does_not(tmp_p
     assert then.files[path] == old.files[path], "what is not in force keeps everybody from arming"
 
 
-def test_another_robot_is_told_by_its_name_alone(tmp_path: Path) -> None:
+def test_a_different_robot_is_detected_by_its_name(tmp_path: Path) -> None:
     old = describe(files(tmp_path))
     other = replace(files(tmp_path), robot="h24-split")
     found, then = reread_of(old, other)
@@ -283,7 +283,7 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path: Path) -> None:
         describe(files(tmp_path, "log_levl: debug\n"))
 
 
-def test_what_the_files_said_travels_whole(tmp_path: Path) -> None:
+def test_packed_robot_files_unpack_unchanged_and_damaged_bytes_are_refused(tmp_path: Path) -> None:
     sources = files(tmp_path)
     old = describe(sources)
     known, described = unpacked(pack(sources, old))

@@ -25,7 +25,7 @@ def read(folder: Path, old: str = "", new: str = "") -> RobotFile:
     return read_robot(path)
 
 
-def test_what_is_described_is_there() -> None:
+def test_every_described_value_is_read() -> None:
     imu = STANDING.imu
     assert imu is not None
     assert (imu.bus, imu.id, imu.site, imu.rotation) == ("main", 200, "imu", None)
@@ -59,7 +59,7 @@ def test_a_robot_without_sensors_has_none(tmp_path: Path) -> None:
         ("lsb: 0.00006103515625", "lsb: 0.00006, order: zyxw", "'zyxw' is none of wxyz, xyzw"),
     ],
 )
-def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_an_invalid_value_is_refused_at_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, old, new)
     text = str(caught.value)

@@ -102,7 +102,7 @@ def refused(door: Door, tmp_path: Path, data: bytes | str) -> str:
         *("&a 100", "*a", "!!int 100", "!!int '100'", "!!float 100", "! 100", "!!python/name:os.system ''"),
     ],
 )
-def test_what_is_no_plain_number_is_not_one(door: Door, tmp_path: Path, value: str) -> None:
+def test_a_value_that_is_no_plain_number_is_refused(door: Door, tmp_path: Path, value: str) -> None:
     refused(door, tmp_path, door.with_number(value))
 
 
@@ -187,7 +187,9 @@ PLACES: dict[str, Callable[[Path], None]] = {
 
 @EACH
 @pytest.mark.parametrize("place", PLACES)
-def test_what_is_no_file_is_refused_and_never_waited_for(door: Door, tmp_path: Path, place: str) -> None:
+def test_a_path_that_is_no_regular_file_is_refused_without_waiting(
+    door: Door, tmp_path: Path, place: str
+) -> None:
     file = tmp_path / "file.yaml"
     PLACES[place](file)
     with pytest.raises(ConfigError) as error:

@@ -95,7 +95,7 @@ def test_every_built_in_robot_passes(robot: str) -> None:
     require_sane_numbers(load_robot(robot).mjcf_path)
 
 
-def test_the_bounds_name_every_number_that_this_mujoco_knows_in_these_elements() -> None:
+def test_every_number_attribute_of_the_mujoco_schema_has_bounds() -> None:
     words = {
         "compiler": "alignfree angle assetdir autolimits balanceinertia conflict coordinate discardvisual "
         "eulerseq fitaabb fusestatic inertiafromgeom meshdir passthrough savecanonical savecompiled "
@@ -268,7 +268,7 @@ def test_a_virtual_robot_does_not_start_with_it(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize("option", ['<option unknown="1"/>', '<option timestep="0.002" foo="nan"/>'])
-def test_an_attribute_that_mujoco_does_not_know_is_refused_without_a_traceback(
+def test_an_unknown_mujoco_attribute_is_refused_without_a_traceback(
     tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ctl(["check", "robot", str(robot_with(tmp_path, option))]) == 1

@@ -10,7 +10,7 @@ from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.yaml_tree import ConfigError
 
 
-def test_what_is_described_is_there(tmp_path: Path) -> None:
+def test_every_described_value_is_read(tmp_path: Path) -> None:
     robot = read(tmp_path)
     shoulder, elbow = robot.joints
     assert robot.names == ("shoulder", "elbow")
@@ -50,7 +50,7 @@ def test_a_cap_that_is_a_whole_number_of_counts_keeps_its_last_count(tmp_path: P
     assert read(tmp_path, text).joints[0].current_cap == 1000
 
 
-def test_one_write_of_a_bus_is_on_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+def test_the_one_write_setting_is_on_unless_the_robot_file_disables_it(tmp_path: Path) -> None:
     assert read(tmp_path).bus("main").one_write is True
     text = SMALL.replace("baud: 1000000", "baud: 1000000, one_write: false")
     assert read(tmp_path, text).bus("main").one_write is False
@@ -174,7 +174,7 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("buses:\n  main: {kind: dynamixel2, port: /dev/ttyUSB0, baud: 1000000}\n", "", "at least one bus"),
     ],
 )
-def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_an_invalid_value_is_refused_at_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in SMALL
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, SMALL.replace(old, new, 1))

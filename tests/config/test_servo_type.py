@@ -59,13 +59,13 @@ def test_the_vendors_two_figures_of_one_model_are_one_model() -> None:
     ("text", "missing"),
     [("mode: position", "velocity_lsb_rad_s"), ("velocity_lsb_rad_s: 0.001", "ticks_per_turn")],
 )
-def test_where_the_sources_disagree_the_file_must_say(text: str, missing: str) -> None:
+def test_a_unit_on_which_the_sources_disagree_is_required_in_the_file(text: str, missing: str) -> None:
     """RH-P12-RN(A): 4096 counts and 0.01 rpm by its page, 4231 and 0.114 rpm by the .model file."""
     with pytest.raises(ConfigError, match=f"{missing}.*disagrees"):
         of("RH-P12-RN", text)
 
 
-def test_what_the_file_says_of_a_disputed_model_is_taken() -> None:
+def test_the_units_in_the_file_apply_to_a_disputed_model() -> None:
     found = of("RH-P12-RN", "ticks_per_turn: 4096", "velocity_lsb_rad_s: 0.001")
     assert (found.ticks_per_turn, found.velocity_lsb_rad_s) == (4096, 0.001)
 

@@ -161,7 +161,7 @@ def one(tmp_path: Path, more: str) -> Path:
 @pytest.mark.parametrize(
     ("more", "legs"), [("", ("yaw", "knee")), ("legs: [knee]", ("knee",)), ("legs: []", ())]
 )
-def test_where_the_file_is_silent_every_joint_carries_the_robot(
+def test_without_a_legs_key_every_joint_supports_the_robot(
     tmp_path: Path, more: str, legs: tuple[str, ...]
 ) -> None:
     assert read_robot(one(tmp_path, more)).legs == legs
@@ -173,7 +173,7 @@ def test_a_leg_that_is_no_joint_or_named_twice_is_refused(tmp_path: Path, more: 
         read_robot(one(tmp_path, more))
 
 
-def test_the_page_says_the_same_defaults() -> None:
+def test_the_configuration_page_lists_the_same_defaults() -> None:
     text = (ROOT / "docs" / "configuration.md").read_text()
     volts = of("{}")
     degrees = warmth("{}")

@@ -88,7 +88,7 @@ def test_a_calibration_is_bound_to_matrix_and_table(robot: RobotFile, tmp_path: 
     assert replace(robot, transmissions=()).description_sha256 != robot.description_sha256
 
 
-def test_check_robot_tells_condition_numbers_and_worked_examples(robot: RobotFile) -> None:
+def test_check_robot_prints_condition_numbers_and_worked_examples(robot: RobotFile) -> None:
     report = check_robot(robot)
     text = "\n".join(report.lines)
     assert report.errors == ()
@@ -164,7 +164,7 @@ def test_check_robot_tells_condition_numbers_and_worked_examples(robot: RobotFil
         ("  knee: {id: 2, ", "  knee: {", "joints.knee.id: is required and missing"),
     ],
 )
-def test_what_is_wrong_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_an_invalid_value_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in linked.ROBOT
     with pytest.raises(ConfigError) as caught:
         linked.linked(tmp_path, linked.ROBOT.replace(old, new, 1))

@@ -55,7 +55,7 @@ def leaf(text: str) -> object:
         ("-.5", "-.5"),
     ],
 )
-def test_a_value_reads_as_a_person_reads_it(text: str, value: object) -> None:
+def test_a_plain_scalar_has_the_expected_value_and_type(text: str, value: object) -> None:
     found = leaf(text)
     assert found == value
     assert type(found) is type(value)
@@ -119,7 +119,7 @@ def test_a_scalar_that_yaml_reads_otherwise_is_refused_at_its_place(text: str, w
         ("a: 'open\n", "not YAML", 2),
     ],
 )
-def test_what_is_not_allowed_is_refused_with_its_line(text: str, why: str, line: int) -> None:
+def test_an_unsupported_yaml_feature_is_refused_with_its_line(text: str, why: str, line: int) -> None:
     error = refused(text)
     assert why in str(error)
     assert error.line == line
@@ -152,7 +152,7 @@ def test_the_billion_laughs_are_refused_at_the_first_anchor() -> None:
     assert refused(text).line == 1
 
 
-def test_every_node_and_key_knows_its_place() -> None:
+def test_every_node_and_key_has_its_position() -> None:
     tree = parse("joints:\n  knee: {id: 34,\n         limits: [0.0, 2.1]}\n", "robot.yaml")
     joints = tree.items["joints"]
     assert isinstance(joints, YamlMapping)

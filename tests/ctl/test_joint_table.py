@@ -52,7 +52,7 @@ def test_a_joint_that_is_fine_has_its_numbers_and_nothing_else() -> None:
         ({"verified": False}, "unverified", "warn"),
     ],
 )
-def test_what_is_wrong_with_a_joint_is_a_word_a_sign_and_a_colour(
+def test_a_joint_fault_is_shown_as_word_sign_and_colour(
     different: dict[str, Any], said: str, style: str
 ) -> None:
     shown, spans, urgent = row(**different)
@@ -95,7 +95,7 @@ def test_a_simulation_needs_no_calibration() -> None:
     assert "uncalibrated" not in plain([row.line for row in block.rows])
 
 
-def test_what_is_not_known_is_a_dash_and_no_trouble() -> None:
+def test_an_unknown_value_is_a_dash_and_no_warning() -> None:
     unknown = dict.fromkeys(
         ("position", "velocity", "effort", "goal", "temperature", "voltage", "age_ms", "torque", "verified")
     )
@@ -126,7 +126,7 @@ def test_columns_give_way_in_the_order_that_is_written_down(width: int, titles: 
     assert shown[: len(titles.split())] == titles.split()
 
 
-def test_what_a_robot_file_does_not_say_is_no_bound() -> None:
+def test_a_bound_missing_in_the_robot_file_causes_no_warning() -> None:
     block = table(
         view(joints=[joints()[0] | {"name": "stranger", "temperature": 99.0, "position": 9.0, "goal": 9.0}]),
         99,

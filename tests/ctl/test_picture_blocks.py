@@ -41,7 +41,7 @@ def test_a_state_in_which_nothing_moves_is_an_alarm_in_words(state: str) -> None
     assert "alarm" in styles([shown])
 
 
-def test_the_header_says_who_in_which_mode_and_what_must_not_be_missed() -> None:
+def test_the_header_shows_robot_mode_and_urgent_conditions() -> None:
     assert plain([header(view(), 80)]).split() == ["h24", "LIVE", "armed", "active", "twind", "1.2.3"]
     said = plain([header(dataclasses.replace(view(inherited=True, state="connected"), lost=4), 120)])
     assert "! torque was found on" in said
@@ -49,14 +49,14 @@ def test_the_header_says_who_in_which_mode_and_what_must_not_be_missed() -> None
     assert "waiting" in plain([header(PictureState(now=0.0), 80)])
 
 
-def test_a_daemon_that_is_gone_is_said_first_with_since_when_and_why() -> None:
+def test_a_lost_daemon_is_shown_first_with_duration_and_cause() -> None:
     one = watched()
     one.record_disconnect("/run/twind/observe.sock: the daemon closed the connection", 101.0)
     said = text(trouble(one.view(104.2), 200))
     assert said.startswith("!! no daemon since 3 s; below is what it said last (/run/twind/observe.sock:")
 
 
-def test_a_daemon_that_says_nothing_is_told_of_after_a_while() -> None:
+def test_a_daemon_without_messages_is_reported_after_a_while() -> None:
     assert text(trouble(watched().view(101.4), 80)) == ""
     assert text(trouble(watched().view(104.0), 80)) == "!! no news for 4 s"
 
@@ -103,14 +103,14 @@ def test_ticks_that_are_late_now_are_seen_at_once(share: float, said: str, style
     assert style in styles([shown.rows[1].line])
 
 
-def test_a_loop_without_real_time_says_why() -> None:
+def test_a_loop_without_real_time_priority_shows_the_cause() -> None:
     why = "Operation not permitted (LimitRTPRIO=40)"
     granted = loop(realtime={"scheduler": why})
     assert f"! {why}" not in text(summary(view(loop=granted), 200))
     assert f"! {why}" in text(summary(view(loop=granted | {"realtime_denied": ["scheduler"]}), 200))
 
 
-def test_what_is_not_known_is_a_dash() -> None:
+def test_an_unknown_latency_is_a_dash() -> None:
     unknown = loop(late_p50_us=None, late_p99_us=None, late_max_us=None)
     said = text(summary(view(loop=unknown, latency_ms=None, latency_avg_ms=None, skew_ms=None), 120))
     assert "late p50/p99/max -/-/- µs" in said
@@ -118,7 +118,7 @@ def test_what_is_not_known_is_a_dash() -> None:
     assert "between buses" not in said
 
 
-def test_refusals_say_how_long_ago_and_why_the_newest_first() -> None:
+def test_refusals_show_age_and_reason_with_the_newest_first() -> None:
     assert text(refusals(view(), 120)).splitlines()[1] == (
         "   12 s ago  POS_LIMIT: l_knee, point 0 (2 s): position 3 rad, bound 2.2 rad (and 1 more)"
     )
@@ -134,7 +134,7 @@ def test_refusals_say_how_long_ago_and_why_the_newest_first() -> None:
     assert len(refusals(one.view(110.0), 80).rows) == 10
 
 
-def test_the_recorder_says_what_it_holds_and_an_episode_how_it_ended() -> None:
+def test_the_recorder_block_shows_its_content_and_the_outcome_of_episodes() -> None:
     one = watched(flight={"span_s": 30.0, "bytes": 4_200_000, "last": "/var/lib/twind/x.flight"})
     told(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 98.0)
     assert text(recorder(one.view(100.0), 120)).splitlines() == [
@@ -178,7 +178,7 @@ def test_urgent_rows_come_first_where_not_all_have_room() -> None:
     assert [len(block.shown(room)) for room in range(12)] == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 10]
 
 
-def test_times_are_said_as_people_say_them() -> None:
+def test_a_duration_is_shown_in_readable_units() -> None:
     assert [ago(each) for each in (-1.0, 0.4, 119.0, 120.0, 7199.0, 7200.0)] == [
         *("0 s", "0 s", "119 s", "2 min", "119 min", "2 h"),
     ]
@@ -200,14 +200,14 @@ def leaning(**other: Any) -> PictureState:
     return one.view(101.0)
 
 
-def test_how_a_robot_leans_is_said_if_its_imu_tells() -> None:
+def test_the_inclination_is_shown_if_an_imu_reports_it() -> None:
     said = text(summary(leaning(), 120))
     assert "imu      leans 21.3°" in said
     assert "pitch +19.9°" in said and "9.81 m/s², 0.50 rad/s" in said and "4 ms old" in said
     assert "imu" not in text(summary(view(), 120))
 
 
-def test_of_an_imu_that_is_silent_no_old_numbers_are_shown() -> None:
+def test_a_stale_imu_shows_no_old_values() -> None:
     block = summary(leaning(age_ms=4200.0), 120)
     assert "imu      ! silent for 4 s: how it leans is not known" in text(block)
     assert "leans 21" not in text(block) and "rad/s" not in text(block)

@@ -39,7 +39,7 @@ def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -
 
 @pytest.mark.parametrize("width", [1, 2, 9, 20, 39, 40, 79, 81, 99, 100, 133, 184, 185, 250])
 @pytest.mark.parametrize("height", [1, 2, 3, 5, 11, 24, 70])
-def test_it_is_never_wider_nor_taller_than_the_terminal(width: int, height: int) -> None:
+def test_the_picture_never_exceeds_the_terminal(width: int, height: int) -> None:
     for seen in (PictureState(now=0.0), view(), troubled()):
         for page in PAGES:
             lines = picture(seen, width, height, PageSelection(page, offset=7, frozen_since=1.0), seen.now)
@@ -48,7 +48,7 @@ def test_it_is_never_wider_nor_taller_than_the_terminal(width: int, height: int)
 
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
-def test_what_is_wrong_is_in_every_picture_whatever_its_size_and_page(width: int, height: int) -> None:
+def test_every_picture_shows_the_fault_at_any_size_and_page(width: int, height: int) -> None:
     for page in PAGES:
         text = plain(picture(troubled(), width, height, PageSelection(page)))
         assert "!! FAULT !!" in text
@@ -63,14 +63,14 @@ def test_joints_that_need_a_look_are_shown_before_the_others_where_not_all_have_
     assert [row[2:].split()[0] for row in rows[:4]] == ["head_yaw", "l_knee", "r_wrist", "head_pitch"]
 
 
-def test_where_all_joints_have_room_they_keep_the_robots_order() -> None:
+def test_joints_that_all_fit_keep_the_order_of_the_robot() -> None:
     rows = [
         line[2:].split()[0] for line in plain(picture(troubled(), 120, 60)).splitlines() if line[2:3] != " "
     ]
     assert [row for row in rows if row in NAMES] == list(NAMES)
 
 
-def test_what_has_no_room_is_named_and_another_page_has_it() -> None:
+def test_a_block_without_room_is_named_and_shown_on_another_page() -> None:
     lines = plain(picture(view(), 80, 24)).splitlines()
     assert lines[-1].startswith("no room for hops, lateness, recorder, events: Tab shows more pages")
     assert "moved" not in "\n".join(lines)
@@ -97,7 +97,7 @@ def test_a_picture_without_a_size_has_everything_and_no_line_of_keys() -> None:
     assert "q ends" not in text
 
 
-def test_while_it_is_frozen_it_says_so_and_for_how_long() -> None:
+def test_a_frozen_picture_shows_for_how_long() -> None:
     seen = view()
     assert (
         plain(picture(seen, 80, 24, PageSelection(frozen_since=seen.now - 12.0), seen.now))

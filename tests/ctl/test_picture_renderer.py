@@ -36,7 +36,7 @@ def test_without_colours_bold_and_reversed_letters_are_left() -> None:
 
 
 @pytest.mark.parametrize(("environment", "some"), [({"NO_COLOR": "1"}, False), ({}, True)])
-def test_who_wants_no_colours_gets_none(environment: dict[str, str], some: bool) -> None:
+def test_the_colour_setting_of_the_environment_is_honoured(environment: dict[str, str], some: bool) -> None:
     asked = {**os.environ, "TERM": "xterm-256color", **environment}
     if not environment:
         asked.pop("NO_COLOR", None)

@@ -27,7 +27,7 @@ def test_the_rate_of_a_bus_is_counted_over_a_second_and_anew_after_a_restart() -
     assert one.view(4.0).rates == {"main": pytest.approx(100.0)}
 
 
-def test_a_histogram_that_is_told_once_a_second_stays_until_the_next() -> None:
+def test_a_histogram_sent_once_a_second_stays_until_the_next() -> None:
     one = watched()
     before = one.view(100.0).lateness
     assert before
@@ -46,7 +46,7 @@ def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none()
     assert len(seen) == KEPT
 
 
-def test_one_refusal_says_how_many_reasons_there_were() -> None:
+def test_a_refusal_shows_its_number_of_reasons() -> None:
     (one,) = watched().view(100.0).refusals
     assert one.text.endswith("bound 2.2 rad (and 1 more)")
 
@@ -78,7 +78,7 @@ def test_an_episode_ends_with_the_next_ones_begin_and_with_its_daemon() -> None:
     assert one.view(6.0).episodes[0].end == 5.0
 
 
-def test_who_goes_away_is_gone_since_the_first_try_and_back_with_the_next_news() -> None:
+def test_a_lost_daemon_is_gone_since_the_first_failure_and_back_with_the_next_message() -> None:
     one = watched()
     one.record_disconnect("it hung up", 101.0)
     one.record_disconnect("no such socket", 102.0)
@@ -113,7 +113,7 @@ def test_a_topic_that_is_newer_than_this_program_changes_nothing() -> None:
     assert one.view(100.0) == watched().view(100.0)
 
 
-def test_what_an_older_daemon_leaves_out_is_missed_by_nobody() -> None:
+def test_fields_missing_from_an_older_daemon_are_accepted() -> None:
     one = MonitorCollector()
     old = status()
     del old["flight"], old["skew_ms"]

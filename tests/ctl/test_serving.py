@@ -75,7 +75,7 @@ def test_a_socket_of_any_user_whose_name_breaks_the_line_hides_no_daemon(tmp_pat
         assert [each.pid for each in serving.find([str(tmp_path)], 0.0)] == [process.pid]
 
 
-def test_a_parent_that_listens_in_the_folder_by_another_socket_is_no_daemon(tmp_path: Path) -> None:
+def test_a_parent_that_listens_on_another_socket_of_the_folder_is_no_daemon(tmp_path: Path) -> None:
     with daemon(tmp_path, own="observe", given="control"):
         assert serving.find([str(tmp_path)], 0.0) == []
 

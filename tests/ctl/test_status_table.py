@@ -43,7 +43,7 @@ def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
 
 
 @pytest.mark.parametrize("warning", [None, ""])
-def test_where_nothing_is_wrong_with_a_port_nothing_is_said(warning: str | None) -> None:
+def test_a_port_without_a_warning_prints_no_warning_line(warning: str | None) -> None:
     assert not [line for line in status_lines(status(warning)) if line.startswith("warning")]
     assert not [line for line in status_lines(status()) if line.startswith("warning")]
 
@@ -56,7 +56,7 @@ def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
     assert render(answer).splitlines() == lines
 
 
-def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first() -> None:
+def test_an_unverified_joint_is_marked_and_an_uncalibrated_one_only_as_uncalibrated() -> None:
     world = StateCache(briefing())
     world.take(overview(100.0))
     world.take(tick(100.0, 1))
@@ -70,7 +70,7 @@ def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first()
     assert "unverified" not in alone
 
 
-def test_where_no_robot_is_looked_at_nobody_says_who_is_verified() -> None:
+def test_without_a_connected_robot_no_joint_is_shown_as_verified() -> None:
     world = StateCache(briefing())
     world.take(msgspec.structs.replace(overview(100.0), verified=b""))
     world.take(tick(100.0, 1))
@@ -92,7 +92,7 @@ STREAM: dict[str, Any] = {
 }
 
 
-def test_who_streams_has_a_line_that_says_what_was_lost_and_what_is_in_the_way() -> None:
+def test_a_stream_has_a_line_with_its_losses_and_its_error() -> None:
     wrong = {**STREAM, "dropped": 2, "failures": 7, "error": "Connection refused"}
     lines = status_lines({**status(), "streams": [STREAM, wrong]})
     assert [line for line in lines if line.startswith("stream")] == [

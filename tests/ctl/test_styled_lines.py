@@ -19,7 +19,7 @@ WIDE = "腕一"  # two columns each
 
 
 @pytest.mark.parametrize("width", range(9))
-def test_what_is_cut_says_so_and_is_never_too_wide(width: int) -> None:
+def test_a_cut_text_ends_with_an_ellipsis_and_fits_its_width(width: int) -> None:
     for text in ("abcdefgh", WIDE * 3, f"a{WIDE}b{WIDE}"):
         shown = cut(line("x", (text, "bad")), width)
         assert length(shown) <= width
@@ -29,7 +29,7 @@ def test_what_is_cut_says_so_and_is_never_too_wide(width: int) -> None:
 
 
 @pytest.mark.parametrize("width", range(9))
-def test_a_cell_is_as_wide_as_it_is_told(width: int) -> None:
+def test_a_cell_has_exactly_the_requested_width(width: int) -> None:
     for text in ("", "abcd", "abcdefghijk", WIDE):
         assert length(padded(line(text), width)) == width
         assert length(line(align_left(text, width))) == width or text == WIDE

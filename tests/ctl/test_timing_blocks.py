@@ -17,7 +17,7 @@ def said(**different: Any) -> tuple[str, set[str], bool]:
     return plain([shown.line]), {style for _, style in shown.line}, shown.urgent
 
 
-def test_a_bus_says_where_it_is_how_often_how_long_and_how_full() -> None:
+def test_a_bus_row_shows_port_rate_duration_and_utilisation() -> None:
     assert said() == (
         "upper  /dev/twind/upper          connected          100   2.1   3.4   41%        0",
         {""},
@@ -36,9 +36,7 @@ def test_a_bus_says_where_it_is_how_often_how_long_and_how_full() -> None:
         ({"latency_ms": None, "latency_p99_ms": None}, "-     -", ""),
     ],
 )
-def test_what_is_wrong_with_a_bus_is_a_word_or_a_sign(
-    different: dict[str, Any], word: str, style: str
-) -> None:
+def test_a_bus_fault_is_shown_as_a_word_or_a_style(different: dict[str, Any], word: str, style: str) -> None:
     text, styles, _ = said(**different)
     assert word in text
     assert style in styles
@@ -99,7 +97,7 @@ def test_buckets_without_anything_at_the_ends_are_left_out_and_many_are_joined()
     assert merged([{"upper_ms": 1.0, "count": 2}, {"upper_ms": None, "count": 1}], 8) == [(1.0, 2), (None, 1)]
 
 
-def test_what_was_not_told_yet_has_no_block() -> None:
+def test_values_not_yet_received_have_no_block() -> None:
     one = MonitorCollector()
     assert (
         hops(one.view(0.0), 80).full_height

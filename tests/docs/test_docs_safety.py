@@ -175,7 +175,7 @@ def test_every_threshold_of_the_page_is_that_of_the_code() -> None:
     assert dict(table(REASON_CODES, "what", "value")) == THRESHOLDS
 
 
-def test_the_servos_watchdog_is_what_the_page_says(armed: Rig) -> None:
+def test_the_servo_watchdog_equals_the_documented_value(armed: Rig) -> None:
     assert set(armed.register("bus_watchdog").tolist()) == {5}  # x 20 ms
 
 

@@ -48,7 +48,7 @@ def test_the_site_has_every_page_and_loads_nothing_from_another_host(tmp_path: P
 
 @without_mkdocs
 @pytest.mark.parametrize("link", ["docs/none.md", "docs/tutorial.md#nowhere"])
-def test_a_dead_link_fails_the_build(link: str, tmp_path: Path) -> None:
+def test_a_dead_link_fails_the_site_build(link: str, tmp_path: Path) -> None:
     sources = tmp_path / "sources"
     sources.mkdir()
     for each in ("README.md", "CHANGELOG.md", "mkdocs.yml"):

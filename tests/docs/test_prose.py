@@ -100,7 +100,7 @@ def sources() -> Iterator[Path]:
         yield from sorted((ROOT / room).rglob("*.py"))
 
 
-def test_no_program_code_reads_a_text_for_people() -> None:
+def test_no_program_code_parses_a_message_text() -> None:
     reading = [
         (str(path.relative_to(ROOT)), line, function)
         for path in sources()
@@ -133,7 +133,7 @@ except KeyError as error:
 """,
     ],
 )
-def test_a_line_that_reads_a_text_for_people_is_found(line: str) -> None:
+def test_a_line_that_parses_a_message_text_is_found(line: str) -> None:
     assert list(found(line)) != []
 
 

@@ -76,7 +76,7 @@ def test_fix_of_timer_without_permission_reports_the_error(pty: str, tmp_path: P
     assert "Permission denied" in tried.error and tried.there and file.read_text() == "16\n"
 
 
-def test_an_adapter_that_may_fall_asleep_is_found_and_kept_awake(pty: str, tmp_path: Path) -> None:
+def test_an_adapter_with_autosuspend_is_found_and_fixed(pty: str, tmp_path: Path) -> None:
     device = tty(tmp_path, pty)
     control = plant(device.parents[1] / "power/control", "auto\n")
     on = host(sys=tmp_path)
@@ -85,7 +85,7 @@ def test_an_adapter_that_may_fall_asleep_is_found_and_kept_awake(pty: str, tmp_p
     assert not tried.there and control.read_text() == "on\n"
 
 
-def test_an_adapter_whose_delay_is_negative_never_sleeps(pty: str, tmp_path: Path) -> None:
+def test_an_adapter_with_a_negative_autosuspend_delay_causes_no_finding(pty: str, tmp_path: Path) -> None:
     device = tty(tmp_path, pty)
     plant(device.parents[1] / "power/control", "auto\n")
     plant(device.parents[1] / "power/autosuspend_delay_ms", "-1\n")

@@ -83,7 +83,7 @@ def test_real_time_rights_cause_no_finding() -> None:
     assert rights("priority") == []
 
 
-def test_one_processor_is_too_few() -> None:
+def test_a_single_usable_processor_is_reported_as_too_few() -> None:
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(before)})
     try:
@@ -114,7 +114,7 @@ def test_intels_own_powersave_is_no_slow_clock(tmp_path: Path) -> None:
     assert found(code="CPU_GOVERNOR", on=host(sys=tmp_path)) == []
 
 
-def test_a_file_from_the_future_says_that_the_clock_is_wrong(tmp_path: Path) -> None:
+def test_a_file_with_a_future_time_reports_a_wrong_clock(tmp_path: Path) -> None:
     recording = plant(tmp_path / "state/recording.mcap", "")
     settings = plant(tmp_path / "twind.yaml", f"robot: h24\nstate_dir: {tmp_path / 'state'}\n")
     assert ahead_of_clock(settings) == []

@@ -122,7 +122,7 @@ def test_finding_follows_the_finding_that_explains_it() -> None:
     assert "probably because of CAUSE, above" in report.text(outcome, ROWS, None)
 
 
-def test_of_one_severity_the_machine_comes_after_buses_and_servos() -> None:
+def test_findings_of_one_severity_list_buses_and_servos_before_the_machine() -> None:
     """Findings of one severity keep the order of the checks."""
     subjects = [check.what for check in runner.all_checks()]
     machine = [check.what for check in runner.host.CHECKS]

@@ -34,7 +34,7 @@ def present(call: BroadcastPingReply) -> list[int]:
 
 
 @given(IDS, st.integers(1, 600))
-def test_everybody_is_heard_in_whatever_order_they_answer(ids: list[int], chunk: int) -> None:
+def test_every_ping_reply_is_decoded_in_any_order(ids: list[int], chunk: int) -> None:
     call = BroadcastPingReply()
     assert not give(call, b"".join(answer(id, 1020 + id, id) for id in ids), chunk)
     assert present(call) == sorted(ids)
@@ -45,7 +45,9 @@ def test_everybody_is_heard_in_whatever_order_they_answer(ids: list[int], chunk:
 
 
 @given(IDS.filter(bool), st.data())
-def test_noise_between_answers_hides_nobody_and_is_counted(ids: list[int], data: st.DataObject) -> None:
+def test_noise_between_ping_replies_hides_no_device_and_is_counted(
+    ids: list[int], data: st.DataObject
+) -> None:
     call = BroadcastPingReply()
     noise = [data.draw(st.binary(max_size=5)) for _ in ids]
     give(call, b"".join(dirt + answer(id) for dirt, id in zip(noise, ids, strict=True)))
@@ -116,6 +118,6 @@ def test_a_call_can_be_used_again() -> None:
 
 
 @pytest.mark.parametrize("id", [-1, 253, 254, 255])
-def test_the_slot_of_an_id_that_nobody_can_have_is_not_waited_for(id: int) -> None:
+def test_a_reserved_id_is_refused_as_the_last_slot(id: int) -> None:
     with pytest.raises(ValueError, match=f"id {id} is not"):
         BroadcastPingReply(id)

@@ -99,7 +99,7 @@ def test_servos_of_different_rates_and_models_on_one_wire_are_all_found() -> Non
     assert not any(rate.troubles or any(each.trouble for each in rate.found) for rate in rates.values())
 
 
-def test_torque_and_hardware_errors_are_told() -> None:
+def test_torque_and_hardware_errors_are_reported_by_the_scan() -> None:
     bench = Bench(servo(1), servo(2))
     bench.bus.servos.torque(0, True)
     bench.bus.faults.damage(2, 0b100000)
@@ -109,7 +109,7 @@ def test_torque_and_hardware_errors_are_told() -> None:
     assert (one.model, two.trouble) == (1020, None)
 
 
-def test_a_model_that_no_table_knows_is_found_without_its_registers() -> None:
+def test_an_unknown_model_is_found_without_its_registers() -> None:
     servos = Servos((5,), model=4711)
     (found,) = scan_rate(Prober(Wire(servos), FakeClock(), MILLION)).found
     assert (found.id, found.model, found.model_name, found.torque, found.trouble) == (
@@ -135,7 +135,7 @@ def test_nothing_is_ever_written() -> None:
     assert len(servos.seen) > 253
 
 
-def test_only_the_ids_that_are_asked_for_are_told() -> None:
+def test_only_requested_ids_are_reported() -> None:
     bench = Bench(servo(4), servo(40))
     assert [each.id for each in scan_rate(bench.at(MILLION), range(0, 20)).found] == [4]
     started = bench.clock.now()
@@ -151,7 +151,7 @@ def test_an_answer_that_is_lost_once_is_found_by_asking_thoroughly() -> None:
     assert [each.id for each in rate.found] == [4, 7]
 
 
-def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_told() -> None:
+def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_reported() -> None:
     bench = Bench(servo(4))
     told = []
     started = bench.clock.now()
@@ -161,7 +161,7 @@ def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_told() -> None:
     assert (MILLION, "reading id 4") in told
 
 
-def test_the_estimate_is_near_the_truth() -> None:
+def test_the_scan_estimate_is_within_a_tenth_of_the_duration() -> None:
     bench = Bench(servo(4))
     for thorough in (False, True):
         started = bench.clock.now()
@@ -191,7 +191,7 @@ def test_two_models_with_one_id_are_named(first: int, second: int) -> None:
     assert clashes(found) and "two devices" in str(found.trouble)
 
 
-def test_one_flipped_bit_makes_no_duplicate() -> None:
+def test_a_single_flipped_bit_causes_no_duplicate() -> None:
     bench = Bench(servo(3), servo(5))
     bench.at(MILLION)
     bench.bus.faults.corrupt(1)
@@ -222,7 +222,7 @@ def test_a_dozen_servos_as_delivered_are_one_id_with_the_remedy() -> None:
     assert clashes(found) and "give the other a free id" in str(found.trouble)
 
 
-def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
+def test_an_id_with_only_corrupt_replies_is_reported_as_unsound() -> None:
     def garble(reply: bytes) -> bytes:
         at = reply.find(packet.HEADER + b"\x09")
         return reply if at < 0 else reply[: at + 10] + bytes((reply[at + 10] ^ 8,)) + reply[at + 11 :]
@@ -233,7 +233,7 @@ def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
     assert rate.found[1].model is None
 
 
-def test_two_devices_of_a_model_that_no_table_knows_are_told_by_their_two_answers() -> None:
+def test_two_devices_of_an_unknown_model_are_distinguished_by_their_two_replies() -> None:
     def twice(reply: bytes) -> bytes:
         return reply + packet.status(5, 0, (4712).to_bytes(2, "little") + b"\1") if reply else reply
 
@@ -266,12 +266,12 @@ def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear()
 # ------------------------------------------------------------------------------------- the line itself
 
 
-def test_garbage_to_everything_is_no_duplicate_but_another_rate_or_noise() -> None:
+def test_corrupt_bytes_after_every_request_mean_another_rate_or_noise() -> None:
     rate = scan_rate(wired(lambda reply: b"\x13\x77\xff"))
     assert (rate.found, rate.troubles) == ((), (FOREIGN,))
 
 
-def test_servos_at_another_rate_that_answer_garbage_are_found_at_theirs() -> None:
+def test_servos_that_send_corrupt_bytes_at_other_rates_are_found_at_their_own() -> None:
     bench = Bench(servo(2), servo(9))
     bench.bus.faults.garble()
     rates = bench.scan()
@@ -280,7 +280,7 @@ def test_servos_at_another_rate_that_answer_garbage_are_found_at_theirs() -> Non
 
 
 @pytest.mark.parametrize("timer", [0.001, 0.016])
-def test_a_slow_latency_timer_hides_nobody(timer: float) -> None:
+def test_a_slow_latency_timer_hides_no_servo(timer: float) -> None:
     bench = Bench(servo(2), servo(9))
     bench.at(MILLION)
     bench.bus.faults.latency(timer)
@@ -289,7 +289,7 @@ def test_a_slow_latency_timer_hides_nobody(timer: float) -> None:
     assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
 
 
-def test_an_adapter_that_echoes_is_named_and_everybody_is_found() -> None:
+def test_an_echoing_adapter_is_named_and_every_servo_is_found() -> None:
     wire = Wire(Servos((2, 9)))
     answer = wire.write
 
@@ -318,7 +318,7 @@ def test_devices_of_protocol_1_are_named() -> None:
     assert "protocol 1.0 (ids 17)" in str(trouble)
 
 
-def test_traffic_that_nobody_asked_for_is_named_and_makes_no_duplicates() -> None:
+def test_unsolicited_traffic_is_named_and_causes_no_duplicates() -> None:
     wire = Wire(Servos((2,)))
     wire.arrival = lambda: inf  # type: ignore[method-assign]
     drain = wire.drain
@@ -334,7 +334,7 @@ def test_traffic_that_nobody_asked_for_is_named_and_makes_no_duplicates() -> Non
     assert len(rate.found) <= 1
 
 
-def test_a_rate_that_the_adapter_refuses_is_told_and_the_others_go_on() -> None:
+def test_a_rate_refused_by_the_adapter_is_reported_and_the_others_are_scanned() -> None:
     bench = Bench(servo(4))
 
     def at(baud: int) -> Prober:

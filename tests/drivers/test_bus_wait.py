@@ -26,7 +26,7 @@ def counted(reader: Any, looks: Counter[str]) -> None:
     reader.feed = look
 
 
-def test_a_bus_that_waits_for_a_silent_servo_is_not_looked_at_when_the_other_speaks() -> None:
+def test_a_bus_that_waits_for_a_servo_is_not_polled_when_the_other_bus_has_data() -> None:
     world = TwoBuses()
     looks = Counter[str]()
     world.connect()
@@ -98,7 +98,7 @@ def test_a_can_reading_is_taken_in_few_looks_and_soon_after_its_last_frame() -> 
 
 
 @pytest.mark.slow
-def test_a_can_reading_is_taken_as_soon_again_after_somebody_was_silent() -> None:
+def test_a_can_reading_returns_to_its_normal_duration_after_a_missing_reply() -> None:
     rig = Watched("h24-mixed")
     rig.ticks(250)
     for _ in range(10):  # each time until it is parked: what is late then says nothing of the wire

@@ -90,7 +90,7 @@ def test_a_bus_cut_for_longer_than_a_watchdog_gets_no_goal_until_it_is_prepared(
     assert abs(rig.places() - here).max() < 40
 
 
-def test_one_that_was_away_for_longer_than_its_watchdog_is_not_commanded_again() -> None:
+def test_an_actuator_absent_beyond_its_watchdog_is_not_commanded_again() -> None:
     rig = CanRig(MODELS)
     here = rig.arm()
     rig.ticks(10, here)
@@ -206,7 +206,7 @@ def test_damped_commands_have_no_stiffness_until_prepared_anew() -> None:
 # ------------------------------------------------------------------------------------- watchdogs, faults
 
 
-def test_one_without_a_watchdog_is_refused_unless_it_is_allowed_and_then_said() -> None:
+def test_an_actuator_without_a_watchdog_is_refused_unless_allowed_and_then_reported() -> None:
     for model in ("ODrive", "AK80-9"):
         rig = CanRig((model,), watchdog=True)
         here = rig.heard()
@@ -270,7 +270,7 @@ def test_a_second_node_with_one_id_is_foreign() -> None:
     assert sum(sample.foreign for sample in rig.ticks(20)) >= 3
 
 
-def test_a_late_answer_is_discarded_and_is_nobody_elses() -> None:
+def test_a_late_reply_is_discarded_and_not_counted_as_foreign() -> None:
     rig = CanRig(MODELS)
     rig.heard()
     rig.faults.delay(0.011, 2)
@@ -299,7 +299,7 @@ def test_speed_beside_a_goal_is_its_step_and_a_jump_has_none() -> None:
 
 @examples(60)
 @given(st.lists(st.integers(-EDGE, EDGE), min_size=4, max_size=4))
-def test_every_goal_inside_passes_its_last_check_and_says_what_was_meant(ticks: list[int]) -> None:
+def test_every_goal_within_bounds_passes_the_wire_check_and_decodes_to_its_value(ticks: list[int]) -> None:
     rig = CanRig(("DM4310", "RS02", "AK70-10", "ODrive"))
     goal = np.array(ticks)
     rig.writer.goals(goal)
@@ -308,7 +308,7 @@ def test_every_goal_inside_passes_its_last_check_and_says_what_was_meant(ticks: 
     assert abs(place - goal[rig.reader.fleet.commanded_rows(frames)]).max() <= 1.0
 
 
-def test_the_last_check_refuses_an_order_that_is_outside_or_to_nobody() -> None:
+def test_the_wire_check_refuses_a_command_out_of_bounds_or_without_an_addressee() -> None:
     rig = CanRig(MODELS)
     rig.heard()
     before = rig.sent()
@@ -337,7 +337,7 @@ def test_registers_are_read_and_written_by_name_and_the_scripts_keep_theirs() ->
         rig.beside(rig.writer.write(1, "serial_number", 5))
 
 
-def test_ranges_that_an_actuator_tells_are_used_and_show_in_its_limits() -> None:
+def test_reported_ranges_are_used_and_appear_in_the_limits() -> None:
     rig = CanRig(MODELS)
     rig.faults.ranges(2, 6.25, 30.0, 10.0)
     rig.faults.brown_out(2)
@@ -388,7 +388,7 @@ def test_a_lost_port_is_opened_anew_and_nothing_of_before_leaves() -> None:
     assert abs(rig.places() - before).max() <= 3
 
 
-def test_one_whose_answers_come_late_is_not_taken_for_one_that_was_away() -> None:
+def test_an_actuator_with_late_replies_is_not_treated_as_absent() -> None:
     rig = CanRig(MODELS)
     here = rig.arm()
     rig.ticks(5, here)

@@ -40,7 +40,7 @@ def terminal() -> Iterator[Terminal]:
 # ------------------------------------------------------------------------------------- slcan on a pty
 
 
-def test_a_serial_adapter_opens_by_its_name_and_speaks_both_ways(terminal: Terminal) -> None:
+def test_a_serial_adapter_opens_by_its_name_and_transfers_both_ways(terminal: Terminal) -> None:
     channel = open_channel(f"can:slcan:{terminal.path}", 1_000_000)
     assert channel.name == terminal.path
     assert terminal.told(len(OPENING)) == OPENING
@@ -211,7 +211,7 @@ def test_frames_of_every_kind_pass_to_python_can_and_back(
     assert (channel.condition.errors, channel.condition.refused) == (0, 0)
 
 
-def test_what_is_no_classic_frame_is_counted_and_not_given(
+def test_a_frame_that_is_not_classic_is_counted_and_not_returned(
     pair: tuple[PythonCanChannel, can.BusABC],
 ) -> None:
     channel, other = pair
@@ -224,7 +224,7 @@ def test_what_is_no_classic_frame_is_counted_and_not_given(
     assert channel.condition.errors == 2
 
 
-def test_what_is_no_frame_is_not_sent_and_neither_are_those_before_it(
+def test_an_invalid_frame_is_not_sent_nor_are_those_before_it(
     pair: tuple[PythonCanChannel, can.BusABC],
 ) -> None:
     channel, other = pair
@@ -235,7 +235,7 @@ def test_what_is_no_frame_is_not_sent_and_neither_are_those_before_it(
     assert other.recv(timeout=0) is None
 
 
-def test_a_bus_without_descriptor_wakes_both_clocks(pair: tuple[PythonCanChannel, can.BusABC]) -> None:
+def test_a_bus_without_a_descriptor_wakes_both_clocks(pair: tuple[PythonCanChannel, can.BusABC]) -> None:
     channel, other = pair
     assert channel.fileno() == -1
     fake = FakeClock()
@@ -252,7 +252,7 @@ def test_a_bus_without_descriptor_wakes_both_clocks(pair: tuple[PythonCanChannel
     assert channel.receive(0.5).tobytes() == cycle(1).tobytes()  # looking has not eaten it
 
 
-def test_a_closed_channel_is_lost_and_wakes_whoever_waits(
+def test_a_closed_channel_is_lost_and_wakes_its_waiter(
     pair: tuple[PythonCanChannel, can.BusABC],
 ) -> None:
     channel, _ = pair
@@ -265,7 +265,7 @@ def test_a_closed_channel_is_lost_and_wakes_whoever_waits(
         assert lost.value.lost
 
 
-def test_a_purged_channel_hears_nothing_of_before_and_works(
+def test_a_purged_channel_drops_old_frames_and_works(
     pair: tuple[PythonCanChannel, can.BusABC],
 ) -> None:
     channel, other = pair
@@ -291,7 +291,7 @@ def test_a_purged_channel_hears_nothing_of_before_and_works(
         ("can:virtual:a@b", CanPort("virtual", "a@b")),
     ],
 )
-def test_a_ports_name_says_interface_and_channel(port: str, parts: CanPort) -> None:
+def test_a_port_name_gives_interface_and_channel(port: str, parts: CanPort) -> None:
     assert can_ports.is_can(port)
     assert parse(port) == parts
 
@@ -312,7 +312,7 @@ def test_a_baud_rate_that_is_none_is_refused(rate: str) -> None:
         parse(f"can:slcan:/dev/ttyUSB0@{rate}")
 
 
-def test_what_is_plugged_in_is_present(terminal: Terminal) -> None:
+def test_a_connected_adapter_is_present(terminal: Terminal) -> None:
     assert present(f"can:slcan:{terminal.path}")
     assert not present("can:slcan:/dev/ttyACM99")
     assert present("can:socketcan:lo")  # the kernel has it; what it is, opening tells
@@ -320,7 +320,7 @@ def test_what_is_plugged_in_is_present(terminal: Terminal) -> None:
     assert present("can:pcan:PCAN_USBBUS1")  # nobody can say
 
 
-def test_a_serial_port_that_cannot_be_had_says_why(terminal: Terminal) -> None:
+def test_an_unusable_serial_port_reports_the_cause(terminal: Terminal) -> None:
     with pytest.raises(PortError, match="no such port"):
         open_channel("can:slcan:/dev/ttyACM99", 1_000_000)
     with pytest.raises(PortError, match="bitrate 123 is not one that slcan knows"):

@@ -64,7 +64,7 @@ def _last(feedback: ActuatorFeedback, name: str) -> list[float]:
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
-def test_they_tell_where_they_are(name: str) -> None:
+def test_every_family_reports_its_positions(name: str) -> None:
     bench = Bench(name)
     asked = bench.codec.make_position_request()
     told = bench.tell(asked if len(asked) else bench.command((0.0, 0.0), 0.0, 0.0))
@@ -73,7 +73,7 @@ def test_they_tell_where_they_are(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
-def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str) -> None:
+def test_actuators_hold_still_until_enabled_and_then_follow_commands(name: str) -> None:
     bench = Bench(name)
     goal = (1.2, -0.2)
     for _ in range(20):

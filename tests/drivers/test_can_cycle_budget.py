@@ -24,7 +24,7 @@ MIXED = load_robot("h24-mixed")
 @pytest.mark.parametrize(
     ("extended", "stuffed", "bits"), [(0, 0, 111), (0, 1, 135), (1, 0, 131), (1, 1, 160)]
 )
-def test_a_frame_of_eight_bytes_is_as_long_as_the_standard_says(
+def test_a_frame_of_eight_bytes_has_the_length_of_the_standard(
     extended: int, stuffed: int, bits: int
 ) -> None:
     assert frame_bits(8, extended=bool(extended), stuffed=bool(stuffed)) == bits
@@ -44,7 +44,7 @@ def test_24_actuators_with_command_and_reply_take_what_was_computed(family: str,
     assert found.reachable_hz == pytest.approx(0.8 * 1e6 / (48 * bits), rel=1e-5)  # a fifth is for upkeep
 
 
-def test_what_is_sent_unasked_takes_its_share_whatever_the_rate() -> None:
+def test_periodic_frames_take_their_share_at_any_rate() -> None:
     slow, fast = (budget({"odrive": 6}, 1_000_000, rate) for rate in (100.0, 400.0))
     assert slow.frames == pytest.approx(2 * 6 + 2 * 6 + 6 * 1.1)
     assert fast.frames == pytest.approx(2 * 6 + 2 * 1 + 6 * 1.1 / 4)

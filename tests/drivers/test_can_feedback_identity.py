@@ -23,7 +23,7 @@ def test_the_acknowledgement_of_a_write_is_no_reading_of_the_register() -> None:
     assert rig.registers.watchdog[0] == 0
 
 
-def test_an_effort_that_nobody_told_is_not_known() -> None:
+def test_an_effort_not_reported_is_unknown() -> None:
     rig = CanRig(("RS01", "RS02", "DM4310"))
     rig.heard()
     assert rig.tick().effort_told.tolist() == [False, False, True]
@@ -34,7 +34,7 @@ def test_an_effort_that_nobody_told_is_not_known() -> None:
     assert rig.tick(here).effort_told.tolist() == [True, True, False]
 
 
-def test_health_of_one_that_tells_neither_heat_nor_supply_is_as_old_as_its_feedback() -> None:
+def test_the_health_age_of_an_actuator_without_health_data_is_that_of_its_feedback() -> None:
     rig = CanRig(("ODrive", "DM4310"))
     rig.heard()
     for _ in range(30):
@@ -52,7 +52,7 @@ def test_a_writer_drives_its_channel_as_long_as_it_lives() -> None:
     assert owners == [writer]
 
 
-def test_what_is_found_is_named_as_it_is_described() -> None:
+def test_an_identified_device_has_the_described_model_name() -> None:
     rig = CanRig(MODELS)
     rig.heard()
     assert [device.model_name for device in rig.identify()] == list(MODELS)
@@ -73,7 +73,7 @@ def test_the_torque_of_a_cubemars_that_was_away_while_armed_is_not_known_until_i
     assert rig.registers.torque.tolist() == [1, 1]
 
 
-def test_one_answer_that_is_lost_says_nothing_of_the_torque_of_a_cubemars() -> None:
+def test_a_lost_reply_changes_no_torque_state_of_a_cubemars() -> None:
     rig = CanRig(("AK70-10",) * 2)
     here = rig.arm()
     for _ in range(10):

@@ -98,7 +98,7 @@ def test_large_robstrides_have_wider_gains() -> None:
     assert (model("RS01").kp, model("RS01").kd) == (500.0, 5.0)
 
 
-def test_a_damiao_speaks_on_its_id_and_10h_unless_told() -> None:
+def test_a_damiao_has_its_id_and_10h_as_default_feedback_id() -> None:
     beside = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"])
     given = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"], feedback_ids=[0x21, 0x21])
     assert isinstance(beside, DamiaoCodec)
@@ -115,7 +115,7 @@ def test_the_host_id_reaches_a_robstride() -> None:
     assert int(family.make_position_request()["id"][0]) & 0x1FFF_FFFF == 0x11001F01
 
 
-def test_the_name_tells_which_board_an_odrive_is() -> None:
+def test_the_model_name_selects_the_odrive_board() -> None:
     family = make("odrive", "can0", [1, 2], ["ODrive", "ODrive-S1"], ranges=ranges(2))
     assert isinstance(family, ODriveCodec)
     family.read(0, family.parameters["motor_error"])
@@ -123,7 +123,7 @@ def test_the_name_tells_which_board_an_odrive_is() -> None:
         family.read(1, family.parameters["motor_error"])
 
 
-def test_what_does_not_fit_together_is_refused() -> None:
+def test_inconsistent_models_and_families_are_refused() -> None:
     with pytest.raises(KeyError, match="no CAN family 'moteus': known are damiao"):
         make("moteus", "can0", [1], ["DM4310"])
     with pytest.raises(ValueError, match="id 2 is a AK70-10, which is cubemars, not damiao"):

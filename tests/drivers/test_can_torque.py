@@ -12,7 +12,7 @@ from twind_drivers.bus import DeviceRefused, NoReply
 
 
 @pytest.mark.parametrize("models", [("DM4310",) * 4, ("RS01",) * 3])
-def test_who_held_before_keeps_its_torque_when_one_stays_silent(models: Sequence[str]) -> None:
+def test_armed_actuators_keep_torque_when_another_does_not_reply(models: Sequence[str]) -> None:
     rig = CanRig(models)
     here = rig.arm()
     rig.ticks(5, here)
@@ -28,7 +28,7 @@ def test_who_held_before_keeps_its_torque_when_one_stays_silent(models: Sequence
     assert rig.energised()[[0, 2]].all()
 
 
-def test_who_was_limp_is_let_go_again_when_one_stays_silent() -> None:
+def test_limp_actuators_are_disabled_again_when_another_does_not_reply() -> None:
     rig = CanRig(("DM4310",) * 3)
     here = rig.heard()
     rig.beside(rig.writer.prepare(here))
@@ -41,7 +41,7 @@ def test_who_was_limp_is_let_go_again_when_one_stays_silent() -> None:
 
 
 @pytest.mark.parametrize("turns", [1.0, 0.15, -0.02])
-def test_a_place_that_changes_at_torque_on_by_a_part_of_a_turn_ends_it_before_anybody_is_stiff(
+def test_a_position_jump_at_torque_on_disables_every_actuator(
     turns: float,
 ) -> None:
     """An encoder before a gear of 6 or 9 changes by a sixth or a ninth of a turn of the output."""
@@ -58,7 +58,7 @@ def test_a_place_that_changes_at_torque_on_by_a_part_of_a_turn_ends_it_before_an
     assert abs(rig.places() - before).max() <= 8
 
 
-def test_one_late_answer_is_no_acknowledgement_of_torque_off() -> None:
+def test_a_single_late_reply_does_not_acknowledge_torque_off() -> None:
     """A CubeMars does not say whether its torque is on: only both answers to both orders count."""
     rig = CanRig(("AK70-10",) * 2)
     rig.ticks(3, rig.arm())
@@ -93,7 +93,7 @@ def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulle
         assert ((data[:, 6] & 15) << 8 | data[:, 7] == 0x7FF).all(), "a torque"
 
 
-def test_a_loop_too_slow_for_the_watchdogs_is_told_so_before_torque_and_a_slow_one_holds() -> None:
+def test_a_loop_too_slow_for_the_watchdogs_is_refused_before_torque() -> None:
     slow = CanRig(("DM4310",) * 2, rate_hz=10.0)
     here = slow.heard()
     with pytest.raises(DeviceRefused, match=r"at 10 Hz a command comes every 0\.100 s: 20 Hz are needed"):
@@ -105,7 +105,7 @@ def test_a_loop_too_slow_for_the_watchdogs_is_told_so_before_torque_and_a_slow_o
 
 
 @pytest.mark.parametrize("models", [("DM4310",) * 3, ("RS01",) * 3])
-def test_who_is_silent_while_the_others_are_prepared_follows_nothing_until_he_is_too(
+def test_an_actuator_without_a_reply_during_preparation_follows_no_goal(
     models: Sequence[str],
 ) -> None:
     """He is soft, or was away: stiffness towards a place that nobody knows would be a jerk."""

@@ -5,7 +5,7 @@ from twind.virtual.can_node_setup import default_node, device
 from twind_drivers.virtual.can.node_spec import NodeSpec
 
 
-def test_who_tells_a_number_has_it_as_its_unique_id_and_the_others_have_none() -> None:
+def test_an_actuator_that_reports_a_chip_number_has_it_as_its_unique_id() -> None:
     rig = CanRig(("RS01", "DM4310", "RS02"))
     first, second, third = rig.identify()
     assert second.unique_id is None
@@ -14,12 +14,12 @@ def test_who_tells_a_number_has_it_as_its_unique_id_and_the_others_have_none() -
     assert first.unique_id == f"{NodeSpec(first.id, 'RS01').number:016x}"
 
 
-def test_what_a_fitting_calibration_records_is_what_the_wire_tells() -> None:
+def test_the_unique_id_in_a_fitting_calibration_equals_the_one_on_the_wire() -> None:
     rig = CanRig(("RS01",))
     assert device(default_node(1, "RS01")).unique_id == rig.identify()[0].unique_id
     assert device(default_node(1, "DM4310")).unique_id is None
 
 
-def test_one_that_was_put_in_its_place_has_another() -> None:
+def test_a_replacement_actuator_has_a_different_unique_id() -> None:
     assert f"{NodeSpec(1, 'RS01', chip=0xDEADBEEF00000001).number:016x}" == "deadbeef00000001"
     assert NodeSpec(1, "RS01").number != NodeSpec(1, "RS01", chip=77).number

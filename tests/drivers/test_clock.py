@@ -43,7 +43,7 @@ def test_fake_time_never_goes_back_and_stops_at_the_first_thing_to_happen(
             assert list(ready) == [place for place, at in enumerate(arrivals) if at <= clock.now()]
 
 
-def test_fake_time_stands_while_nobody_waits() -> None:
+def test_fake_time_stands_still_without_a_waiter() -> None:
     clock = FakeClock(3.0)
     assert [clock.now() for _ in range(3)] == [3.0] * 3
 
@@ -71,7 +71,7 @@ def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe
     assert clock.now() < begin + 60.0
 
 
-def test_a_descriptor_that_was_closed_wakes_its_reader_so_that_the_read_can_say_so() -> None:
+def test_a_closed_descriptor_wakes_its_reader() -> None:
     clock = MonotonicClock()
     pipe = Pipe()
     pipe.close()
@@ -110,7 +110,7 @@ def test_a_machine_that_never_slept_has_slept_for_nothing_and_it_only_grows() ->
     assert clock.suspended() - first < 0.1
 
 
-def test_a_test_says_how_long_the_machine_slept() -> None:
+def test_the_suspend_time_of_a_fake_clock_is_set_by_the_test() -> None:
     clock = FakeClock()
     assert clock.suspended() == 0.0
     clock.slept = 30.0

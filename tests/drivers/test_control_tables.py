@@ -66,7 +66,7 @@ def test_the_sdks_code_is_not_imported() -> None:
 
 
 @pytest.mark.parametrize("number", [1020, 1200])
-def test_every_register_of_the_two_models_we_know_best_has_a_rule(number: int) -> None:
+def test_every_register_of_the_two_main_models_has_a_rule(number: int) -> None:
     for field in table(number).fields.values():
         if "indirect" not in field.key:
             lower, upper = field.bounds
@@ -85,7 +85,7 @@ def test_every_register_of_the_two_models_we_know_best_has_a_rule(number: int) -
         ("bus_watchdog", 128, "0..127"),
     ],
 )
-def test_what_may_not_be_written_is_refused_with_its_bound(name: str, value: int, words: str) -> None:
+def test_an_invalid_register_write_is_refused_with_its_bound(name: str, value: int, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         table(1020)[name].check(value)
 
@@ -119,7 +119,7 @@ def test_an_operating_mode_that_the_model_lacks_is_refused_with_those_it_has(
         field.check(mode)
 
 
-def test_a_register_takes_what_lies_in_its_range_and_among_its_values() -> None:
+def test_a_register_accepts_values_in_its_range_and_among_its_choices() -> None:
     protocol = table(2020)["protocol_type"]  # 2 or Modbus (PH54-200-S500-R page, "Protocol Type(13)")
     assert [value for value in range(256) if protocol.takes(value)] == [2, 10]
     assert not table(1020)["goal_pwm"].takes(886)

@@ -28,7 +28,7 @@ def test_the_published_check_values_hold() -> None:
 
 @given(st.binary(max_size=400))
 @examples(150)
-def test_it_equals_the_bitwise_definition(data: bytes) -> None:
+def test_the_table_crc_equals_the_bitwise_definition(data: bytes) -> None:
     assert crc16(data) == bitwise(data)
 
 

@@ -33,12 +33,12 @@ def test_special_frames(what: str, last: str) -> None:
 
 
 @pytest.mark.parametrize("what", [ValuelessCommand.CLEAR, ValuelessCommand.REBOOT])
-def test_what_no_source_has_is_refused(what: ValuelessCommand) -> None:
+def test_a_command_without_a_source_is_refused(what: ValuelessCommand) -> None:
     with pytest.raises(ValueError, match=what.name.lower()):
         drive().encode_valueless_command(0, what)
 
 
-def test_it_has_no_registers_and_nothing_to_ask() -> None:
+def test_a_cubemars_has_no_registers_and_no_requests() -> None:
     register = FamilyRegister("any", 1, RegisterType.U32, writable=True)
     for order in (lambda: drive().read(0, register), lambda: drive().write(0, register, bytes(4))):
         with pytest.raises(ValueError, match="no registers"):
@@ -62,7 +62,7 @@ def test_a_reply_is_read_on_its_own_id_and_on_0(id: int) -> None:
     assert np.isnan(feedback.voltage[0])
 
 
-def test_a_short_reply_says_nothing_of_heat_and_faults() -> None:
+def test_a_short_reply_leaves_temperature_and_fault_unknown() -> None:
     feedback, told = drive().feedback(frame(0, f"01 {MIDDLE}"))
     assert told.all()
     assert np.isnan(feedback.temperature[0])
@@ -115,7 +115,7 @@ def test_cold_is_not_taken_for_heat_nor_heat_for_cold() -> None:
     ],
     ids=range(7),
 )
-def test_strangers_are_left_alone(stranger: Frames) -> None:
+def test_foreign_frames_are_ignored(stranger: Frames) -> None:
     assert not drive().feedback(stranger)[1].any()
 
 
@@ -137,7 +137,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     assert list(motors.commanded_rows(frame(2, bytes(8)))) == [-1]
 
 
-def test_what_a_field_cannot_hold_is_refused() -> None:
+def test_a_value_beyond_its_field_is_refused() -> None:
     zero = np.zeros(2)
     with pytest.raises(WireClamp, match=r"can0: id 104: torque 10.01 outside -10.0..10.0"):
         drive().command(zero, zero, zero, zero, column(0.0, 10.01))

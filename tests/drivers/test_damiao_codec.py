@@ -102,7 +102,7 @@ STATUS = {
 
 
 @pytest.mark.parametrize("status", range(16))
-def test_every_status_says_torque_and_fault(status: int) -> None:
+def test_every_status_gives_torque_and_fault(status: int) -> None:
     feedback, told = damiao().feedback(reply(0x12, status, 2))
     assert told.all()
     assert (feedback.enabled[0], feedback.fault[0]) == STATUS.get(status, (-1, bits.UNKNOWN))
@@ -122,7 +122,7 @@ def test_feedback_is_read_field_by_field() -> None:
     assert np.isnan(feedback.voltage).all()
 
 
-def test_of_several_of_one_actuator_the_last_stands_last() -> None:
+def test_several_replies_of_one_actuator_keep_their_order() -> None:
     received = np.concatenate([reply(0x12, 1, 2, "90 00 7F F7 FF"), reply(0x12, 1, 2, "A0 00 7F F7 FF")])
     feedback, _ = damiao().feedback(received)
     assert list(feedback.rows) == [1, 1]
@@ -152,7 +152,7 @@ def test_the_traps_that_were_met_would_otherwise_be_places() -> None:
     assert not motor.feedback(frame(0x7FF, "01 00 CC 00 00 00 00 00"))[1].any()
 
 
-def test_an_actuator_that_stands_at_that_place_is_still_heard() -> None:
+def test_feedback_that_resembles_a_register_reply_is_decoded() -> None:
     at_rest = frame(0x12, "12 00 55 7F F7 FF 1E 1E")  # velocity 0: D3 is no register
     feedback, told = damiao().feedback(at_rest)
     assert told.all()
@@ -174,7 +174,7 @@ def test_an_actuator_that_stands_at_that_place_is_still_heard() -> None:
     ],
     ids=range(9),
 )
-def test_strangers_are_left_alone(stranger: Frames) -> None:
+def test_foreign_frames_are_ignored(stranger: Frames) -> None:
     assert not damiao().feedback(stranger)[1].any()
     assert not damiao().decode_register_replies(stranger)[1].any()
 
@@ -268,7 +268,7 @@ def test_the_mode_is_register_10() -> None:
     assert motor.operating_mode({}) == 0
 
 
-def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
+def test_indistinguishable_actuators_are_refused() -> None:
     for ids, masters, why in (
         ((1, 1), (0x11, 0x12), "twice"),
         ((0, 2), (0x11, 0x12), "outside"),
@@ -305,5 +305,7 @@ def test_no_gains_go_out_beside_the_commands() -> None:
         ("02 0F 34 51 00 00 00 00", False),
     ],
 )
-def test_where_register_traffic_ends(data: str, traffic: bool) -> None:
+def test_register_replies_and_feedback_are_separated_at_the_documented_values(
+    data: str, traffic: bool
+) -> None:
     assert damiao().feedback(frame(0x12, data))[1].all() != traffic

@@ -80,7 +80,7 @@ def test_speeds_and_currents_are_left_at_rest() -> None:
     assert words(bench, PWM) == [885, 885, int(SHARE * 885)]
 
 
-def test_who_is_silent_is_named_and_the_others_are_damped() -> None:
+def test_a_servo_without_a_reply_is_named_and_the_others_are_damped() -> None:
     bench = Bench()
     bench.run(bench.writer.prepare(HERE))
     bench.servos.silent.add(2)
@@ -89,7 +89,7 @@ def test_who_is_silent_is_named_and_the_others_are_damped() -> None:
 
 
 @pytest.mark.parametrize("address", [PWM, D])
-def test_who_does_not_obey_is_named(address: int) -> None:
+def test_a_servo_that_ignores_damp_writes_is_named(address: int) -> None:
     bench = Bench()
     bench.run(bench.writer.prepare(HERE))
     bench.servos.frozen[3] = {address}

@@ -7,7 +7,7 @@ from twind_drivers.dynamixel.device_layout import RegisterBlock, layout_of
 
 
 @pytest.mark.parametrize("number", [1020, 1060, 1200, 30, 1110])
-def test_the_x_and_mx_series_blocks_are_where_the_manual_says(number: int) -> None:
+def test_the_x_and_mx_series_blocks_are_at_the_documented_addresses(number: int) -> None:
     x = layout_of(table(number))
     assert (x.cyclic, x.goal, x.status) == (
         RegisterBlock(126, 10),

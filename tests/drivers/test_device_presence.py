@@ -26,7 +26,7 @@ def test_misses_count_in_a_row_only() -> None:
     assert not roll.parked
 
 
-def test_who_could_not_be_heard_is_not_missed() -> None:
+def test_a_device_that_could_not_reply_is_not_missed() -> None:
     roll = DevicePresence(3)
     for _ in range(9):
         assert not roll.record_missing_reply(answered_flags(1, 0, 0), answered_flags(1, 0, 0), 0.0)
@@ -36,7 +36,7 @@ def test_who_could_not_be_heard_is_not_missed() -> None:
     assert roll.asked.tolist() == [True, False, True]
 
 
-def test_a_reading_that_nobody_answered_parks_nobody() -> None:
+def test_a_reading_without_any_reply_parks_no_device() -> None:
     roll = DevicePresence(3)
     assert not any(roll.record_missing_reply(answered_flags(0, 0, 0), ALL, 0.0) for _ in range(9))
 
@@ -63,7 +63,7 @@ def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> N
     )  # a joint is stale for a moment, not until STATE_STALE lets it down
 
 
-def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
+def test_an_intermittent_device_is_probed_at_growing_intervals() -> None:
     roll = DevicePresence(2)
     now = 0.0
     pauses = []
@@ -80,7 +80,7 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
     assert pauses[-1] > 0.9 * PROBE
 
 
-def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> None:
+def test_a_device_present_for_a_while_after_its_return_is_probed_soon() -> None:
     roll = DevicePresence(2)
     now = 0.0
     for _ in range(MISSES):
@@ -110,7 +110,7 @@ def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
         roll.asked[2] = True
 
 
-def test_who_came_back_is_missed_anew_before_it_is_parked_again() -> None:
+def test_a_returned_device_is_parked_only_after_the_full_number_of_misses() -> None:
     roll = DevicePresence(3)
     for _ in range(MISSES):
         roll.record_missing_reply(answered_flags(1, 0, 1), ALL, 0.0)

@@ -68,7 +68,7 @@ def number(servos: Servos, value: int) -> None:
 
 @pytest.mark.parametrize("dead", [1, 7, 24])
 @pytest.mark.parametrize("fast", [True, False])
-def test_one_dead_servo_costs_the_others_one_reading_at_most(dead: int, fast: bool) -> None:
+def test_a_dead_servo_costs_the_others_at_most_one_reading(dead: int, fast: bool) -> None:
     servos = Servos(IDS)
     rig = Rig(servos, fast=fast)
     servos.silent = {dead}
@@ -110,7 +110,7 @@ def test_a_parked_servo_is_probed_once_a_second_and_back_in_the_cycle_after_its_
     assert rig.asked[-1].instruction == FAST
 
 
-def test_behind_a_hole_of_a_fast_reading_nobody_is_counted_as_missing() -> None:
+def test_servos_behind_a_gap_of_a_fast_reading_are_not_counted_as_missing() -> None:
     servos = Servos(IDS)
     rig = Rig(servos)
     servos.silent = {7, 12}
@@ -162,7 +162,7 @@ def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
     assert rig.read().asked.all()
 
 
-def test_what_answers_anything_is_back() -> None:
+def test_a_parked_servo_that_answers_any_request_is_back() -> None:
     servos = Servos(IDS)
     rig = Rig(servos)
     servos.silent = {7}
@@ -177,14 +177,14 @@ def test_what_answers_anything_is_back() -> None:
     assert rig.asked[-1].params[2] != 10
 
 
-def test_what_nobody_asked_for_is_told_by_one_sample_alone() -> None:
+def test_foreign_traffic_is_reported_in_one_sample_only() -> None:
     rig = Rig(Servos(IDS))
     rig.tick()
     rig.wire.inbox += p.status(99, 0, bytes(10)) + p.ping(5)
     assert [rig.tick().foreign for _ in range(3)] == [2, 0, 0]
 
 
-def test_nobody_is_parked_when_nobody_answers() -> None:
+def test_no_servo_is_parked_when_none_replies() -> None:
     servos = Servos(IDS)
     rig = Rig(servos)
     servos.silent = set(IDS)
@@ -196,7 +196,7 @@ def test_nobody_is_parked_when_nobody_answers() -> None:
     assert [rig.tick().heard.all() for _ in range(SURE)] == [False] * (SURE - 1) + [True]
 
 
-def test_who_is_missed_now_and_then_is_not_parked() -> None:
+def test_an_occasionally_missed_servo_is_not_parked() -> None:
     servos = Servos(IDS)
     rig = Rig(servos)
     for turn in range(40):
@@ -222,7 +222,7 @@ def test_parked_servos_are_in_no_slice_of_the_upkeep() -> None:
 
 @given(st.lists(st.sets(st.integers(1, 6)), min_size=1, max_size=60))
 @examples(60)
-def test_whoever_answers_is_heard_again_within_a_second_whatever_went_before(dead: list[set[int]]) -> None:
+def test_an_answering_servo_is_fresh_again_within_a_second_after_any_history(dead: list[set[int]]) -> None:
     ids = tuple(range(1, 7))
     servos = Servos(ids)
     rig = Rig(servos, ids)

@@ -48,7 +48,7 @@ def test_every_device_is_found_with_its_settings() -> None:
     assert bus.fast
 
 
-def test_missing_ids_are_absent_and_the_fast_read_is_not_trusted() -> None:
+def test_missing_ids_are_absent_and_disable_the_fast_read() -> None:
     servos = Servos(IDS)
     servos.silent = {2, 5}
     devices, bus = identify(servos)
@@ -56,7 +56,7 @@ def test_missing_ids_are_absent_and_the_fast_read_is_not_trusted() -> None:
     assert not bus.fast
 
 
-def test_one_lost_packet_is_not_a_missing_device() -> None:
+def test_a_single_lost_packet_is_not_a_missing_device() -> None:
     servos = Servos(IDS)
     wire = Wire(servos)
     count = [0]

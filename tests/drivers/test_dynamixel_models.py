@@ -61,7 +61,7 @@ def _file(stem: str) -> tuple[float, float, int]:
 
 
 @EACH
-def test_what_a_firmware_brings_has_its_register(each: ControlTable) -> None:
+def test_every_register_required_by_firmware_facts_exists(each: ControlTable) -> None:
     register = {
         "bus_watchdog": each.facts.watchdog_from,
         "startup_configuration": each.facts.startup_from,
@@ -101,7 +101,7 @@ def test_the_page_on_drivers_lists_every_model_that_we_drive_with_its_modes() ->
             assert told[each.model] == [str(mode) for mode in sorted(each.facts.modes)], each.model
 
 
-def test_what_we_do_not_drive_says_why() -> None:
+def test_models_of_other_layouts_are_marked_as_undriven() -> None:
     """Y series and XL320: their control tables have another layout (dxl/y/ym070-210-m001-rh, dxl/x/xl320)."""
     undriven = {each.stem for each in EVERY if each.facts.undriven}
     assert undriven == {each.stem for each in EVERY if each.stem.startswith(("ym", "xl320"))}

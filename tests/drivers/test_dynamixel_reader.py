@@ -92,7 +92,7 @@ def test_stuffed_replies_of_a_robot_that_holds_a_pose_are_read() -> None:
     assert (sample.effort[4], sample.velocity[4], sample.position[4]) == (-1, -3, 99_995)
 
 
-def test_a_silent_servo_is_not_heard_and_the_others_stay() -> None:
+def test_a_servo_without_a_reply_is_not_fresh_and_the_others_are() -> None:
     servos = Servos(IDS)
     pose(servos)
     servos.silent = {7}
@@ -121,7 +121,7 @@ def test_a_hole_in_the_fast_read_is_followed_by_plain_reads_until_some_were_whol
     assert kinds == [PLAIN] * CALM + [FAST] * 2
 
 
-def test_nobody_answering_is_data_too() -> None:
+def test_a_reading_without_replies_is_a_valid_sample() -> None:
     servos = Servos(IDS)
     servos.silent = set(IDS)
     reader, _ = make(servos)
@@ -290,7 +290,7 @@ def test_a_register_is_read_by_name() -> None:
     assert (found.name, found.address, found.size, found.value) == ("Homing Offset", 20, 4, -300)
 
 
-def test_reading_says_what_went_wrong() -> None:
+def test_a_failed_register_read_reports_the_cause() -> None:
     servos = Servos(IDS)
     servos.silent = {3}
     servos.error = {4: 7}
@@ -362,7 +362,7 @@ def test_ids_given_twice_no_ids_and_models_that_cannot_be_driven_are_refused() -
         DynamixelReader("main", wire, (), [], baud=1_000_000, return_delay_us=0)
 
 
-def test_p_series_registers_lie_elsewhere_and_are_read_there() -> None:
+def test_p_series_registers_are_read_at_their_own_addresses() -> None:
     servos = Servos((1, 2), model=2020)
     servos.put(2, 580, -501_433, 4)
     reader, _ = make(servos, ids=(1, 2), model=2020)

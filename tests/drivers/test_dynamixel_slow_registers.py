@@ -27,7 +27,7 @@ def answer(slow: DynamixelSlowRegisters, query: ReadRequest, ids: tuple[int, ...
 
 @pytest.mark.parametrize("fast", [True, False])
 @pytest.mark.parametrize("phase", range(20))
-def test_what_fails_every_fifth_of_a_second_leaves_nobody_unread(fast: bool, phase: int) -> None:
+def test_a_periodic_loss_leaves_no_servo_with_stale_health(fast: bool, phase: int) -> None:
     """Health has a round of a fifth of a second: else it would be the same slice that is lost each time."""
     slow = registers(fast)
     for tick in range(400):
@@ -40,7 +40,7 @@ def test_what_fails_every_fifth_of_a_second_leaves_nobody_unread(fast: bool, pha
 
 
 @pytest.mark.parametrize("fast", [True, False])
-def test_who_never_answers_costs_the_others_a_turn_of_health_and_none_of_status(fast: bool) -> None:
+def test_a_dead_servo_delays_the_health_of_others_by_one_turn_and_their_status_by_none(fast: bool) -> None:
     slow = registers(fast)
     dead = 7
     others = np.array(IDS) != dead

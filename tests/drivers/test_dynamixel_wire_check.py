@@ -19,7 +19,7 @@ CHECK = DynamixelWireCheck(
 GAIN = p.sync_write(84, {1: bytes(2), 2: bytes(2)})
 
 
-def test_what_may_be_written_passes() -> None:
+def test_an_allowed_write_passes_the_wire_check() -> None:
     CHECK.judge(GAIN)
     CHECK.judge(p.write(1, 64, b"\1") + p.sync_write(116, {2: (3000).to_bytes(4, "little")}) + p.reboot(2))
 

@@ -155,7 +155,7 @@ def test_torque_is_read_back_and_off_is_written_twice() -> None:
     assert refused.value.id == 1
 
 
-def test_a_servo_that_does_not_obey_is_explained_by_what_its_registers_said() -> None:
+def test_a_servo_that_ignores_writes_is_explained_by_its_registers() -> None:
     bench = Bench()
     bench.servos.frozen = {1: {64}, 2: {116}}
     bench.servos.put(1, 70, 0x20, 1)
@@ -217,14 +217,14 @@ def test_eeprom_is_not_written_while_torque_is_on() -> None:
         ("indirect_data_write", 1, "mapped to"),
     ],
 )
-def test_what_may_not_be_written_sends_no_byte(name: str, value: int, words: str) -> None:
+def test_an_invalid_write_sends_no_byte(name: str, value: int, words: str) -> None:
     bench = Bench()
     with pytest.raises(ValueError, match=words):
         bench.run(bench.writer.write(1, name, value))
     assert bench.wire.writes == []
 
 
-def test_a_servo_that_says_no_is_quoted() -> None:
+def test_an_error_status_of_a_servo_is_quoted() -> None:
     bench = Bench()
     bench.servos.error = {2: 4}
     with pytest.raises(DeviceRefused) as refused:
@@ -257,7 +257,7 @@ def test_a_value_beyond_a_limit_register_is_refused_with_that_register() -> None
         bench.run(bench.writer.write(2, "goal_pwm", 301))
 
 
-def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> None:
+def test_a_reboot_waits_for_a_reply_and_clears_the_cached_state() -> None:
     bench = Bench()
     bench.run(bench.writer.torque(True))
     with pytest.raises(DeviceRefused):
@@ -332,7 +332,7 @@ def test_a_model_without_known_gains_needs_them_given() -> None:
     DynamixelWriter(reader, **bounds, gains=[(800, 0, 0)])
 
 
-def test_one_device_alone_is_written_and_acknowledged() -> None:
+def test_a_bus_with_one_device_is_written_and_acknowledged() -> None:
     bench = Bench(ids=(5,))
     bench.run(bench.writer.prepare(np.array([2000])))
     bench.run(bench.writer.torque(True))
@@ -342,7 +342,7 @@ def test_one_device_alone_is_written_and_acknowledged() -> None:
     assert bench.servos.get(5, 64, 1) == 1
 
 
-def test_everybody_else_is_prepared_before_a_silent_one_is_told() -> None:
+def test_every_other_servo_is_prepared_before_a_missing_reply_is_reported() -> None:
     bench = Bench()
     bench.servos.put(1, 98, 255, 1)  # tripped: it takes no goal until its watchdog was cleared
     bench.servos.silent.add(2)

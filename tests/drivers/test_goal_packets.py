@@ -26,7 +26,7 @@ def goals(lower: int = -WIDE, upper: int = WIDE, ids: tuple[int, ...] = IDS) -> 
     )
 )
 @examples(200)
-def test_it_equals_the_sync_write_of_the_same_goals(ticks: list[int]) -> None:
+def test_the_goal_packet_equals_a_sync_write_of_the_same_goals(ticks: list[int]) -> None:
     data = goals().encode(np.array(ticks))
     assert data == p.sync_write(
         116, {id: tick.to_bytes(4, "little", signed=True) for id, tick in zip(IDS, ticks, strict=True)}
@@ -138,7 +138,7 @@ def test_mixed_goals_need_one_whole_tick_per_device_too(ticks: np.ndarray) -> No
         mixed().encode(ticks)
 
 
-def test_one_pair_of_bounds_that_is_reversed_is_enough_to_refuse() -> None:
+def test_a_reversed_pair_of_bounds_is_refused() -> None:
     with pytest.raises(ValueError, match="must not be above"):
         mixed((-10, 21, -30))
     assert mixed((10, 20, 30)).encode(np.array([10, 20, 30]))  # equal bounds leave one goal

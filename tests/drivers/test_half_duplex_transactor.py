@@ -95,7 +95,7 @@ def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: H
     assert line.deadline == pytest.approx(9.030)
 
 
-def test_what_could_not_be_sent_does_not_leave_later_unless_it_is_urgent(line: HalfDuplexTransactor) -> None:
+def test_an_unsent_request_is_not_sent_later_unless_it_is_urgent(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     port.full = True
@@ -153,7 +153,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("before", [True, False])
-def test_what_nobody_asked_for_is_counted(line: HalfDuplexTransactor, other: str, before: bool) -> None:
+def test_foreign_packets_are_counted(line: HalfDuplexTransactor, other: str, before: bool) -> None:
     """FOREIGN_TRAFFIC: e-manual, "Protocol 2.0": one master, and a device speaks only when asked."""
     talk(line, OWN)
     assert line.foreign == 0
@@ -163,7 +163,7 @@ def test_what_nobody_asked_for_is_counted(line: HalfDuplexTransactor, other: str
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_what_comes_while_nothing_is_outstanding_is_counted_with_the_next_request(
+def test_bytes_that_arrive_between_transactions_are_counted_with_the_next_request(
     line: HalfDuplexTransactor, other: str
 ) -> None:
     port = line.transport
@@ -289,7 +289,7 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
     assert port.taken == sent + b"off" + PING.packet
 
 
-def test_a_port_that_cannot_tell_is_not_asked(line: HalfDuplexTransactor) -> None:
+def test_a_port_without_an_input_count_is_not_flushed(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     port.waiting = 1000
@@ -385,7 +385,7 @@ def test_noise_beside_it_stays_astray(telling: HalfDuplexTransactor) -> None:
     assert (telling.strays, telling.late) == (5, [6])
 
 
-def test_what_comes_behind_the_answer_of_a_sensor_is_its_own(telling: HalfDuplexTransactor) -> None:
+def test_bytes_behind_a_sensor_reply_are_not_counted_as_strays(telling: HalfDuplexTransactor) -> None:
     """And only that: behind a servo's answer it is astray."""
     port = telling.transport
     assert isinstance(port, Port)

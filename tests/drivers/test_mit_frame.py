@@ -92,7 +92,7 @@ def test_a_reply_holds_its_three_fields(fields: tuple[int, int, int]) -> None:
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFF))
 @examples(50)
-def test_what_was_told_can_be_commanded_again_within_one_count(position: int, velocity: int) -> None:
+def test_a_reported_position_can_be_commanded_within_one_count(position: int, velocity: int) -> None:
     by = scale()
     told = by.values(np.array([[position], [velocity], [0]], np.float64), np.array([0]))[:, 0]
     fields = by.fields(*(column(value) for value in (told[0], told[1], 0.0, 0.0, 0.0)))[:, 0]

@@ -90,7 +90,7 @@ def test_limits() -> None:
             limits(IDS, column(1, bad), column(1, 1))
 
 
-def test_what_a_field_cannot_hold_is_refused() -> None:
+def test_a_value_beyond_its_field_is_refused() -> None:
     most = 32.767
     for velocity, torque, what in (
         (most * TURN * 1.001, 0.0, "velocity"),
@@ -134,7 +134,7 @@ def test_estimates_are_place_and_speed() -> None:
 
 
 @pytest.mark.parametrize("raw", ["00 00 C0 7F", "01 00 80 7F", "00 00 80 FF", "FF FF 7F 7F"])
-def test_a_float_that_is_no_reading_says_nothing(raw: str) -> None:
+def test_a_float_that_is_no_reading_gives_nan(raw: str) -> None:
     feedback, _ = axes().feedback(frame(0x069, bytes.fromhex(raw + "00 00 80 3F")))
     assert math.isnan(feedback.position[0])
     assert feedback.velocity[0] == pytest.approx(TURN)
@@ -202,7 +202,7 @@ def test_a_parameter_is_asked_for_and_found_in_the_answer(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["motor_error", "encoder_error", "controller_error"])
-def test_a_later_board_is_not_asked_what_it_does_not_know(name: str) -> None:
+def test_a_later_board_is_not_asked_for_unknown_parameters(name: str) -> None:
     with pytest.raises(ValueError, match=name):
         axes().read(1, PARAMETERS[name])
 
@@ -228,7 +228,7 @@ def test_nothing_can_be_written_and_no_watchdog_read() -> None:
     ],
     ids=range(6),
 )
-def test_strangers_are_left_alone(stranger: Frames) -> None:
+def test_foreign_frames_are_ignored(stranger: Frames) -> None:
     assert not axes().feedback(stranger)[1].any()
     assert not axes().decode_register_replies(stranger)[1].any()
 
@@ -258,7 +258,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     assert (axis.commanded_rows(beat(3)) == -1).all()
 
 
-def test_every_command_number_moves_or_changes_unless_it_is_known_to_tell() -> None:
+def test_every_command_number_counts_as_a_command_unless_it_only_reports() -> None:
     telling = {0x01, 0x03, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 0x1D}
     for number in range(32):
         remote, data = (

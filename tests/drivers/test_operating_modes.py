@@ -95,7 +95,7 @@ def mixes(draw: st.DrawFn) -> tuple[list[int], list[int], list[int]]:
 
 @given(mixes())
 @examples(60)
-def test_what_is_encoded_decodes_to_the_goals_in_as_few_packets_as_there_are_registers(
+def test_encoded_goals_decode_unchanged_with_one_packet_per_register(
     mix: tuple[list[int], list[int], list[int]],
 ) -> None:
     ids, modes, goals = mix

@@ -67,7 +67,7 @@ class Bench:
 
 
 @pytest.mark.slow
-def test_each_servo_obeys_in_its_own_unit() -> None:
+def test_each_servo_follows_goals_in_its_own_unit() -> None:
     bench = Bench()
     bench.arm()
     first = bench.go(np.array([2500, 12_000, 1500, 100, 0]), 8.0)
@@ -88,7 +88,7 @@ def test_a_current_drives_without_a_place_to_go() -> None:
     assert np.abs(pushed.position - still.position)[:CURRENT].max() <= 1
 
 
-def test_whatever_the_mode_torque_comes_on_without_a_movement() -> None:
+def test_torque_on_causes_no_motion_in_any_mode() -> None:
     bench = Bench()
     # goals of somebody before us, that would throw all five
     bench.bus.servos.registers.put("goal_velocity", 250, SPEED)

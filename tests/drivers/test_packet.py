@@ -125,7 +125,7 @@ def test_we_build_the_golden_packet(name: str) -> None:
 @pytest.mark.parametrize(
     "name", [name for name in GOLDEN if not name.startswith(("fast sync reply", "fast bulk reply"))]
 )
-def test_we_find_the_golden_packet_after_any_garbage(name: str) -> None:
+def test_a_golden_packet_is_found_after_any_noise(name: str) -> None:
     data = GOLDEN[name][1]
     status = data[7] == p.STATUS
     for garbage in (b"", b"\xff", b"\xff\xff\xfd", b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\xf0\x00\x55"):

@@ -31,7 +31,7 @@ def test_no_bytes_raise_or_grow_the_buffer_and_every_byte_is_accounted_for(
 
 @given(st.binary(max_size=3000), PACKETS)
 @examples(100)
-def test_a_packet_is_found_behind_any_garbage(garbage: bytes, good: bytes) -> None:
+def test_a_packet_is_found_behind_any_noise(garbage: bytes, good: bytes) -> None:
     framer = Framer(status=True)
     found = framer.feed(garbage) + framer.feed(good)
     assert found[-1].id == good[4]
@@ -62,7 +62,7 @@ def test_a_wrong_crc_is_dropped_and_reported_only_on_request() -> None:
         b"\xff\xff\xfd\xfd" + p.status(1, 0)[4:],
     ],
 )
-def test_what_is_no_status_is_not_taken_for_one(data: bytes) -> None:
+def test_a_packet_that_is_no_status_is_not_returned_as_one(data: bytes) -> None:
     assert Framer(status=True).feed(data + bytes(20)) == []
 
 
@@ -134,7 +134,7 @@ def test_a_packet_as_long_as_the_buffer_is_found(size: int) -> None:
     assert Framer(status=True).feed(p.status(5, 0, data)) == [Packet(5, 0x55, b"\0" + data)]
 
 
-def test_a_packet_longer_than_the_buffer_is_garbage_at_once() -> None:
+def test_a_packet_longer_than_the_buffer_is_discarded_at_once() -> None:
     framer = Framer(status=True)
     assert framer.feed(p.status(5, 0, bytes(p.CAPACITY - 10))[:8]) == []
     assert (len(framer), framer.discarded) == (0, 8)
@@ -144,7 +144,9 @@ def test_a_packet_longer_than_the_buffer_is_garbage_at_once() -> None:
     ("id", "as_status", "as_instruction"),
     [(0, True, True), (252, True, True), (253, False, False), (254, False, True), (255, False, False)],
 )
-def test_who_may_answer_and_who_may_be_asked(id: int, as_status: bool, as_instruction: bool) -> None:
+def test_reserved_ids_are_accepted_only_in_their_packet_type(
+    id: int, as_status: bool, as_instruction: bool
+) -> None:
     answer = raw(id, 4, b"\x55\x00")
     question = raw(id, 3, b"\x01")
     for asked in (True, None):

@@ -48,7 +48,7 @@ def test_frames_cross_a_raw_socket_as_the_kernel_lays_them_out(wire: Wire) -> No
     channel.close()
 
 
-def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptied(wire: Wire) -> None:
+def test_a_queue_full_for_a_second_is_a_dead_bus_and_is_emptied(wire: Wire) -> None:
     channel = opened()
     wire.refuses = errno.ENOBUFS
     for tick in range(100):
@@ -98,9 +98,7 @@ class Owner:
     """Somebody who can write."""
 
 
-def test_who_only_reads_takes_no_link_down_whatever_waits(
-    wire: Wire, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_read_only_channel_never_restarts_the_link(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     downs: list[str] = []
     monkeypatch.setattr(python_can_channel, "restart", lambda name: downs.append(name) or "")
     channel = opened(drives=False)
@@ -120,7 +118,7 @@ def test_who_only_reads_takes_no_link_down_whatever_waits(
     assert downs == [NOWHERE]
 
 
-def test_what_was_said_of_the_bus_is_still_said_after_it_was_emptied(wire: Wire) -> None:
+def test_a_warning_remains_after_the_queue_was_emptied(wire: Wire) -> None:
     channel = opened()
     channel.warning = "ids [3]: no watchdog"
     for now in (0.2, 2.0):
@@ -146,7 +144,7 @@ def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
     channel.close()
 
 
-def test_a_queue_that_takes_a_part_of_a_cycle_is_no_dead_one(wire: Wire) -> None:
+def test_a_queue_that_takes_part_of_a_cycle_is_not_dead(wire: Wire) -> None:
     channel = opened()
     for tick in range(300):
         wire.room = len(wire.sent) + 3
@@ -227,7 +225,7 @@ def test_error_frames_are_the_condition_and_never_data(
 
 
 @pytest.mark.parametrize(("id", "place", "bits"), [(0x100, 0, 0), (0x004, 1, 0x40), (0x008, 2, 0x40)])
-def test_a_controller_that_is_back_is_told(wire: Wire, id: int, place: int, bits: int) -> None:
+def test_a_recovered_controller_is_reported(wire: Wire, id: int, place: int, bits: int) -> None:
     channel = opened()
     wire.say(ERROR_FLAG | 0x040, bytes(8))
     channel.receive(0.0)
@@ -241,7 +239,7 @@ def test_a_controller_that_is_back_is_told(wire: Wire, id: int, place: int, bits
     channel.close()
 
 
-def test_an_interface_that_is_not_there_is_said_with_the_remedy(wire: Wire) -> None:
+def test_a_missing_interface_is_reported_with_the_remedy(wire: Wire) -> None:
     wire.gone = errno.ENODEV
     with pytest.raises(
         PortError, match=rf"no such CAN interface.*ip link set {NOWHERE} up type can"
@@ -261,7 +259,7 @@ def test_a_bus_that_does_not_come_back_from_a_purge_is_lost(wire: Wire) -> None:
     channel.close()
 
 
-def test_an_interface_has_one_owner_until_it_lets_go(wire: Wire) -> None:
+def test_an_interface_has_one_owner_until_it_is_closed(wire: Wire) -> None:
     first = opened()
     with pytest.raises(
         PortError, match=rf"{NOWHERE}: in use by pid {os.getpid()} \(.+\); stop it first"
@@ -277,7 +275,7 @@ def test_an_interface_has_one_owner_until_it_lets_go(wire: Wire) -> None:
     opened().close()
 
 
-def test_one_that_cannot_be_opened_is_owned_by_nobody(wire: Wire) -> None:
+def test_an_interface_that_cannot_be_opened_has_no_owner(wire: Wire) -> None:
     wire.gone = errno.ENODEV
     with pytest.raises(PortError, match="no such CAN interface"):
         opened()
@@ -312,7 +310,7 @@ def test_a_real_interface_passes_frames_between_two_sockets() -> None:
         one.close()
 
 
-def test_an_interface_that_python_can_does_not_know_is_named() -> None:
+def test_an_interface_unknown_to_python_can_is_named() -> None:
     with pytest.raises(PortError, match="python-can cannot drive 'telepathy'"):
         open_channel("can:telepathy:x", 1_000_000)
 
@@ -320,7 +318,9 @@ def test_an_interface_that_python_can_does_not_know_is_named() -> None:
 # ------------------------------------------------------------------------------------- the kernel's interface
 
 
-def test_a_long_queue_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_long_transmit_queue_is_reported_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(can_interface, "INTERFACES", tmp_path)
     for name, length, kind in (("can0", 1000, 280), ("can1", 10, 280), ("eth0", 1000, 1)):
         (tmp_path / name).mkdir()
@@ -333,7 +333,7 @@ def test_a_long_queue_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, t
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no device"), struct.error("short"), AttributeError("None")])
-def test_whatever_a_back_end_raises_is_a_lost_port_and_closing_is_quiet(
+def test_any_back_end_exception_is_a_lost_port_and_close_is_silent(
     wire: Wire, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     """python-can hands on what a vendor's library raises: that ends a bus, not the daemon."""

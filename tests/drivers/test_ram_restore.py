@@ -93,7 +93,7 @@ def test_every_setting_comes_back_and_neither_torque_nor_goal_nor_watchdog(wante
     assert {each.address for each in found.restored} == {KEYS[name][0] for name in changed}
 
 
-def test_what_was_read_of_a_servo_before_its_restart_is_not_known_any_more() -> None:
+def test_values_read_before_a_reboot_are_unknown_after_it() -> None:
     bus = bench()
     bus.run(bus.reader.collect(bus.ids, 120, 27))
     known = bus.reader.registers
@@ -105,7 +105,7 @@ def test_what_was_read_of_a_servo_before_its_restart_is_not_known_any_more() -> 
     assert np.isfinite(known.health_time).sum() == len(bus.ids) - 1
 
 
-def test_the_names_restored_are_all_that_this_test_knows() -> None:
+def test_the_restored_registers_are_exactly_the_tested_ones() -> None:
     assert set(KEYS) | {"led_red", "led_green", "led_blue"} == set(RESTORED)
 
 
@@ -119,7 +119,7 @@ def test_a_servo_with_torque_is_not_restarted() -> None:
     assert bus.servos.get(HERE, 84, 2) == 640
 
 
-def test_who_says_it_is_shut_down_must_be_right() -> None:
+def test_a_restart_as_shut_down_is_refused_without_a_hardware_error() -> None:
     # e-manual, Shutdown (63): torque is cleared and only a reboot restores it
     bus = bench()
     bus.servos.put(HERE, 64, 1, 1)
@@ -150,7 +150,7 @@ def test_torque_that_a_start_switched_on_is_off_again() -> None:
         reboot(bus)
 
 
-def test_what_does_not_come_back_is_told_with_both_values() -> None:
+def test_a_register_that_is_not_restored_is_reported_with_both_values() -> None:
     bus = bench()
     bus.servos.put(HERE, 84, 640, 2)
     bus.servos.put(HERE, 65, 1, 1)
@@ -168,7 +168,7 @@ def test_a_current_that_is_a_goal_is_not_given_back() -> None:
 
 
 @pytest.mark.parametrize("mode", [1, 3, 4])
-def test_a_current_without_effect_that_is_no_cap_is_told_and_left(mode: int) -> None:
+def test_a_current_goal_that_is_no_cap_is_reported_and_left(mode: int) -> None:
     bus = bench(mode)
     bus.servos.put(HERE, 102, -300, 2)
     (differing,) = reboot(bus).differing

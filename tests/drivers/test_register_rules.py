@@ -16,7 +16,7 @@ RULED = [each for each in EVERY if not each.facts.undriven]
 
 
 @EACH
-def test_every_default_lies_in_its_range_and_every_range_fits_its_register(each: ControlTable) -> None:
+def test_every_default_is_in_its_range_and_every_range_fits_its_register(each: ControlTable) -> None:
     for field in each.fields.values():
         lower, upper = field.bounds
         for edge in (lower, upper):
@@ -32,7 +32,7 @@ FIELDS = [field for each in EVERY for field in each.fields.values() if field.rul
     st.sampled_from(FIELDS),
     st.integers(-(2**33), 2**33) | st.integers(-70_000, 70_000) | st.integers(-2, 300),
 )
-def test_what_passes_the_check_fits_the_register_and_the_rest_is_refused(
+def test_a_value_that_passes_the_check_fits_the_register_and_others_are_refused(
     field: TableRegister, value: int
 ) -> None:
     passed = False
@@ -72,7 +72,7 @@ def test_every_setting_that_a_model_has_is_known(each: ControlTable) -> None:
 
 
 @EACH
-def test_what_only_reports_is_not_writable(each: ControlTable) -> None:
+def test_a_register_that_only_reports_is_not_writable(each: ControlTable) -> None:
     reports = (
         "present_",
         "realtime_tick",

@@ -54,7 +54,7 @@ def test_after_a_miss_another_length_is_asked_until_two_are_answered() -> None:
     assert sensor.ask(0.03) == WHOLE
 
 
-def test_the_late_answer_itself_ends_the_doubt() -> None:
+def test_a_late_reply_ends_the_wait_for_it() -> None:
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
     sensor.take(request_reply(), 0.002)
@@ -63,7 +63,7 @@ def test_the_late_answer_itself_ends_the_doubt() -> None:
     assert sensor.ask(0.01) == WHOLE
 
 
-def test_who_was_late_is_doubted_for_as_long() -> None:
+def test_the_wait_for_a_late_reply_lasts_as_long_as_its_earlier_delay() -> None:
     """80 ms late once: after the next miss the short answers of 30 ms prove nothing."""
     sensor = Sensor(200, FIELDS)
     sensor.ask(0.0)
@@ -98,7 +98,7 @@ def served(sensor: Sensor, seconds: float, fails: Callable[[int], bool], harm: b
 
 
 @pytest.mark.parametrize("every", [2, 3, 5, 10])
-def test_one_that_fails_now_and_then_is_parked_by_its_rate(every: int) -> None:
+def test_a_sensor_that_fails_intermittently_is_parked_by_its_failure_rate(every: int) -> None:
     """A good answer between two failures is no credit."""
     asked = served(Sensor(200, FIELDS), 10.0, lambda count: count % every == 0)
     assert max(np.diff(asked)) > 0.4, "left alone for longer each time"
@@ -107,7 +107,7 @@ def test_one_that_fails_now_and_then_is_parked_by_its_rate(every: int) -> None:
     assert len(seldom) == 1000, "two in a second are none"
 
 
-def test_one_that_spoils_a_reading_is_parked_at_once_and_for_longer_each_time() -> None:
+def test_a_sensor_that_corrupts_a_reading_is_parked_at_once_and_longer_each_time() -> None:
     sensor = Sensor(200, FIELDS)
     asked = served(sensor, 120.0, lambda count: True, harm=True)
     assert len(asked) < 20, "in two minutes"
@@ -115,7 +115,7 @@ def test_one_that_spoils_a_reading_is_parked_at_once_and_for_longer_each_time() 
     assert sensor.parked
 
 
-def test_who_is_sound_for_long_enough_is_forgiven() -> None:
+def test_a_sensor_with_good_replies_for_long_starts_again_with_the_first_pause() -> None:
     sensor = Sensor(200, FIELDS)
     served(sensor, 1.0, lambda count: True, harm=True)
     for tick in range(2000):
@@ -129,7 +129,7 @@ def test_who_is_sound_for_long_enough_is_forgiven() -> None:
     assert sensor.ask(22.03) is None and sensor.ask(22.05) is not None, "the first pause again"
 
 
-def test_one_that_stays_silent_is_asked_ever_more_rarely_and_at_last_once_a_second() -> None:
+def test_a_sensor_without_replies_is_asked_at_growing_intervals_up_to_a_second() -> None:
     sensor = Sensor(200, FIELDS)
     asked = []
     for tick in range(1000):
@@ -145,7 +145,7 @@ def test_one_that_stays_silent_is_asked_ever_more_rarely_and_at_last_once_a_seco
     assert 8 < len(asked) < 20, "in ten seconds"
 
 
-def test_it_comes_back_with_its_first_answer() -> None:
+def test_a_parked_sensor_returns_with_its_first_reply() -> None:
     sensor = Sensor(200, FIELDS)
     for tick in range(20):
         if sensor.ask(tick * 0.01) is not None:

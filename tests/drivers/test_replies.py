@@ -69,7 +69,7 @@ def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[PendingReply, bytes
 @given(garbage=st.binary(max_size=200), chunk=st.integers(1, 100))
 @examples(60)
 @pytest.mark.parametrize("kind", ["plain", "fast"])
-def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, chunk: int) -> None:
+def test_noise_before_a_reply_is_only_counted(kind: str, garbage: bytes, chunk: int) -> None:
     reply: PendingReply = StatusReply(IDS, SIZE) if kind == "plain" else FastSyncReadReply(IDS, SIZE)
     assert give(reply, garbage + (plain() if kind == "plain" else fast()), chunk)
     assert reply.heard.all()
@@ -86,7 +86,7 @@ def test_no_bytes_raise(kind: type[StatusReply | FastSyncReadReply], parts: list
     check_data(reply)
 
 
-def test_a_silent_device_is_not_heard_and_the_others_stay() -> None:
+def test_a_device_without_a_reply_is_not_fresh_and_the_others_are() -> None:
     reply = StatusReply(IDS, SIZE)
     assert not give(reply, plain((3, 4, 250)))
     assert reply.heard.tolist() == [True, False, True, True]
@@ -102,7 +102,7 @@ def test_a_fast_reply_keeps_its_intact_prefix(count: int) -> None:
 
 
 @pytest.mark.parametrize("at", range(8, 64))
-def test_one_flipped_bit_never_yields_a_wrong_number(at: int) -> None:
+def test_a_single_flipped_bit_never_yields_a_wrong_value(at: int) -> None:
     for make, data in ((StatusReply, plain()), (FastSyncReadReply, fast())):
         bad = bytearray(data)
         bad[at] ^= 0x10
@@ -141,7 +141,7 @@ def test_a_short_status_that_looks_whole_because_of_its_stuffing_is_refused() ->
         p.sync_read(IDS, 126, SIZE),  # our own echo
     ],
 )
-def test_what_was_not_asked_for_is_dropped_and_counted(stray: bytes) -> None:
+def test_an_unrequested_packet_is_dropped_and_counted(stray: bytes) -> None:
     reply = StatusReply(IDS, SIZE)
     assert not give(reply, stray + plain(IDS[1:]))
     assert reply.heard.tolist() == [False, True, True, True]
@@ -180,7 +180,7 @@ def many(kind: type[StatusReply | FastSyncReadReply]) -> list[bytes]:
 @given(data=st.data())
 @examples(150)
 @pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
-def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
+def test_a_damaged_reply_never_yields_a_wrong_value(
     kind: type[StatusReply | FastSyncReadReply], data: st.DataObject
 ) -> None:
     """Truncated, bits flipped, blocks lost or doubled, noise before, inside and behind, in any chunks."""
@@ -201,7 +201,7 @@ def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
 
 @given(lost=st.sets(st.integers(1, 24), max_size=5), noise=st.binary(max_size=60), chunk=st.integers(1, 400))
 @examples(60)
-def test_every_intact_answer_is_heard_within_the_same_transaction(
+def test_every_intact_reply_is_accepted_within_its_transaction(
     lost: set[int], noise: bytes, chunk: int
 ) -> None:
     """Plain: all that are there. Fast: the prefix; noise before it costs nothing."""
@@ -306,7 +306,7 @@ def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
 @given(at=st.integers(8, len(fast())), said=st.binary(max_size=40), chunk=st.integers(1, 120))
 @example(at=len(fast()) - 1, said=b"", chunk=1)  # as many bytes as were asked for end within its header
 @example(at=len(fast()) - 3, said=b"", chunk=1)
-def test_a_status_of_somebody_else_in_the_middle_of_a_joint_answer_costs_nobody_his_own(
+def test_a_foreign_status_inside_a_common_reply_costs_no_device_its_own(
     at: int, said: bytes, chunk: int
 ) -> None:
     """However it is cut into pieces; the same between two statuses of a plain one."""

@@ -118,7 +118,7 @@ def test_answers_to_the_question_are_feedback_and_parameters() -> None:
 
 
 @pytest.mark.parametrize("raw", ["00 00 C0 7F", "01 00 80 7F", "00 00 80 FF", "FF FF 7F 7F", "20 BC BE 4C"])
-def test_a_float_that_is_no_reading_says_nothing(raw: str) -> None:
+def test_a_float_that_is_no_reading_gives_nan(raw: str) -> None:
     feedback, found = motors().feedback(answer(1, POSITION.address, bytes.fromhex(raw)))
     assert found.all()
     assert math.isnan(feedback.position[0])
@@ -190,7 +190,7 @@ def test_the_number_of_the_processor_comes_in_two_halves() -> None:
     ],
     ids=range(9),
 )
-def test_strangers_are_left_alone(stranger: Frames) -> None:
+def test_foreign_frames_are_ignored(stranger: Frames) -> None:
     assert not motors().feedback(stranger)[1].any()
     assert not motors().decode_register_replies(stranger)[1].any()
 
@@ -234,7 +234,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
 @examples(50)
-def test_what_was_told_can_be_commanded_again_within_one_count(position: int, torque: int) -> None:
+def test_a_reported_position_can_be_commanded_within_one_count(position: int, torque: int) -> None:
     motor = RobStrideCodec("can0", [1], ranges(1, 12.57, 33.0, 14.0))
     data = struct.pack(">HHHH", position, 0, torque, 300)
     feedback, _ = motor.feedback(frame(EXTENDED | 2 << 24 | 2 << 22 | 1 << 8 | HOST, data))
@@ -244,7 +244,7 @@ def test_what_was_told_can_be_commanded_again_within_one_count(position: int, to
     assert torque - 1 <= int(made["id"][0]) >> 8 & 0xFFFF <= torque
 
 
-def test_what_a_field_cannot_hold_is_refused() -> None:
+def test_a_value_beyond_its_field_is_refused() -> None:
     zero = np.zeros(2)
     with pytest.raises(WireClamp, match=r"can0: id 1: torque 14.1 outside -14.0..14.0"):
         motors().command(zero, zero, zero, zero, column(0, 14.1))
@@ -268,7 +268,7 @@ def test_identity_is_of_the_parameters() -> None:
     ("ids", "host", "why"),
     [((1, 1), HOST, "twice"), ((0, 1), HOST, "outside"), ((0xFD, 1), HOST, "host"), ((1, 2), 0xFE, "host")],
 )
-def test_ids_that_cannot_be_told_apart_are_refused(ids: tuple[int, int], host: int, why: str) -> None:
+def test_indistinguishable_ids_are_refused(ids: tuple[int, int], host: int, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         RobStrideCodec("can0", ids, ranges(2), host)
 

@@ -83,7 +83,7 @@ def test_a_second_open_is_refused_and_names_the_holder(terminal: Terminal) -> No
     SerialTransport(terminal.path, 1_000_000).close()
 
 
-def test_a_holder_that_cannot_be_seen_is_said_to_be_hidden(tmp_path: os.PathLike[str]) -> None:
+def test_a_port_holder_that_is_not_visible_is_reported_as_hidden(tmp_path: os.PathLike[str]) -> None:
     assert "not visible" in holder(os.path.join(tmp_path, "nothing"))
     assert command(2**22 + 1) == "name hidden"
 
@@ -164,7 +164,7 @@ def test_no_permission_names_the_group_and_the_remedy(terminal: Terminal) -> Non
     assert "usermod -aG" in done.stdout
 
 
-def test_what_has_not_left_yet_is_counted_and_can_be_thrown_away(terminal: Terminal) -> None:
+def test_unsent_bytes_are_counted_and_can_be_discarded(terminal: Terminal) -> None:
     port = SerialTransport(terminal.path, 1_000_000)
     port.write(b"12345")
     assert port.backlog() == 0  # a pty hands over at once
@@ -174,7 +174,7 @@ def test_what_has_not_left_yet_is_counted_and_can_be_thrown_away(terminal: Termi
 
 
 @pytest.mark.parametrize("waiting", [0, 1, 300, 70_000])
-def test_the_backlog_is_what_the_driver_says(
+def test_the_backlog_is_the_count_of_the_kernel_driver(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch, waiting: int
 ) -> None:
     port = SerialTransport(terminal.path, 1_000_000)

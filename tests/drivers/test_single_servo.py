@@ -48,7 +48,7 @@ def memory(bus: Bench, id: int) -> bytes:
     return bytes(bus.servos.memory[id])
 
 
-def test_it_is_prepared_read_back_and_nobody_else_is_written() -> None:
+def test_a_single_servo_is_prepared_and_read_back_and_no_other_is_written() -> None:
     bus = bench()
     others = {id: memory(bus, id) for id in bus.ids if id != HERE}
     driven(bus)
@@ -116,7 +116,7 @@ def test_torque_off_for_all_is_never_held_up() -> None:
 
 
 @pytest.mark.parametrize("energised", [True, False])
-def test_it_is_given_back_as_it_was(energised: bool) -> None:
+def test_a_single_servo_is_restored_to_its_former_registers(energised: bool) -> None:
     bus = bench()
     before = memory(bus, HERE)
     _, kept = driven(bus)
@@ -134,7 +134,7 @@ def test_it_is_given_back_as_it_was(energised: bool) -> None:
     assert (bus.servos.get(HERE, 64, 1), bus.servos.get(HERE, 98, 1)) == (0, 0)
 
 
-def test_what_cannot_be_given_back_is_named_with_both_values() -> None:
+def test_a_register_that_cannot_be_restored_is_named_with_both_values() -> None:
     bus = bench()
     alone, kept = driven(bus)
     bus.writer.end_single_device()
@@ -155,7 +155,7 @@ def test_what_cannot_be_given_back_is_named_with_both_values() -> None:
     ("address", "value", "why"),
     [(64, 1, "is on: disarm"), (70, 32, "0x20"), (10, 8, "bits 1 and 3"), (10, 2, "bits 1 and 3")],
 )
-def test_what_cannot_be_driven_so_is_refused_before_anything_is_written(
+def test_a_servo_unfit_for_single_control_is_refused_before_any_write(
     address: int, value: int, why: str
 ) -> None:
     bus = bench()
@@ -202,7 +202,7 @@ def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
     assert bus.servos.get(HERE, 11, 1) == 5 and bus.servos.get(HERE, 64, 1) == 0
 
 
-def test_what_a_servo_refuses_is_told_in_its_words() -> None:
+def test_a_write_refused_by_the_servo_is_reported_with_its_register() -> None:
     bus = bench()
     alone = bus.writer.begin_single_device(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
@@ -218,7 +218,7 @@ def test_a_time_based_profile_is_left_out() -> None:
     assert bus.servos.get(HERE, 112, 4) == 0
 
 
-def test_what_never_can_is_said_at_once() -> None:
+def test_impossible_single_servo_control_raises_an_error_at_once() -> None:
     with pytest.raises(ValueError, match="has no id 9"):
         bench().writer.begin_single_device(9, cap=CAP, profile=PROFILE)
     with pytest.raises(ValueError, match="cap"):

@@ -101,7 +101,7 @@ LINE = st.text("tTrR0123456789ABCDEFabcdefzF \x80", max_size=30).map(lambda text
 
 @given(st.lists(LINE, max_size=30))
 @examples(100)
-def test_whatever_is_taken_for_a_frame_is_that_frame_to_the_last_character(texts: list[bytes]) -> None:
+def test_an_accepted_slcan_line_encodes_back_to_itself(texts: list[bytes]) -> None:
     lines = SlcanDecoder()
     found = lines.take(b"".join(text + b"\r" for text in texts))
     said = [text[:1] + text[1:].upper() for text in texts]
@@ -152,7 +152,7 @@ def test_a_line_without_end_is_given_up_and_its_tail_is_no_line() -> None:
     assert lines.errors == 1
 
 
-def test_answers_of_the_adapter_are_told_apart_from_frames() -> None:
+def test_adapter_replies_are_distinguished_from_frames() -> None:
     lines = SlcanDecoder()
     found = lines.take(b"\rz\rZ\r\x07t1231AA\r\x07V1013\rN1234\rFA4\rF\r")
     assert len(found) == 1
@@ -175,7 +175,7 @@ def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
 
 
 @pytest.mark.parametrize(("id", "size"), [(0x800, 1), (1 | ERROR, 8), (1, 9), (0x3FFFFFFF | EXTENDED, 0)])
-def test_what_is_no_frame_is_not_sent(id: int, size: int) -> None:
+def test_an_invalid_frame_is_not_sent(id: int, size: int) -> None:
     wrong = cycle(3)
     wrong[1]["id"], wrong[1]["size"] = id, size
     with pytest.raises(ValueError, match="frame 1"):
@@ -268,7 +268,7 @@ def lost_at(adapter: Adapter, *, stuck_until: float) -> float | None:
     return None
 
 
-def test_opening_closes_sets_the_rate_and_opens_and_waits_for_nobody() -> None:
+def test_opening_an_adapter_closes_it_first_sets_the_rate_and_waits_for_no_reply() -> None:
     adapter = Adapter()
     adapter.says = b"t1231AA\rhalf a li"
     channel = SlcanChannel(adapter, 500_000)
@@ -326,13 +326,13 @@ def test_a_port_that_takes_nothing_for_a_second_is_lost_and_one_that_moves_again
     assert 1.0 <= found <= 1.1
 
 
-def test_a_terminal_that_nobody_reads_is_lost_after_a_second_too() -> None:
+def test_a_terminal_without_a_reader_is_lost_after_a_second() -> None:
     found = lost_at(Adapter(holds=False), stuck_until=inf)
     assert found is not None
     assert 1.0 <= found <= 1.3
 
 
-def test_an_adapter_that_refuses_while_nobody_speaks_is_off_the_wire_and_lost_after_a_second() -> None:
+def test_an_adapter_that_refuses_on_an_idle_wire_is_off_and_lost_after_a_second() -> None:
     adapter = Adapter()
     channel = opened(adapter)
 
@@ -361,7 +361,7 @@ def test_refusals_among_frames_are_congestion_and_no_more() -> None:
     assert channel.condition.refused == 380
 
 
-def test_who_is_heard_again_is_back_on_the_wire() -> None:
+def test_a_received_frame_returns_the_line_to_active() -> None:
     adapter = Adapter()
     channel = opened(adapter)
     for tick in range(20, 40):
@@ -373,7 +373,7 @@ def test_who_is_heard_again_is_back_on_the_wire() -> None:
     assert channel.condition.line is CanErrorState.ACTIVE
 
 
-def test_refusals_of_the_opening_itself_say_nothing_of_the_line() -> None:
+def test_refusals_during_opening_do_not_count_against_the_line() -> None:
     adapter = Adapter()
     channel = SlcanChannel(adapter, 1_000_000)
     adapter.says = b"\x07\r\r\x07"
@@ -383,7 +383,7 @@ def test_refusals_of_the_opening_itself_say_nothing_of_the_line() -> None:
     assert channel.condition.refused == 0
 
 
-def test_flags_are_asked_ten_times_a_second_of_who_tells_them_and_once_of_who_does_not() -> None:
+def test_flags_are_polled_ten_times_a_second_only_from_an_adapter_that_reports_them() -> None:
     silent = Adapter()
     telling = Adapter()
     for adapter in (silent, telling):
@@ -395,7 +395,7 @@ def test_flags_are_asked_ten_times_a_second_of_who_tells_them_and_once_of_who_do
     assert 45 <= telling.told.count(b"F\r") <= 50
 
 
-def test_the_passive_flag_is_told_and_taken_back_and_a_wire_error_is_counted() -> None:
+def test_the_passive_flag_is_set_and_cleared_and_a_wire_error_is_counted() -> None:
     adapter = Adapter()
     channel = opened(adapter)
     adapter.says = b"F20\r"
@@ -406,7 +406,7 @@ def test_the_passive_flag_is_told_and_taken_back_and_a_wire_error_is_counted() -
     assert (channel.condition.line, channel.condition.errors) == (CanErrorState.ACTIVE, 1)
 
 
-def test_an_adapter_that_was_still_starting_is_opened_again_until_it_speaks() -> None:
+def test_an_adapter_still_starting_is_opened_again_until_it_replies() -> None:
     adapter = Adapter()
     channel = SlcanChannel(adapter, 1_000_000)
     for tick in range(200):
@@ -423,7 +423,7 @@ def test_an_adapter_that_was_still_starting_is_opened_again_until_it_speaks() ->
     assert mute.told.count(b"S8\r") == 11  # a mute one is not told for ever
 
 
-def test_closing_empties_both_queues_lets_go_and_never_raises() -> None:
+def test_closing_a_channel_empties_both_queues_and_never_raises() -> None:
     adapter = Adapter()
     channel = opened(adapter)
     channel.close()
@@ -444,7 +444,7 @@ def test_closing_empties_both_queues_lets_go_and_never_raises() -> None:
         lambda channel: channel.purge(),
     ],
 )
-def test_an_adapter_that_went_away_is_said_to_be_lost(act: Callable[[SlcanChannel], object]) -> None:
+def test_a_removed_adapter_raises_a_lost_port_error(act: Callable[[SlcanChannel], object]) -> None:
     adapter = Adapter()
     channel = opened(adapter)
     adapter.error = PortError("adapter", "hung up (adapter unplugged?)", kind=PortFault.LOST)
@@ -471,7 +471,7 @@ def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> N
     assert stall.record_refusal(now + 0.1) == 0.0
 
 
-def test_what_an_emptied_queue_takes_says_nothing_until_somebody_is_heard() -> None:
+def test_an_emptied_queue_stays_blocked_until_a_frame_is_received() -> None:
     stall = TransmitStall()
     for tick in range(20):
         stall.record_refusal(tick * 0.01)

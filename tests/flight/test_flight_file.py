@@ -49,7 +49,7 @@ entries = st.lists(
 
 
 @given(entries=entries, kept=st.dictionaries(st.integers(0, 254), entries, max_size=3))
-def test_what_was_saved_is_what_is_loaded(
+def test_a_saved_flight_file_loads_unchanged(
     tmp_path_factory: Any, entries: tuple[FlightEntry, ...], kept: dict[int, tuple[FlightEntry, ...]]
 ) -> None:
     path = tmp_path_factory.mktemp("flight") / "a.flight"
@@ -129,7 +129,7 @@ def test_a_file_of_another_kind_is_refused_and_one_that_cannot_be_read_is_an_os_
         load(tmp_path)
 
 
-def test_the_group_may_read_it_and_nobody_else(tmp_path: Path) -> None:
+def test_a_flight_file_is_readable_by_its_group_only(tmp_path: Path) -> None:
     old = os.umask(0)
     try:
         save(tmp_path / "a.flight", META, BYTES, CONTENTS)
@@ -138,7 +138,7 @@ def test_the_group_may_read_it_and_nobody_else(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "a.flight").stat().st_mode) == 0o640
 
 
-def test_what_could_not_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_save_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(fd: int) -> None:
         raise OSError(28, "No space left on device")
 

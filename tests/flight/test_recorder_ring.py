@@ -59,7 +59,7 @@ def is_the_end_of(read_back: tuple[FlightEntry, ...], written: list[FlightEntry]
     size=st.integers(4096, 20_000),
     sizes=st.lists(st.one_of(st.integers(0, 90), st.integers(0, 900), st.integers(0, 2048)), max_size=300),
 )
-def test_what_is_read_is_the_end_of_what_was_written(size: int, sizes: list[int]) -> None:
+def test_a_ring_reads_back_the_end_of_its_entries(size: int, sizes: list[int]) -> None:
     written = [entry(number, length) for number, length in enumerate(sizes)]
     ring = FlightRing.create(size, buses=1, transcript=64)
     try:
@@ -111,7 +111,7 @@ def test_any_bytes_like_object_may_be_appended(ring: FlightRing) -> None:
     assert [len(one.data) for one in read(ring.fd).entries] == [3, 3, 3, 5000]
 
 
-def test_the_last_transcript_of_each_bus_is_kept_whatever_the_ring_forgets(ring: FlightRing) -> None:
+def test_the_last_transcript_of_each_bus_survives_the_overwriting_of_the_ring(ring: FlightRing) -> None:
     first = (entry(1, 40), entry(2, 50))
     second = (entry(3, 60),)
     ring.keep(0, pack(first))
@@ -136,7 +136,7 @@ def test_a_ring_that_nothing_was_written_to_is_empty(ring: FlightRing) -> None:
     assert read(ring.fd) == FlightContents()
 
 
-def test_nobody_else_can_write_to_it_or_cut_it(ring: FlightRing) -> None:
+def test_a_reader_can_neither_write_nor_truncate_the_ring(ring: FlightRing) -> None:
     for change in (
         lambda: os.pwrite(ring.fd, b"X", 0),
         lambda: os.ftruncate(ring.fd, 0),
@@ -154,7 +154,7 @@ def test_every_page_is_there_before_the_first_tick(ring: FlightRing) -> None:
     assert os.fstat(ring.fd).st_blocks * 512 >= ring.size
 
 
-def test_what_it_was_signed_with_is_read_by_others_and_spoils_nothing(ring: FlightRing) -> None:
+def test_a_signature_is_readable_and_damages_no_entry(ring: FlightRing) -> None:
     assert signature(ring.fd) == bytes(16)
     ring.append(EntryKind.IN, 0, 1.0, b"data")
     ring.sign(bytes(range(16)))
@@ -162,7 +162,7 @@ def test_what_it_was_signed_with_is_read_by_others_and_spoils_nothing(ring: Flig
     assert [each.data for each in read(ring.fd).entries] == [b"data"]
 
 
-def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwhile(
+def test_the_age_of_the_oldest_entry_is_unknown_while_its_segment_is_overwritten(
     ring: FlightRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(100):
@@ -183,7 +183,7 @@ def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwh
     assert held_span(ring.fd) == (None, size)
 
 
-def test_no_ring_is_said_so() -> None:
+def test_a_file_that_is_no_ring_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 4096"):
         FlightRing.create(4095)
     for data in (b"", bytes(100), b"twring1\0" + bytes(92)):

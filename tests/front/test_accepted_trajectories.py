@@ -66,7 +66,7 @@ def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] |
         "led in at a later start",
     ],
 )
-def test_what_is_told_is_what_the_loop_follows(
+def test_the_published_trajectory_equals_the_one_the_loop_follows(
     armed: Rig, way: list[float], time: list[float], velocity: list[float] | None, asked: Any, later: bool
 ) -> None:
     path = moved(armed, way, time, velocity)
@@ -87,20 +87,20 @@ def test_what_is_told_is_what_the_loop_follows(
     assert waiting.resolve(moment) is None  # each once
 
 
-def test_a_refused_one_is_told_as_a_verdict_and_not_as_followed(armed: Rig) -> None:
+def test_a_refused_trajectory_is_published_as_a_verdict_only(armed: Rig) -> None:
     waiting, (moment,) = sent(armed, moved(armed, [9.0], [1.0]))
     assert moment.verdict["refusals"]
     assert waiting.resolve(moment) is None
 
 
-def test_one_that_comes_too_late_to_be_followed_has_one_verdict_that_says_so(armed: Rig) -> None:
+def test_a_trajectory_that_expires_before_it_is_followed_has_one_refusing_verdict(armed: Rig) -> None:
     old = armed.clock.now() - 0.6
     waiting, (moment,) = sent(armed, moved(armed, [0.1], [1.0]), front_checked=old)
     assert [finding["code"] for finding in moment.verdict["refusals"]] == [ReasonCode.CMD_EXPIRED]
     assert waiting.resolve(moment) is None
 
 
-def test_one_that_is_refused_before_it_is_judged_has_a_verdict_too(armed: Rig) -> None:
+def test_a_trajectory_refused_before_the_gate_has_a_verdict_too(armed: Rig) -> None:
     armed.submit(moved(armed, [0.1], [1.0]), start_in=0.5)
     _, moments = sent(armed, moved(armed, [0.1], [1.0]), start_in=0.6)
     assert [len(moment.verdict["refusals"]) for moment in moments][-1] == 1
@@ -112,7 +112,7 @@ def test_one_that_is_refused_before_it_is_judged_has_a_verdict_too(armed: Rig) -
 # ------------------------------------------------------------------------------------- as it is told
 
 
-def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
+def test_a_published_trajectory_names_its_joints_in_robot_order() -> None:
     rows = np.array([[0.1, np.nan, 0.3], [0.2, np.nan, 0.4]])
     path = Trajectory(np.array([0.5, 1.0]), rows, np.array([True, False, True]), rows * 0.0)
     asked = {"start_in": 2.0, "policy": "retime", "append_stop": True, "joint_names": ["ankle", "hip"]}
@@ -132,7 +132,7 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
     }
 
 
-def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
+def test_the_oldest_trajectories_without_a_verdict_are_dropped() -> None:
     waiting = PendingVerdict()
     path = Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
     for number in range(WAITING + 1):

@@ -47,7 +47,7 @@ def test_a_field_too_many_or_too_few_is_named(kind: str, given: dict[str, Any], 
 
 
 @pytest.mark.parametrize("text", ["", "   ", "two\nlines", "\x1b[31m", "‮"])
-def test_what_is_no_line_of_text_is_refused(text: str) -> None:
+def test_an_annotation_text_that_is_no_printable_line_is_refused(text: str) -> None:
     assert wrong("begin", task=text) == "task"
     assert wrong("note", text=text) == "text"
 
@@ -70,7 +70,7 @@ SAID = {
 }
 
 
-def test_the_loop_says_each_as_an_event_and_the_answer_names_that(live: Rig) -> None:
+def test_each_annotation_becomes_an_event_and_the_reply_names_its_sequence(live: Rig) -> None:
     for given, message in SAID.items():
         live.news.clear()
         reply = live.call(link.Mark, annotation=given, ticks=2)

@@ -74,7 +74,7 @@ def test_calls_that_are_answered_at_once_do_not_pile_up() -> None:
     assert not line.calls
 
 
-def test_a_line_says_when_it_is_full() -> None:
+def test_a_connection_reports_when_its_pending_calls_are_full() -> None:
     line = Line()
     for _ in range(PENDING):
         assert not line.calls.full

@@ -72,7 +72,7 @@ def test_command_hops_are_in_the_report_where_there_were_commands_and_violations
     assert "total_violations" not in busy  # they are the line's own
 
 
-def test_what_a_client_says_of_the_robot_is_told_with_its_name_and_counted_with_what_clients_cause() -> None:
+def test_client_annotations_are_logged_with_their_holder_and_rate_limited() -> None:
     lines = Lines()
     event = Event(time=1.0, sequence=1, level="info", code="NOTE", message="slips", holder="uid 1, pid 2")
     for _ in range(100):

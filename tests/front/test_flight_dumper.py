@@ -149,7 +149,7 @@ def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(
 
 
 @pytest.mark.parametrize("code", ["connected", "END", "BUS_ERRORS", "NOTE"])
-def test_what_no_operator_must_acknowledge_is_not_written(
+def test_an_event_that_needs_no_acknowledgement_writes_no_flight_file(
     ring: FlightRing, tmp_path: Path, code: str
 ) -> None:
     async def story() -> None:
@@ -191,7 +191,7 @@ def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(
     run(story)
 
 
-def test_without_a_recorder_that_is_said_and_nothing_is_in_the_status(tmp_path: Path) -> None:
+def test_without_a_recorder_a_dump_is_refused_and_the_status_has_no_flight(tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
         flights = FlightDumper(front, None)  # type: ignore[arg-type]
@@ -239,7 +239,7 @@ def test_a_disk_that_takes_nothing_costs_a_line_and_is_counted(
 @pytest.mark.parametrize(
     ("farewell", "orphaned", "found"), [(True, True, []), (False, False, []), (False, True, ["CRASH"])]
 )
-def test_only_a_loop_that_died_without_farewell_has_crashed(
+def test_only_a_loop_that_died_without_an_end_event_has_crashed(
     ring: FlightRing,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -286,7 +286,7 @@ def test_the_recorder_of_a_daemon_that_is_gone_is_written_at_once_and_let_go(
 
 
 @pytest.mark.parametrize(("version", "files"), [("", "same"), ("0.0.9", "other")])
-def test_whether_its_files_are_those_that_are_told_of_it_is_told_too(
+def test_a_flight_file_states_whether_its_files_match_the_briefing(
     ring: FlightRing, tmp_path: Path, version: str, files: str
 ) -> None:
     async def story() -> None:
@@ -301,7 +301,7 @@ def test_whether_its_files_are_those_that_are_told_of_it_is_told_too(
     run(story)
 
 
-def test_a_crash_that_another_file_tells_of_is_let_go_too(ring: FlightRing, tmp_path: Path) -> None:
+def test_a_crash_recording_already_written_is_released_too(ring: FlightRing, tmp_path: Path) -> None:
     async def story() -> None:
         for _ in range(2):
             front = Front()
@@ -347,7 +347,7 @@ def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
     run(story)
 
 
-def test_a_wreck_that_is_none_costs_a_line(ring: FlightRing, tmp_path: Path) -> None:
+def test_an_invalid_crash_recording_is_logged(ring: FlightRing, tmp_path: Path) -> None:
     foreign = os.memfd_create("foreign")
 
     async def story() -> None:
@@ -373,7 +373,7 @@ def test_names_of_the_daemon_s_own_files_are_not_to_be_had(
     run(story)
 
 
-def test_whoever_asks_is_answered_also_where_the_folder_leaves_it_out(
+def test_a_dump_request_is_answered_even_if_the_folder_omits_the_file(
     ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def story() -> None:
@@ -388,7 +388,7 @@ def test_whoever_asks_is_answered_also_where_the_folder_leaves_it_out(
     run(story)
 
 
-def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
+def test_a_failed_thread_start_is_reported_and_the_next_dump_works(
     ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none(_thread: Any) -> None:
@@ -436,7 +436,7 @@ def test_the_thread_that_packs_is_as_urgent_as_the_front_since_both_share_one_in
 
 
 @pytest.mark.parametrize("broken", [(float("nan"), 7), None])
-def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
+def test_an_unreadable_ring_span_does_not_stop_the_housekeeping(
     ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Any
 ) -> None:
     def told(_fd: int) -> Any:
@@ -455,7 +455,7 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
     run(story)
 
 
-def test_the_status_says_how_much_is_held(ring: FlightRing, tmp_path: Path) -> None:
+def test_the_status_shows_the_span_and_size_of_the_recorder(ring: FlightRing, tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
         front.time = 31.0

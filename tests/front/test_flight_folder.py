@@ -67,7 +67,7 @@ def test_a_clock_that_went_back_costs_no_new_file(tmp_path: Path) -> None:
     assert write(FlightFolder(tmp_path), CRASH, 3600.0, **crash) is not None
 
 
-def test_what_a_writer_left_unfinished_is_removed_when_it_is_old(tmp_path: Path) -> None:
+def test_an_old_unfinished_file_is_removed(tmp_path: Path) -> None:
     for name, age in ((".flight-old.flight.tmp", LEFT + 10.0), (".flight-new.flight.tmp", 0.0)):
         (tmp_path / name).write_text("half")
         now = (tmp_path / name).stat().st_mtime - age
@@ -139,9 +139,7 @@ def test_a_disk_that_what_was_left_here_fills_is_cleared_before_it_is_written_to
     ]
 
 
-def test_what_could_not_be_written_leaves_no_name_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_leaves_no_file_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_fd: int) -> None:
         raise OSError(28, "No space left on device")
 

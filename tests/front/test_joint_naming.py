@@ -36,7 +36,7 @@ NAMES = JointNames(["hip", "knee"])
         (Finding(ReasonCode.BAD_SHAPE, 7, value=3, bound=2), "joint 7: value 3, bound 2"),
     ],
 )
-def test_a_finding_says_joint_point_value_and_bound(finding: Finding, message: str) -> None:
+def test_a_finding_message_gives_joint_point_value_and_bound(finding: Finding, message: str) -> None:
     assert NAMES.finding(finding)["message"] == message
 
 

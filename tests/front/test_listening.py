@@ -72,7 +72,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     made.loop.close()
 
 
-def test_the_first_report_says_that_all_is_well_and_then_none_follows(desk: Desk) -> None:
+def test_the_first_report_confirms_the_sockets_and_none_follows(desk: Desk) -> None:
     desk.add()
     desk.listening.check()
     assert desk.wire.sent == [], "nothing before clients are accepted"
@@ -121,7 +121,9 @@ def test_nothing_is_bound_after_the_loop_has_ended(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("file", [None, "text"])
-def test_what_the_service_manager_bound_is_left_to_it_with_the_command(desk: Desk, file: str | None) -> None:
+def test_a_missing_socket_of_the_service_manager_is_reported_with_the_command(
+    desk: Desk, file: str | None
+) -> None:
     desk.add(own=False)
     desk.listening.open()
     path = desk.remove()

@@ -165,7 +165,7 @@ def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them
     run(body)
 
 
-def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
+def test_a_peer_that_reads_nothing_is_stuck_and_one_without_pending_data_is_not() -> None:
     def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         now = owner.loop.time()
         assert not stream.stuck(now + 1000.0)
@@ -176,7 +176,7 @@ def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
     run(body)
 
 
-def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
+def test_a_half_closed_connection_is_distinguished_from_a_hang_up() -> None:
     def half(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.shutdown(socket.SHUT_WR)
         turn(owner.loop)

@@ -40,7 +40,7 @@ def test_unchanged_files_change_nothing_but_the_count(start: tuple[Path, Briefin
     assert all(getattr(then, name) == getattr(before, name) for name in kept)
 
 
-def test_hot_keys_are_in_the_next_briefing_for_whoever_judges_by_it(start: tuple[Path, Briefing]) -> None:
+def test_hot_keys_are_in_the_next_briefing(start: tuple[Path, Briefing]) -> None:
     folder, before = start
     files(folder, "log_level: debug\nrate_hz: 50\n", YAW)
     reading = read_again(before)
@@ -69,7 +69,7 @@ def test_hot_keys_are_in_the_next_briefing_for_whoever_judges_by_it(start: tuple
         ("log_level: debug\n", {YAW_ID: f"{YAW_ID}model_joint: no_such, "}, "no joint 'no_such'"),
     ],
 )
-def test_a_bad_file_changes_nothing_and_says_where(
+def test_a_refused_file_changes_nothing_and_reports_its_position(
     start: tuple[Path, Briefing], settings: str, robot: dict[str, str], said: str
 ) -> None:
     folder, before = start
@@ -90,12 +90,12 @@ def test_files_that_vanish_change_nothing(start: tuple[Path, Briefing]) -> None:
     assert "twind.yaml" in read_again(before).error
 
 
-def test_a_front_that_was_told_nothing_of_files_reads_none(start: tuple[Path, Briefing]) -> None:
+def test_a_front_without_file_information_reloads_nothing(start: tuple[Path, Briefing]) -> None:
     blank = msgspec.structs.replace(start[1], described=b"")
     assert "nothing is known" in read_again(blank).error
 
 
-def test_what_a_client_sets_is_shown_as_its_own_until_the_files_are_read(
+def test_a_parameter_set_by_a_client_is_shown_as_its_own_until_a_reload(
     start: tuple[Path, Briefing],
 ) -> None:
     folder, before = start

@@ -32,7 +32,7 @@ def codes(message: TrajectoryMessage) -> list[ReasonCode]:
     return [finding.code for finding in wrong]
 
 
-def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
+def test_a_submitted_trajectory_reaches_the_loop_in_joint_order() -> None:
     tolerances = [{"joint": "hip", "path": 0.1}]
     message = trajectory(start_in=0.5, tolerances=tolerances, goal_time=1.0, append_stop=True)
     path, wrong = judge(message, NAMES)
@@ -76,11 +76,11 @@ def test_a_tolerance_of_zero_or_minus_one_reaches_the_loop() -> None:
         ({"points": [{"positions": [0, 0], "time_from_start": -1.0}]}, ReasonCode.TIME_ORDER),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_code(changed: dict[str, Any], code: ReasonCode) -> None:
+def test_an_invalid_trajectory_is_refused_with_its_code(changed: dict[str, Any], code: ReasonCode) -> None:
     assert code in codes(trajectory(**changed))
 
 
-def test_all_that_is_wrong_is_said_at_once() -> None:
+def test_all_errors_of_a_trajectory_are_reported_at_once() -> None:
     message = trajectory(joint_names=["toe", "hip"], start_in=-1.0, goal_time=-1.0)
     assert codes(message) == [ReasonCode.CMD_EXPIRED, ReasonCode.UNKNOWN_JOINT, ReasonCode.BAD_SCHEMA]
 

@@ -118,7 +118,7 @@ def test_no_action_holds_the_default_pose() -> None:
     np.testing.assert_array_equal(velocity, np.zeros(4))
 
 
-def test_a_start_elsewhere_comes_to_the_pose_within_the_limits() -> None:
+def test_a_start_away_from_the_pose_returns_to_it_within_the_limits() -> None:
     rng = np.random.default_rng(9)
     bounds = limits(rng, 4)
     default = np.zeros(4)

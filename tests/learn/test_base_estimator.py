@@ -59,7 +59,9 @@ def test_feet_and_gravity_and_height_are_exact(swayed: list[tuple[BodyReading, B
         assert np.abs(truth.sole_velocities - told.sole_velocities).max() < 1e-6
 
 
-def test_the_base_moves_as_the_feet_that_stand_say(swayed: list[tuple[BodyReading, BodyReading]]) -> None:
+def test_the_estimated_base_velocity_follows_the_standing_feet(
+    swayed: list[tuple[BodyReading, BodyReading]],
+) -> None:
     true = np.array([truth.base_velocity for truth, _ in swayed])
     told = np.array([told.base_velocity for _, told in swayed])
     assert np.abs(true[25:]).max() > 0.04  # it moves

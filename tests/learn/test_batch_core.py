@@ -64,7 +64,7 @@ def test_a_robot_of_a_batch_is_what_it_is_alone_bit_for_bit(task: str, randomise
 
 
 @pytest.mark.parametrize("randomise", [None, "default"])
-def test_the_first_thing_an_imu_tells_is_that_of_a_robot_at_rest(randomise: str | None) -> None:
+def test_the_first_imu_reading_is_that_of_a_robot_at_rest(randomise: str | None) -> None:
     """Not of one in free fall: nobody who holds a robot lets go of it as its policy begins."""
     many = BatchCore("Stand", 8, randomise=randomise, threads=1)
     many.seed(list(range(8)))
@@ -152,7 +152,7 @@ def test_a_simulation_that_breaks_down_ends_its_episode_is_counted_and_begins_an
     assert not following.fallen.any() and made.divergences == 1
 
 
-def test_what_mujoco_gives_up_ends_its_episode_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_simulation_error_ends_its_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     made = core(threads=1)
     made.reset()
     batch = made.body.batch
@@ -170,7 +170,7 @@ def test_what_mujoco_gives_up_ends_its_episode_too(monkeypatch: pytest.MonkeyPat
     assert not made.step(np.zeros((COUNT, made.joints))).fallen.any()
 
 
-def test_an_action_that_is_no_number_is_an_error_that_says_whose_and_moves_nobody() -> None:
+def test_a_nan_action_raises_an_error_with_its_robot_and_moves_no_robot() -> None:
     made = core(threads=1)
     made.reset()
     action = np.zeros((COUNT, made.joints))
@@ -181,7 +181,7 @@ def test_an_action_that_is_no_number_is_an_error_that_says_whose_and_moves_nobod
     assert np.array_equal(made.body.batch.qpos, before)
 
 
-def test_a_batch_of_nobody_is_refused() -> None:
+def test_a_batch_of_zero_environments_is_refused() -> None:
     with pytest.raises(ValueError, match="0 environments: at least one is needed"):
         BatchCore("Stand", 0)
 

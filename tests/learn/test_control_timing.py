@@ -24,7 +24,7 @@ def test_deadlines_are_whole_periods_and_never_past(took: list[float]) -> None:
         assert abs((beat.deadline - 5.0) / 0.02 - round((beat.deadline - 5.0) / 0.02)) < 1e-6
 
 
-def test_what_was_missed_is_counted() -> None:
+def test_missed_deadlines_are_counted() -> None:
     beat = RateTimer(0.0, 0.02)
     assert [beat.advance(0.005), beat.advance(0.065), beat.advance(0.081)] == [0, 2, 0]
     assert beat.missed == 2 and np.isclose(beat.deadline, 0.1)

@@ -91,7 +91,7 @@ def test_every_value_of_every_frame_is_that_of_the_recording(recorded: Path, tmp
     assert found["task_index"] == [0] * 100 + [1] * 100 + [0] * 200
 
 
-def test_the_columns_have_the_types_that_info_promises(recorded: Path, tmp_path: Path) -> None:
+def test_the_columns_have_the_types_declared_in_the_info_file(recorded: Path, tmp_path: Path) -> None:
     """LeRobot casts what it loads to these, and fails where it cannot."""
     assert verb(tmp_path / "set", recorded) == 0
     info = json.loads((tmp_path / "set/meta/info.json").read_text())
@@ -111,7 +111,7 @@ def test_the_columns_have_the_types_that_info_promises(recorded: Path, tmp_path:
         assert feature["names"] == (list(JOINTS) if vector else None)
 
 
-def test_each_episode_says_where_it_is_what_it_was_and_how_it_ended(recorded: Path, tmp_path: Path) -> None:
+def test_each_episode_row_gives_its_place_task_and_outcome(recorded: Path, tmp_path: Path) -> None:
     assert verb(tmp_path / "set", recorded) == 0
     found = rows(tmp_path / "set/meta/episodes/*/*.parquet")
     assert found["episode_index"] == [0, 1, 2, 3] and found["length"] == [100] * 4
@@ -138,7 +138,7 @@ def test_each_episode_says_where_it_is_what_it_was_and_how_it_ended(recorded: Pa
     assert heads[0]["index_columns"] == ["task"]  # by which LeRobot finds a task's name
 
 
-def test_success_is_a_column_where_of_every_episode_somebody_said_it(recorded: Path, tmp_path: Path) -> None:
+def test_success_is_a_column_only_if_every_episode_has_it(recorded: Path, tmp_path: Path) -> None:
     assert verb(tmp_path / "some", recorded) == 0
     assert "next.success" not in json.loads((tmp_path / "some/meta/info.json").read_text())["features"]
     assert "next.success (of some episodes nobody said" in (tmp_path / "some/README.md").read_text()
@@ -211,7 +211,7 @@ def test_a_marked_episode_with_a_hole_is_left_out_and_a_recording_without_marks_
     assert "'wave' at 1.99 s: a hole of 0.51 s: nothing was read for 0.51 s" in capsys.readouterr().out
 
 
-def test_what_was_marked_may_be_short_and_what_was_not_is_left_out(tmp_path: Path) -> None:
+def test_a_marked_episode_may_be_short_and_an_unmarked_short_one_is_left_out(tmp_path: Path) -> None:
     some = stretch(100.0, 100.5)
     marked = record(tmp_path / "a", status(100.0), mark(100.0, "begin"), *some, mark(100.5, "end"))
     assert gather([marked], DatasetRequest(50)).frames == 25
@@ -219,7 +219,7 @@ def test_what_was_marked_may_be_short_and_what_was_not_is_left_out(tmp_path: Pat
         gather([record(tmp_path / "b", status(100.0), *some)], DatasetRequest(50, "wave"))
 
 
-def test_times_without_goals_around_an_episode_are_cut_off_and_said(
+def test_spans_without_goals_around_an_episode_are_cut_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     idle = [*stretch(100.0, 102.0, goal=None), *stretch(102.0, 104.0), *stretch(104.0, 106.0, goal=None)]
@@ -232,7 +232,7 @@ def test_times_without_goals_around_an_episode_are_cut_off_and_said(
     assert "at 4.00 s: its last 2.0 s: there are no goals" in said
 
 
-def test_a_column_that_is_not_known_of_every_joint_is_left_out_and_said(
+def test_a_column_unknown_for_some_joint_is_left_out_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = record(tmp_path / "a", status(100.0), *stretch(100.0, 102.0, effort=None))
@@ -241,7 +241,7 @@ def test_a_column_that_is_not_known_of_every_joint_is_left_out_and_said(
     assert "observation.effort (not known of every joint in every frame)" in capsys.readouterr().out
 
 
-def test_an_imu_is_in_the_set_where_it_was_heard_all_the_time(tmp_path: Path) -> None:
+def test_imu_columns_are_present_only_with_continuous_readings(tmp_path: Path) -> None:
     def felt(each: dict[str, Any]) -> dict[str, Any]:
         numbers = [each["time"] - 100.0 + place for place in range(10)]
         rows = {"gyro": numbers[:3], "acceleration": numbers[3:6], "quaternion": numbers[6:]}
@@ -290,7 +290,7 @@ def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, 
         (["--gap", "0.001"], "holes; of the first: nothing was read for 0.01 s"),
     ],
 )
-def test_what_would_be_made_up_is_refused(
+def test_a_request_that_needs_invented_data_is_refused(
     recorded: Path, tmp_path: Path, words: list[str], why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert verb(tmp_path / "set", recorded, *words) == 1
@@ -331,7 +331,7 @@ def test_nothing_is_written_over_or_added_to(recorded: Path, tmp_path: Path, cap
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
-def test_what_is_interrupted_leaves_nothing(
+def test_an_interrupted_export_leaves_no_file(
     recorded: Path, tmp_path: Path, error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(*_: object) -> None:
@@ -360,7 +360,7 @@ def test_a_golden_capture_of_a_fault_gives_the_stretches_in_which_all_was_known(
     np.testing.assert_array_equal(np.array(found["action"], np.float32), of.goal[held].astype(np.float32))
 
 
-def test_without_pyarrow_it_says_what_to_install(
+def test_a_missing_pyarrow_is_reported_with_its_install_command(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("twind.learn.dataset.dataset_command.find_spec", lambda name: None)
@@ -375,7 +375,7 @@ def test_figures_that_mean_nothing_are_a_usage_error(
     assert verb(tmp_path / "set", recorded, *words) == 2
 
 
-def test_the_result_is_said_as_json_too(
+def test_the_dataset_result_is_printed_as_json_on_request(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["--json", "dataset", str(recorded), "--out", str(tmp_path / "set"), "--only-success"]) == 0

@@ -20,7 +20,7 @@ from twind.learn.streaming.delivery_outcome import (
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204, 299])
-def test_it_arrived(status: int) -> None:
+def test_a_success_status_means_delivered(status: int) -> None:
     assert fate(status) is DeliveryOutcome.DONE
 
 
@@ -33,7 +33,7 @@ def test_the_message_will_never_be_taken(status: int) -> None:
     "status",
     [301, 302, 307, 308, 401, 403, 404, 405, 408, 409, 425, 429, 500, 501, 502, 503, 504, 599, 0, 100, 999],
 )
-def test_somebody_has_to_mend_something_first_or_it_passes(status: int) -> None:
+def test_a_redirect_client_or_server_error_status_means_retry(status: int) -> None:
     assert fate(status) is DeliveryOutcome.AGAIN
 
 
@@ -48,7 +48,7 @@ def test_retry_after_is_seconds_or_a_date_and_never_for_ever() -> None:
 
 
 @pytest.mark.parametrize("header", [None, "", "soon", "-1", "1.5", "²", "Mon, 99 Foo 2026", "0x10", "\x00"])
-def test_what_is_no_time_is_none(header: str | None) -> None:
+def test_an_invalid_retry_after_header_gives_no_delay(header: str | None) -> None:
     assert retry_after(header, 1e9) == 0.0
 
 
@@ -73,7 +73,7 @@ def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streame
     assert one.until <= 200.0 + FIRST
 
 
-def test_a_trouble_is_said_once_and_its_end_once() -> None:
+def test_a_failure_is_reported_once_and_its_end_once() -> None:
     once = TransitionReporter(every=10.0)
     said = []
     for now, wrong in (

@@ -34,7 +34,7 @@ def runs(forces: Floats) -> list[tuple[bool, Floats]]:
     return [(active, np.array(list(group))) for active, group in marked][:-1]
 
 
-def test_pushes_and_pauses_lie_in_their_ranges() -> None:
+def test_pushes_and_pauses_are_in_their_ranges() -> None:
     found = runs(pushed(20_000))
     pauses = [len(run) * PERIOD for active, run in found if not active]
     pushes = [run for active, run in found if active]
@@ -53,7 +53,7 @@ def test_a_push_keeps_its_force_and_comes_from_anywhere() -> None:
     assert quadrants == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
 
 
-def test_a_change_is_told_when_it_is_one() -> None:
+def test_a_push_step_reports_a_change_exactly_when_the_force_changes() -> None:
     rngs = [np.random.default_rng(1)]
     pushes = PushSchedule(RANGES, MASS, PERIOD)
     pushes.begin([0], rngs)
@@ -138,14 +138,14 @@ def test_gravity_stays_a_unit_vector() -> None:
     assert np.linalg.norm(reading.gravity, axis=-1) == pytest.approx(np.ones(50))
 
 
-def test_noise_lies_evenly_around_the_truth() -> None:
+def test_noise_is_uniform_around_the_true_value() -> None:
     reading = readings(2000)
     ReadingNoise(NoiseRanges(position=0.1), JOINTS, 2000).add(reading, generators(2000))
     assert abs(reading.position.mean()) < 0.003
     assert reading.position.std() == pytest.approx(0.1 / np.sqrt(3.0), rel=0.03)
 
 
-def test_one_robot_alone_has_the_noise_that_it_has_among_many() -> None:
+def test_a_single_robot_has_the_same_noise_as_in_a_batch() -> None:
     ranges = NoiseRanges(position=0.1, gravity=0.1, sole_velocities=0.2)
     many = readings(4)
     alone = BodyReading.empty(JOINTS)

@@ -72,7 +72,7 @@ def test_rows_without_a_measurement_are_passed_over_and_their_goal_too() -> None
     assert made.columns[ACTION][:, 0].tolist() == [0.0, 0.0, 2.0, 2.0, 4.0]
 
 
-def test_of_an_imu_a_frame_has_what_was_told_last_and_nothing_that_is_too_old() -> None:
+def test_a_frame_has_the_last_imu_reading_unless_it_is_too_old() -> None:
     """It tells less often than the joints are read, and then not at all."""
     of = moving([0.0, 0.5, 1.0, 1.5, 2.0])
     numbers = np.arange(50, dtype=np.float64).reshape(5, 10)
@@ -84,7 +84,7 @@ def test_of_an_imu_a_frame_has_what_was_told_last_and_nothing_that_is_too_old() 
     assert np.isnan(frames(of, PART, ReadingRun(0, 4), 2, 0.6).columns[IMU]).all()
 
 
-def test_what_was_not_known_stays_unknown() -> None:
+def test_an_unknown_value_stays_unknown_in_its_frame() -> None:
     of = moving([0.0, 0.5, 1.0])
     of.effort[1, 0] = nan
     made = frames(of, PART, ReadingRun(0, 2), 2, GAP)

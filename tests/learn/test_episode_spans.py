@@ -39,9 +39,7 @@ def test_a_recording_of_an_armed_robot_is_one_stretch() -> None:
         (without("goal", slice(100, 110), 0), "hip had no goal"),
     ],
 )
-def test_where_something_is_unknown_a_stretch_ends_and_another_begins(
-    given: RobotRecording, why: str
-) -> None:
+def test_an_unknown_value_ends_a_run_and_another_begins_after_it(given: RobotRecording, why: str) -> None:
     whole = ReadingCoverage(given, 0.2)
     assert whole.runs(ALL) == [ReadingRun(0, 99), ReadingRun(110, 299)]
     assert whole.hole(ALL, 99) == (1.0, why)

@@ -66,7 +66,7 @@ def test_the_reward_grows_with_the_velocity_asked_for(plant: Plant) -> None:
         ("upright", "gravity", 0.2),
     ],
 )
-def test_what_is_off_costs_its_own_term(plant: Plant, term: str, quantity: str, off: float) -> None:
+def test_a_deviation_reduces_its_own_reward_term(plant: Plant, term: str, quantity: str, off: float) -> None:
     reading = standing(plant)
     getattr(reading, quantity)[...] += off
     assert reward(plant, reading)[term] < reward(plant, standing(plant))[term]
@@ -183,7 +183,7 @@ def test_feet_that_stay_have_one_phase_and_walking_ones_a_stride() -> None:
     np.testing.assert_allclose((stride**2).sum(axis=1), 2.0)
 
 
-def test_what_ranges_say_goes_before_what_a_task_says() -> None:
+def test_given_ranges_take_precedence_over_those_of_the_task() -> None:
     own = STAND.ranges(load_ranges(None))
     assert own.pushes == STAND.pushes and own.start_joints == STAND.start["start_joints"]
     given = RandomisationRanges(

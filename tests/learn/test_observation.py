@@ -26,7 +26,7 @@ def observe(known: BodyReading, shape: tuple[int, ...] = ()) -> np.ndarray:
     return ObservationBuilder(LAYOUT, DEFAULT, shape).observe(known, action, target, command, phase)
 
 
-def test_each_quantity_stands_where_the_layout_says() -> None:
+def test_each_quantity_is_at_its_place_in_the_layout() -> None:
     known = reading()
     at = LAYOUT.places
     action = np.ones(3) * 0.5
@@ -80,7 +80,7 @@ def test_an_observation_is_a_new_array_each_time() -> None:
     np.testing.assert_array_equal(first, kept)
 
 
-def test_what_is_beyond_the_bounds_is_cut_and_nan_stays() -> None:
+def test_a_value_beyond_the_bounds_is_clipped_and_nan_stays() -> None:
     known = BodyReading.empty(3)
     known.gyro[...] = 1e6, -1e6, np.nan
     gyro = observe(known)[LAYOUT.places["gyro"]]

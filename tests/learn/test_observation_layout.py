@@ -43,7 +43,7 @@ def test_bounds_are_finite() -> None:
     assert (LAYOUT.most >= 1.0).all()
 
 
-def test_a_card_tells_the_first_and_the_last_entry_of_each_part() -> None:
+def test_a_card_gives_the_first_and_last_entry_of_each_part() -> None:
     card = LAYOUT.card()
     assert card["joints"] == ["l_knee", "r_knee"]
     entries = card["entries"]

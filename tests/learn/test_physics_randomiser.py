@@ -83,7 +83,7 @@ def test_a_draw_is_a_function_of_the_generators_state() -> None:
         assert not np.array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_every_figure_lies_in_its_range_and_reaches_both_of_its_ends() -> None:
+def test_every_drawn_value_is_in_its_range_and_reaches_both_ends() -> None:
     ranges = load_ranges("default")
     rng = np.random.default_rng(0)
     draws = DrawSampler(ranges, JOINTS, LINKS)
@@ -195,7 +195,7 @@ def test_braking_is_the_torque_for_a_speed() -> None:
     assert now.actuator_force == pytest.approx(1.3 * was.actuator_force)
 
 
-def test_an_encoder_that_is_off_moves_what_it_says_and_not_the_body() -> None:
+def test_an_encoder_offset_changes_the_reported_angle_and_not_the_body() -> None:
     was, now = changed(only("encoder_zero"))
     told = was.qpos0.copy()
     told[7:] += 0.1
@@ -249,7 +249,7 @@ def test_a_delay_never_changes_by_a_step_however_long_it_runs(steps: int) -> Non
 
 
 @pytest.mark.parametrize(("delay", "late"), [(0.0, 0), (0.005, 1), (0.01, 2), (0.02, 4)])
-def test_the_imu_tells_what_was_so_many_steps_ago(delay: float, late: int) -> None:
+def test_the_imu_reading_lags_by_the_drawn_number_of_steps(delay: float, late: int) -> None:
     told = []
     for ranges in (RandomisationRanges(), only("imu_delay", delay)):
         _, model = changed(ranges)
@@ -280,7 +280,7 @@ def test_a_history_begins_as_if_it_had_always_been_so() -> None:
     assert not np.allclose(data.sensordata, np.arange(1.0, 11.0))
 
 
-def test_what_is_not_delayed_has_no_history_to_fill() -> None:
+def test_a_model_without_delays_has_no_history_to_fill() -> None:
     model = body(0)
     histories = DelayHistories(model)
     histories.fill_controls(np.zeros(0), np.zeros(model.nu))
@@ -295,7 +295,7 @@ def test_a_model_without_room_for_the_delay_is_refused() -> None:
         PhysicsRandomiser(only("action_delay", 0.02), model, places(model))
 
 
-def test_delays_are_told_half_a_step_short() -> None:
+def test_a_delay_is_shortened_by_half_a_step() -> None:
     assert in_steps(0.0, 0.005) == 0.0
     assert in_steps(0.002, 0.005) == 0.0
     assert in_steps(0.01, 0.005) == pytest.approx(0.0075)
@@ -385,7 +385,7 @@ def test_an_episode_begins_off_the_pose_within_the_stops_and_on_the_floor() -> N
     assert lowest(model, qpos) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_encoders_that_are_off_say_the_pose_and_the_robot_stands_on_the_floor_beside_it() -> None:
+def test_encoder_offsets_keep_the_reported_pose_and_place_the_robot_on_the_floor() -> None:
     model, qpos, _, _ = began(encoder_zero=(-0.03, 0.03))
     inside = (np.abs(body().jnt_range[1:]) > 0.03).all(axis=1)
     assert inside.sum() > 15

@@ -66,7 +66,7 @@ def test_every_built_in_robot_stands_on_its_feet_in_its_pose(name: str) -> None:
     assert plant.mass == pytest.approx(4.51, abs=0.01)
 
 
-def test_a_reading_tells_the_truth_of_the_base(plant: Plant) -> None:
+def test_a_reading_equals_the_ground_truth_of_the_base(plant: Plant) -> None:
     data = moving(plant)
     reading = read(plant, data)
     base = plant.places.base
@@ -134,7 +134,7 @@ def test_many_states_are_read_as_each_alone(plant: Plant) -> None:
         np.testing.assert_array_equal(many.values[row], read(plant, state).values)
 
 
-def test_servos_are_told_in_shares_of_their_torque(plant: Plant) -> None:
+def test_servo_gains_are_given_as_shares_of_their_torque(plant: Plant) -> None:
     np.testing.assert_allclose(plant.stiffness, 38.0 / 4.1)
     np.testing.assert_allclose(plant.braking, 0.85 / 4.1)
 

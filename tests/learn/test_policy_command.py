@@ -31,7 +31,7 @@ def told(**changed: Any) -> dict[str, Any]:
     return {"robot": robot | {"path": str(ROBOT.path)} | changed, "mjcf": ""}
 
 
-def test_a_card_is_shown_to_people_and_to_programs(
+def test_a_policy_card_is_printed_as_text_and_as_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = written(tmp_path, CARD)
@@ -42,7 +42,7 @@ def test_a_card_is_shown_to_people_and_to_programs(
     assert json.loads(capsys.readouterr().out)["joints"] == ["hip", "knee"]
 
 
-def test_what_a_card_says_cannot_reach_the_terminal_as_a_command(
+def test_control_characters_in_a_card_do_not_reach_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["policy", "show", str(written(tmp_path, CARD, notes={"a": "\x1b[2J\nb"}))]) == 0
@@ -76,7 +76,7 @@ def test_a_command_is_three_finite_numbers(text: str) -> None:
         policy_command.command(text)
 
 
-def test_a_command_lies_within_what_was_trained() -> None:
+def test_a_command_outside_the_trained_range_is_refused() -> None:
     stand = task_of("Stand")
 
     def asked(*numbers: float) -> list[float]:
@@ -99,7 +99,7 @@ def test_the_robot_must_be_the_one_that_the_daemon_runs() -> None:
         plant_told(told(path="/nowhere/robot.yaml"), 0.02)
 
 
-def test_the_robot_of_a_daemon_is_simulated_as_its_file_says() -> None:
+def test_the_robot_of_a_daemon_is_simulated_from_its_description() -> None:
     assert plant_told(told(), 0.02).layout.joints == ROBOT.names
 
 
@@ -108,7 +108,7 @@ def standing(state: str, *codes: str, mode: str = "live", armed: bool = False) -
     return {"mode": mode, "armed": armed, "state": state, "faults": [{"code": each} for each in codes]}
 
 
-def test_a_robot_that_is_not_armed_is_told_with_what_leads_there_from_its_state() -> None:
+def test_an_unarmed_robot_is_refused_with_the_commands_that_arm_it() -> None:
     require_armed(standing("armed", armed=True))
     require_armed(standing("connected", mode="sim"))
     anew = "twindctl disarm, twindctl reset, twindctl arm"
@@ -133,7 +133,7 @@ def ended(**changed: Any) -> dict[str, Any]:
     return rest | told | {"most_tilt_deg": 1.0} | changed
 
 
-def test_many_missed_periods_are_told_with_how_long_it_held_and_what_helps() -> None:
+def test_many_missed_periods_are_reported_with_hold_duration_and_remedy() -> None:
     said = "\n".join(_figures(ended()))
     assert "250 missed" in said and "2 holds of 1.3 s together" in said and "nice -n -10" in said
     few = "\n".join(_figures(ended(steps=499, missed=1, holds=0, held_s=0.0)))

@@ -24,7 +24,7 @@ def world() -> World:
     return World()
 
 
-def test_what_is_sent_is_what_the_same_shaper_gives_in_simulation(world: World) -> None:
+def test_the_sent_setpoint_equals_the_shaper_output_in_simulation(world: World) -> None:
     shaper = ActionShaper(CARD.limits, POSE, CARD.shaping)
     for step in range(60):
         world.action = np.float32([np.sin(0.2 * step), -1.0])
@@ -79,7 +79,7 @@ def test_an_old_state_holds(world: World, old: float) -> None:
         (np.nan, "the IMU told no numbers"),
     ],
 )
-def test_an_imu_that_is_silent_is_told_in_words(world: World, age: float, said: str) -> None:
+def test_a_stale_imu_gives_a_message_with_its_age(world: World, age: float, said: str) -> None:
     now = world.heard()
     assert now.inertial is not None
     assert replace(now, inertial=replace(now.inertial, age=age)).stale(now.time, STALE, ("a", "b")) == said
@@ -131,7 +131,7 @@ def test_how_long_it_held_is_counted_over_all_holds(world: World) -> None:
         assert world.controller.figures.held == pytest.approx(number * 5 * PERIOD)
 
 
-def test_it_goes_on_from_where_the_robot_rests(world: World) -> None:
+def test_the_policy_resumes_from_the_resting_pose(world: World) -> None:
     world.action = np.float32([1.0, 0.0])
     for _ in range(5):
         world.step()
@@ -143,14 +143,14 @@ def test_it_goes_on_from_where_the_robot_rests(world: World) -> None:
     assert np.abs(back.velocity).max() <= 20.0 * PERIOD
 
 
-def test_it_waits_until_the_loop_has_braked(world: World) -> None:
+def test_the_policy_waits_until_the_loop_has_decelerated(world: World) -> None:
     world.step(STALE + 0.01)
     for _ in range(5):
         world.goal = world.goal + 0.001
         assert isinstance(world.step(), PolicyHold)
 
 
-def test_one_state_told_twice_is_no_rest(world: World) -> None:
+def test_a_repeated_state_does_not_count_as_rest(world: World) -> None:
     world.action = np.float32([1.0, 0.0])
     for _ in range(15):
         world.step()
@@ -212,7 +212,7 @@ def test_a_robot_out_of_reach_is_the_end(world: World) -> None:
     assert isinstance(done[-1], PolicyEnd) and "out of the policy's reach" in done[-1].reason
 
 
-def test_a_goal_that_nobody_knows_is_no_place_to_go_on_from(world: World) -> None:
+def test_an_unknown_goal_prevents_resumption(world: World) -> None:
     world.step(STALE + 0.01)
     world.goal = np.array([nan, 0.0])
     found = replace(world.heard(), position=POSE)
@@ -224,7 +224,7 @@ def test_refusals_that_last_are_the_end(world: World) -> None:
     assert isinstance(done[-1], PolicyEnd) and not world.sent
 
 
-def test_who_has_fallen_drives_no_more(world: World) -> None:
+def test_a_fallen_robot_ends_the_policy(world: World) -> None:
     world.step()
     world.lies = True
     assert isinstance(world.step(), PolicyEnd)

@@ -516,7 +516,7 @@ def test_no_byte_of_a_file_can_be_lost_or_turned_so_that_loading_breaks_otherwis
         ({"rate_hz": 40.0}, ["50 times a second, the loop only 40"]),
     ],
 )
-def test_a_policy_that_does_not_fit_says_all_that_differs(body: dict[str, Any], said: list[str]) -> None:
+def test_an_unfit_policy_lists_all_differences(body: dict[str, Any], said: list[str]) -> None:
     other = replace(BODY, **body)
     text = "; ".join(differences(TWO, other))
     assert all(each in text for each in said), text
@@ -529,7 +529,7 @@ def test_a_policy_fits_what_it_was_made_for_and_what_may_more() -> None:
     require_fit(TWO, replace(BODY, upper=(2.0, 2.0), velocity=(9.0, 9.0), rate_hz=500.0))
 
 
-def test_a_card_that_nobody_could_read_again_is_not_written() -> None:
+def test_a_card_that_cannot_be_read_back_is_not_written() -> None:
     bad = replace(TWO, evaluation={"return": float("nan")})
     with pytest.raises((InvalidInput, ValueError)):
         bad.text()

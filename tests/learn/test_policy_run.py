@@ -71,7 +71,7 @@ def robot() -> Robot:
     return Robot()
 
 
-def test_it_ends_when_its_time_is_over(robot: Robot) -> None:
+def test_a_policy_run_ends_after_its_duration(robot: Robot) -> None:
     good, why = robot.run(0.2)
     told = robot.told()
     assert good and why == "0.2 s are over" and robot.settled == 1
@@ -79,7 +79,7 @@ def test_it_ends_when_its_time_is_over(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(("pause", "missed", "steps", "holds"), [(0.03, 1, 9, 0), (0.05, 2, 7, 1)])
-def test_periods_that_nobody_had_time_for_are_counted_and_not_caught_up(
+def test_missed_periods_are_counted_and_not_made_up(
     robot: Robot, pause: float, missed: int, steps: int, holds: int
 ) -> None:
     def slow(number: int) -> str:

@@ -32,7 +32,7 @@ def rig() -> Iterator[StandingRig]:
     made.close()
 
 
-def test_what_a_policy_asks_for_is_what_the_loop_commands(rig: StandingRig, tmp_path: Path) -> None:
+def test_the_loop_commands_exactly_the_target_of_the_policy(rig: StandingRig, tmp_path: Path) -> None:
     pilot = rig.pilots(policy(tmp_path, bending()))
     asked = []
     commanded = []
@@ -89,7 +89,7 @@ def test_a_short_silence_holds_and_goes_on(rig: StandingRig, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("joint", ["l_knee", "head_yaw"])
-def test_a_joint_that_is_not_heard_holds(rig: StandingRig, tmp_path: Path, joint: str) -> None:
+def test_a_joint_with_a_stale_reading_causes_a_hold(rig: StandingRig, tmp_path: Path, joint: str) -> None:
     rig.pilots(policy(tmp_path, bending()))
     assert rig.drive(0.5) is None
     rig.virtual["main"].faults.silence(rig.robot.joints[rig.names.index(joint)].id)
@@ -97,7 +97,7 @@ def test_a_joint_that_is_not_heard_holds(rig: StandingRig, tmp_path: Path, joint
     assert any(f"{joint} was heard" in why for why in rig.told)
 
 
-def test_who_stops_sending_lets_the_robot_hold_within_the_bounds_of_the_gate(
+def test_a_policy_that_stops_sending_leaves_the_robot_holding_within_the_gate_bounds(
     rig: StandingRig, tmp_path: Path
 ) -> None:
     rig.pilots(policy(tmp_path, bending()))
@@ -127,9 +127,7 @@ def learnt(request: pytest.FixtureRequest) -> Policy:
 
 
 @pytest.mark.slow
-def test_what_was_learnt_in_simulation_stands_on_the_robot_and_is_never_refused(
-    rig: StandingRig, learnt: Policy
-) -> None:
+def test_a_learnt_policy_stands_on_the_robot_and_is_never_refused(rig: StandingRig, learnt: Policy) -> None:
     pilot = rig.pilots(learnt)
     assert rig.drive(PATIENT) is None
     assert pilot.figures.steps == PATIENT * 50 and not rig.refused and not rig.told
@@ -137,7 +135,7 @@ def test_what_was_learnt_in_simulation_stands_on_the_robot_and_is_never_refused(
 
 
 @pytest.mark.slow
-def test_it_stands_where_a_held_pose_falls(learnt: Policy, tmp_path: Path) -> None:
+def test_a_learnt_policy_stands_where_a_held_pose_falls(learnt: Policy, tmp_path: Path) -> None:
     """A constant lean does not fall there either: it is no proof of feedback."""
     stood = []
     lean = [LEAN * name.endswith("ankle_pitch") for name in CARD.joints]

@@ -92,7 +92,7 @@ def test_pushes_and_noise_are_read() -> None:
         ),
     ],
 )
-def test_what_makes_no_sense_is_an_error_with_its_line(profile: str, place: str, told: str) -> None:
+def test_an_invalid_profile_is_an_error_with_its_line(profile: str, place: str, told: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parsed(profile)
     assert (caught.value.line, caught.value.path) == (3, place)

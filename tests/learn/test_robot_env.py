@@ -147,7 +147,7 @@ def test_a_command_may_be_given(env: RobotEnv) -> None:
         ({"comand": (0.1, 0.0, 0.0)}, "option 'comand': command"),
     ],
 )
-def test_what_cannot_be_asked_for_is_refused_and_changes_nothing(options: dict[str, Any], said: str) -> None:
+def test_an_invalid_reset_option_is_refused_and_changes_nothing(options: dict[str, Any], said: str) -> None:
     one = RobotEnv("Humanoid")
     many = gymnasium.make_vec("twind.learn.envs:twind/Humanoid-v0", num_envs=2)
     for env in (one, many):
@@ -160,7 +160,7 @@ def test_what_cannot_be_asked_for_is_refused_and_changes_nothing(options: dict[s
         np.testing.assert_array_equal(after[..., at], before[..., at])
 
 
-def test_a_command_goes_as_far_as_an_observation_can_say() -> None:
+def test_the_command_range_equals_that_of_the_observation() -> None:
     layout = RobotEnv("Stand").plant.layout
     assert set(layout.most[layout.places["command"]].tolist()) == {MOST}
 
@@ -170,7 +170,7 @@ def test_a_robot_gets_no_artificial_noise() -> None:
         RobotEnv("Stand", robot="h24-standing", backend="daemon", randomise="default", socket="/nowhere")
 
 
-def test_an_action_with_nan_is_refused_before_anybody_hears_of_it(env: RobotEnv) -> None:
+def test_an_action_with_nan_is_refused_before_the_simulation_steps(env: RobotEnv) -> None:
     env.reset(seed=0)
     told = env.body.data.ctrl.copy()
     one = np.zeros(24)
@@ -183,7 +183,7 @@ def test_an_action_with_nan_is_refused_before_anybody_hears_of_it(env: RobotEnv)
     assert np.isfinite(env.step(np.zeros(24))[0]).all()
 
 
-def test_a_simulation_that_breaks_down_ends_the_episode_and_says_so(env: RobotEnv) -> None:
+def test_a_diverged_simulation_ends_the_episode_and_is_reported(env: RobotEnv) -> None:
     env.reset(seed=0)
     env.body.data.qvel[8] = 1e12
     *_, terminated, _, info = env.step(np.zeros(24))
@@ -201,7 +201,7 @@ def test_a_simulation_that_breaks_down_ends_the_episode_and_says_so(env: RobotEn
         ({"robot": "nobody"}, "no robot of that name"),
     ],
 )
-def test_what_cannot_be_is_refused(wrong: dict[str, Any], said: str) -> None:
+def test_an_invalid_environment_option_is_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(Exception, match=said):
         RobotEnv(**{"task": "Stand", **wrong})
 

@@ -83,7 +83,7 @@ def test_pictures_stand_in_the_line() -> None:
 
 
 @given(st.lists(st.sampled_from(["put", "put", "put", "picture", "take", "give back"]), max_size=60))
-def test_every_sample_is_taken_once_or_told_as_lost_before_the_one_that_follows(steps: list[str]) -> None:
+def test_every_sample_is_taken_once_or_counted_as_lost_before_the_next(steps: list[str]) -> None:
     found, _ = basket(size=2, room=2)
     tick = 0
     took = []

@@ -55,14 +55,14 @@ def reins(line: Line) -> SetpointSession:
     return made
 
 
-def test_the_lease_is_given_back_once_and_nobody_is_stopped(line: Line) -> None:
+def test_the_lease_is_released_once_and_no_motion_is_stopped(line: Line) -> None:
     held = reins(line)
     held.drop()
     held.drop()
     assert line.asked == ["ReleaseLease"] and not line.connected
 
 
-def test_who_lost_the_connection_opens_no_other_to_give_anything_up(line: Line) -> None:
+def test_a_session_that_lost_its_connection_opens_no_other_to_release_the_lease(line: Line) -> None:
     held = reins(line)
     line.broken = "the daemon was stopped"
     with pytest.raises(NoAnswer):
@@ -112,7 +112,7 @@ def test_a_setpoint_after_one_that_was_refused_is_not_sent(line: Line) -> None:
     assert line.asked == ["Setpoint", "answer"]
 
 
-def test_who_waits_knows_at_once_what_the_gate_says(line: Line) -> None:
+def test_a_waiting_send_receives_the_refusal_at_once(line: Line) -> None:
     held = reins(line)
     place = np.zeros(1)
     line.refuses = True
@@ -120,7 +120,7 @@ def test_who_waits_knows_at_once_what_the_gate_says(line: Line) -> None:
         held.send(place, place, wait=True)
 
 
-def test_what_was_refused_last_keeps_nobody_from_giving_the_lease_back(line: Line) -> None:
+def test_a_refused_last_setpoint_does_not_prevent_the_release_of_the_lease(line: Line) -> None:
     held = reins(line)
     place = np.zeros(1)
     held.send(place, place)

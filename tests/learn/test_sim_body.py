@@ -26,7 +26,7 @@ def targets(plant: Plant, count: int = 25) -> Floats:
     return plant.default + rng.uniform(-0.1, 0.1, (count, len(plant.default)))
 
 
-def test_each_reading_is_what_the_bare_physics_would_tell(plant: Plant) -> None:
+def test_each_reading_equals_that_of_the_bare_physics(plant: Plant) -> None:
     """Sensors that are worked out once a period are those of every step, and no state is another."""
     body = SimBody(plant, RandomisationRanges(), PERIOD)
     body.reset(np.random.default_rng(0))
@@ -46,7 +46,7 @@ def test_each_reading_is_what_the_bare_physics_would_tell(plant: Plant) -> None:
     assert body.data.time == pytest.approx(len(targets(plant)) * PERIOD)
 
 
-def test_one_island_is_the_physics_of_many(plant: Plant) -> None:
+def test_physics_without_islands_equals_physics_with_islands_within_rounding(plant: Plant) -> None:
     """The plant does not look for islands: what comes of it differs by rounding."""
     model = mujoco.MjModel.from_xml_path(str(load_robot("h24").mjcf_path))
     assert not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -78,7 +78,7 @@ def test_joints_in_any_order_are_read_and_driven_by_name() -> None:
         np.testing.assert_array_equal(first.base, second.base)
 
 
-def test_an_order_that_is_late_by_a_period_is_obeyed_a_period_later(plant: Plant) -> None:
+def test_an_action_delay_of_one_period_shifts_the_motion_by_one_period(plant: Plant) -> None:
     late = plant_of(load_robot("h24"), period=PERIOD, action_delay=PERIOD)
     prompt = SimBody(plant, RandomisationRanges(), PERIOD)
     delayed = SimBody(late, RandomisationRanges(action_delay=(PERIOD, PERIOD)), PERIOD)
@@ -93,7 +93,7 @@ def test_an_order_that_is_late_by_a_period_is_obeyed_a_period_later(plant: Plant
     np.testing.assert_allclose(delayed.advance(plant.default, still).position, expected, atol=1e-12)
 
 
-def test_what_an_imu_tells_late_at_first_is_that_of_a_robot_at_rest() -> None:
+def test_the_first_delayed_imu_reading_is_that_of_a_robot_at_rest() -> None:
     late = plant_of(load_robot("h24"), period=PERIOD, imu_delay=2 * PERIOD)
     body = SimBody(
         late, RandomisationRanges(imu_delay=(2 * PERIOD, 2 * PERIOD), start_tilt=(0.05, 0.05)), PERIOD
@@ -106,7 +106,7 @@ def test_what_an_imu_tells_late_at_first_is_that_of_a_robot_at_rest() -> None:
     assert (body.advance(late.default, np.zeros(24)).base[:9] != first).any()
 
 
-def test_a_push_moves_the_base_by_as_much_as_it_says(plant: Plant) -> None:
+def test_a_push_changes_the_base_speed_by_the_drawn_amount(plant: Plant) -> None:
     """Of a robot in the air, which gains the speed that the range names."""
     pushes = PushRanges(every=(0.02, 0.02), speed=(0.5, 0.5), lasting=(0.1, 0.1))
     body = SimBody(plant, RandomisationRanges(pushes=pushes), PERIOD)

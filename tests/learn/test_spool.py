@@ -67,7 +67,7 @@ class Model:
 
 @examples(120)
 @given(STEPS)
-def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bounds(
+def test_acknowledged_messages_are_removed_and_others_are_sent_again_in_order_within_bounds(
     steps: list[tuple[str, int]],
 ) -> None:
     with folder() as at:
@@ -143,7 +143,7 @@ def test_a_message_comes_back_as_it_was(place: Path) -> None:
         assert spool.oldest(sequence) is None
 
 
-def test_one_that_was_dropped_while_it_was_sent_counts_once(place: Path) -> None:
+def test_a_message_dropped_while_it_was_sent_counts_once(place: Path) -> None:
     with Spool(place, SpoolLimits(10, 1e9), 0.0, 0.0) as spool:
         first = spool.append(carrying("12345678"), 0.0, 0.0)
         spool.append(carrying("12345678"), 0.0, 0.0)
@@ -152,7 +152,7 @@ def test_one_that_was_dropped_while_it_was_sent_counts_once(place: Path) -> None
         assert (spool.tally.sent, spool.tally.dropped, spool.tally.dead, spool.tally.waiting) == (0, 1, 0, 1)
 
 
-def test_what_never_reached_the_spool_is_counted_for_good(place: Path) -> None:
+def test_messages_lost_before_the_spool_are_counted_permanently(place: Path) -> None:
     with Spool(place, WIDE, 0.0, 0.0) as spool:
         spool.append(carrying("a"), 0.0, 0.0, lost=3)
     with Spool(place, WIDE, 0.0, 0.0) as spool:
@@ -169,7 +169,7 @@ def test_a_wall_clock_that_is_set_drops_nothing_of_this_run(place: Path) -> None
         assert (spool.tally.waiting, spool.tally.dropped) == (0, 1)
 
 
-def test_what_an_earlier_run_left_is_as_old_as_the_wall_clock_says(place: Path) -> None:
+def test_messages_of_an_earlier_run_age_by_the_wall_clock(place: Path) -> None:
     with Spool(place, SpoolLimits(1 << 20, 3600.0), 5000.0, 1e9) as spool:
         spool.append(carrying("old"), 5000.0, 1e9)
     with Spool(place, SpoolLimits(1 << 20, 3600.0), 3.0, 1e9 + 3000.0) as spool:
@@ -178,7 +178,7 @@ def test_what_an_earlier_run_left_is_as_old_as_the_wall_clock_says(place: Path) 
         assert (spool.tally.waiting, spool.tally.dropped) == (0, 1)
 
 
-def test_dead_letters_are_listed_beside_whoever_streams_and_come_back_in_their_places(place: Path) -> None:
+def test_dead_letters_are_listed_while_a_streamer_runs_and_return_to_their_places(place: Path) -> None:
     with Spool(place, WIDE, 0.0, 50.0) as spool:
         for text in "abc":
             spool.append(carrying(text), 0.0, 50.0)
@@ -191,7 +191,7 @@ def test_dead_letters_are_listed_beside_whoever_streams_and_come_back_in_their_p
         assert waiting(spool) == [1, 2, 3]
 
 
-def test_a_second_streamer_is_refused_and_told_who_is_there(place: Path) -> None:
+def test_a_second_streamer_is_refused_with_the_process_of_the_first(place: Path) -> None:
     with (
         Spool(place, WIDE, 0.0, 0.0),
         pytest.raises(OperationFailed, match=r"process \d+ streams from it; .*--spool"),

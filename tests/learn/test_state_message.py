@@ -36,7 +36,7 @@ def test_other_joints_are_an_error() -> None:
         decode_state_message(answer(), 10.0, ("knee", "hip"))
 
 
-def test_what_nobody_knows_is_nan_and_infinitely_old() -> None:
+def test_an_unknown_value_is_nan_and_infinitely_old() -> None:
     rows = answer()["joints"]
     rows[1] |= {"position": None, "age_ms": None}
     found = state(joints=rows)
@@ -59,12 +59,12 @@ def test_what_nobody_knows_is_nan_and_infinitely_old() -> None:
         ({"imu": IMU | {"quaternion": [2, 0, 0, 0]}}, 10.0, "size 2.00"),
     ],
 )
-def test_what_is_old_or_unknown_is_said(changed: dict[str, Any], now: float, said: str) -> None:
+def test_a_stale_or_unknown_value_is_reported(changed: dict[str, Any], now: float, said: str) -> None:
     assert said in str(state(**changed).stale(now, STALE, JOINTS))
 
 
 @pytest.mark.parametrize("row", ["position", "velocity", "age"])
-def test_one_joint_that_is_not_known_is_named(row: str) -> None:
+def test_an_unknown_joint_value_names_its_joint(row: str) -> None:
     found = state()
     values = getattr(found, row).copy()
     values[1] = np.nan

@@ -63,7 +63,7 @@ def test_an_error_of_the_daemon_is_the_error_that_it_is() -> None:
     "data",
     [b"", b"{", b"[]", b'{"parameters":{}}', b'{"error":1}', b"\xff\xfe", b'{"error":"x","parameters":3}'],
 )
-def test_what_is_no_message_is_an_error_in_words(data: bytes) -> None:
+def test_an_invalid_message_raises_a_client_error(data: bytes) -> None:
     with pytest.raises(ClientError):
         sample(data)
 
@@ -91,7 +91,7 @@ def test_a_batch_is_one_object_whose_times_can_be_made_dates() -> None:
     assert b"-0.0" not in made.body
 
 
-def test_lines_say_the_same_as_the_object() -> None:
+def test_the_ndjson_form_has_the_same_content_as_the_json_object() -> None:
     samples = some(10), some(11, None, IMU)
     body = json.loads(message(batch(*samples)).body)
     made = message(batch(*samples), ndjson=True)
@@ -101,7 +101,7 @@ def test_lines_say_the_same_as_the_object() -> None:
 
 
 @pytest.mark.parametrize("ndjson", [False, True])
-def test_what_is_compressed_says_so_and_is_the_same(ndjson: bool) -> None:
+def test_a_compressed_message_is_labelled_and_has_the_same_content(ndjson: bool) -> None:
     plain = message(batch(some(10)), ndjson=ndjson)
     made = message(batch(some(10)), ndjson=ndjson, zipped=True)
     assert made.headers == {**plain.headers, "Content-Encoding": "gzip"}
@@ -109,7 +109,7 @@ def test_what_is_compressed_says_so_and_is_the_same(ndjson: bool) -> None:
     assert made == message(batch(some(10)), ndjson=ndjson, zipped=True), "the same data are other bytes"
 
 
-def test_an_image_says_when_and_by_what_it_was_taken() -> None:
+def test_an_image_message_carries_its_camera_and_times() -> None:
     made = picture(b"\xff\xd8", "render", CLOCKS)
     assert (made.body, made.samples) == (b"\xff\xd8", 0)
     assert made.headers["Content-Type"] == "image/jpeg"

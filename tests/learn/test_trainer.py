@@ -69,7 +69,7 @@ def learnt() -> PpoLearner:
     return learner
 
 
-def test_the_help_says_what_is_taken_where_nothing_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_lists_the_default_values(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["train", "--help"])
     said = " ".join(capsys.readouterr().out.split())
@@ -94,7 +94,7 @@ def test_the_policy_file_acts_as_what_was_trained(learnt: PpoLearner, tmp_path: 
     assert session.run(None, {"observation": rows})[0] == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_card_says_what_it_was_trained_for(learnt: PpoLearner, tmp_path: Path) -> None:
+def test_a_policy_card_records_task_robot_and_training(learnt: PpoLearner, tmp_path: Path) -> None:
     file = tmp_path / "p.onnx"
     export(file, learnt.model, SMALL, EvaluationEnvs(SMALL, episodes=1).core, {"return": 1.0})
     card = load(file).card
@@ -118,7 +118,7 @@ def test_a_checkpoint_holds_network_optimiser_normalisation_and_steps(learnt: Pp
     again.close()
 
 
-def test_what_goes_on_from_a_checkpoint_always_goes_the_same_way(learnt: PpoLearner) -> None:
+def test_training_resumed_from_a_checkpoint_is_deterministic(learnt: PpoLearner) -> None:
     state = learnt.state()
     ways = []
     for seed in (0, 0, 1):
@@ -245,7 +245,9 @@ def test_a_training_that_cannot_begin_leaves_no_folder(
         assert not (tmp_path / "run").exists()
 
 
-def test_a_folder_is_nobody_elses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_training_folder_in_use_or_of_another_format_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "run"
     with lock_folder(out):
         assert main(["train", "stand", "--out", str(out)]) == 1
@@ -257,9 +259,7 @@ def test_a_folder_is_nobody_elses(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "is no twind-run/1" in capsys.readouterr().err
 
 
-def test_what_is_asked_for_wrongly_is_said_in_words(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_invalid_training_option_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for asked, said in (
         (["sit"], "no task 'sit': Stand, Humanoid"),
         ([], "name a TASK"),
@@ -281,7 +281,7 @@ def test_what_is_asked_for_wrongly_is_said_in_words(
 
 
 @pytest.mark.slow
-def test_told_to_stop_it_leaves_a_checkpoint_to_go_on_from(
+def test_an_interrupted_training_leaves_a_checkpoint_that_can_be_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stop = threading.Event()
@@ -336,7 +336,7 @@ def test_killed_at_any_moment_of_keeping_the_best_policy_is_that_of_the_figures(
     assert load(tmp_path / BEST).card.trained_steps == best["steps"]
 
 
-def test_what_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_failed_write_leaves_the_previous_file(tmp_path: Path) -> None:
     def half(beside: Path) -> None:
         beside.write_bytes(b"ha")
         raise OSError("the disk is full")
@@ -354,7 +354,7 @@ def test_a_run_without_its_checkpoint_is_refused(tmp_path: Path) -> None:
         Trainer(SMALL, folder, TrainingReporter(Namespace(json=True)), {"evaluations": [], "seconds": 0.0})
 
 
-def test_settings_differ_only_in_what_was_said() -> None:
+def test_only_explicitly_given_settings_count_as_differences() -> None:
     before = make_settings("Stand", {"seed": 3})
     assert not differences(before, {"task": "Stand", "seed": 3, "steps": before.steps + 1})
     assert differences(before, {"steps": 10}) == [f"steps is {before.steps}, not 10"]

@@ -39,7 +39,7 @@ def same(one: Any, other: Any) -> bool:
     return np.array_equal(one, other)
 
 
-def test_it_says_what_gymnasiums_own_vector_environment_says() -> None:
+def test_the_batch_equals_a_gymnasium_sync_vector_environment() -> None:
     batch = made(max_episode_steps=12)
     sync = one_by_one()
     assert batch.observation_space == sync.observation_space and batch.action_space == sync.action_space
@@ -67,13 +67,13 @@ def test_it_says_what_gymnasiums_own_vector_environment_says() -> None:
     batch.close(), sync.close()
 
 
-def test_it_begins_anew_in_the_step_that_ends_an_episode() -> None:
+def test_an_ended_episode_restarts_in_the_same_step() -> None:
     env = made()
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     assert env.core.episode_steps == 500
 
 
-def test_what_it_answers_is_the_callers_to_keep() -> None:
+def test_returned_arrays_are_not_overwritten_by_later_steps() -> None:
     env = made()
     seen, _ = env.reset(seed=0)
     kept = seen.copy()
@@ -84,7 +84,7 @@ def test_what_it_answers_is_the_callers_to_keep() -> None:
     assert all(np.array_equal(part, copy) for part, copy in zip(one[:4], copies, strict=True))
 
 
-def test_observations_lie_in_their_space() -> None:
+def test_every_observation_is_in_its_space() -> None:
     env = made(randomise="default")
     seen, _ = env.reset(seed=0)
     for _ in range(20):
@@ -129,7 +129,7 @@ def test_without_render_mode_there_is_no_picture() -> None:
     assert made().render() is None
 
 
-def test_its_pictures_are_those_of_the_single_environments() -> None:
+def test_batch_pictures_equal_those_of_single_environments() -> None:
     batch = made(render_mode="rgb_array")
     alone = gymnasium.make(ID, render_mode="rgb_array")
     batch.reset(seed=0), alone.reset(seed=1)

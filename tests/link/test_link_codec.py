@@ -122,7 +122,7 @@ def packed(**fields: Any) -> bytes:
         link.encode(link.Reply(ticket=1)),
     ],
 )
-def test_what_is_no_command_is_refused(data: bytes) -> None:
+def test_an_invalid_command_is_refused(data: bytes) -> None:
     with pytest.raises(msgspec.MsgspecError):
         link.decode_command(data)
 

@@ -22,7 +22,7 @@ def sealed() -> Iterator[int]:
 
 @examples(20)
 @given(st.binary(max_size=100_000))
-def test_what_was_sealed_is_what_is_read(data: bytes) -> None:
+def test_sealed_data_is_read_back_unchanged(data: bytes) -> None:
     fd = memfd.seal("test", data)
     try:
         assert memfd.unseal(fd) == data
@@ -67,7 +67,7 @@ def test_a_memfd_that_could_still_change_is_not_read(missing: int) -> None:
         os.close(fd)
 
 
-def test_what_is_no_memfd_is_not_read() -> None:
+def test_a_file_that_is_no_memfd_is_refused() -> None:
     with open(__file__, "rb") as file, pytest.raises(OSError):
         memfd.unseal(file.fileno())
 

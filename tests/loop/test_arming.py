@@ -63,7 +63,7 @@ def test_a_daemon_that_stalls_before_arming_arms_from_no_reading_older_than_50_m
         assert rig.loop.state is RobotState.CONNECTED
 
 
-def test_one_joint_with_an_old_reading_keeps_the_whole_robot_from_being_armed() -> None:
+def test_a_single_joint_with_a_stale_reading_prevents_arming() -> None:
     with connected() as rig:
         rig.virtual["main"].faults.silence(5)
         rig.ticks(7)

@@ -47,7 +47,7 @@ def joint_codes(rig: Rig) -> list[str]:
 
 
 @pytest.mark.parametrize("command", ["disarm", "e-stop"])
-def test_who_is_found_with_a_joint_beyond_its_hard_limit_is_let_go_where_it_stands(command: str) -> None:
+def test_torque_goes_off_without_motion_where_a_joint_is_beyond_its_hard_limit(command: str) -> None:
     with found_on(l_knee=BEYOND) as rig:
         ticket = rig.send(link.Disarm) if command == "disarm" else rig.send(link.EStop, level="settle")
         assert moved(rig, 4.0).max() < 0.01
@@ -56,14 +56,14 @@ def test_who_is_found_with_a_joint_beyond_its_hard_limit_is_let_go_where_it_stan
         assert any("l_knee" in message and "torque goes off" in message for message in joint_codes(rig))
 
 
-def test_who_is_a_count_beyond_is_lowered() -> None:
+def test_a_robot_one_count_beyond_a_limit_is_lowered() -> None:
     with found_on(l_knee=2.2505) as rig:
         assert rig.call(link.Disarm).error is None
         assert np.abs(rig.truth - rig.loop.rest).max() < 0.05
         assert not joint_codes(rig)
 
 
-def test_where_all_is_to_be_taken_over_or_nothing_torque_stays() -> None:
+def test_a_full_takeover_fails_and_leaves_torque_on_where_a_joint_is_beyond_its_limit() -> None:
     with found_on(l_knee=BEYOND) as rig:
         why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
         way = release(rig.loop, why, SettleProfile(whole=True))
@@ -73,7 +73,7 @@ def test_where_all_is_to_be_taken_over_or_nothing_torque_stays() -> None:
         assert rig.register("torque_enable").all()
 
 
-def test_sigterm_lets_go_of_a_robot_of_ours_that_went_beyond_while_its_bus_was_away() -> None:
+def test_sigterm_releases_an_armed_robot_moved_beyond_its_limit_while_unplugged() -> None:
     rig = Rig(rate_hz=50.0)
     rig.arm()
     rig.virtual["main"].faults.unplug()

@@ -76,7 +76,7 @@ def test_a_port_that_is_not_there_yet_or_not_given_is_no_failure(ports: list[str
         made(str(tmp_path / "ttyUSB7"), None).open(FIRST)
 
 
-def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
+def test_a_path_that_is_no_serial_port_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(PortError, match="not a character device"):
         made(str(tmp_path / "file"), None).refuse_taken()

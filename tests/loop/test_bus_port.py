@@ -93,7 +93,7 @@ def test_without_a_port_nothing_is_ever_opened() -> None:
     assert not any(port.open(now) for now in (0.0, 1.0, 1e6))
 
 
-def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: BusPort) -> None:
+def test_a_newly_opened_port_identifies_every_device(world: TwoBuses, port: BusPort) -> None:
     world.virtual["left"].faults.silence(2)
     port.identify()
     assert port.link is PortState.IDENTIFYING
@@ -117,7 +117,7 @@ def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBu
     assert [device.id for device in port.identification.result or ()] == [1, 2, 3]
 
 
-def test_identification_does_not_starve_the_upkeep_of_a_bus_that_holds(
+def test_identification_does_not_starve_the_slow_registers_of_a_holding_bus(
     world: TwoBuses, port: BusPort
 ) -> None:
     assert port.reader is not None
@@ -201,7 +201,7 @@ def test_a_script_that_ends_at_once_is_done_and_never_queued(port: BusPort) -> N
 @pytest.mark.parametrize(
     "error", [BusError("silent"), KeyError("no such register"), ValueError("out of range")]
 )
-def test_a_script_that_fails_keeps_its_error_for_whoever_waits(
+def test_a_failed_script_keeps_its_error_for_its_waiter(
     world: TwoBuses, port: BusPort, error: Exception
 ) -> None:
     def script() -> Script[None]:
@@ -214,7 +214,7 @@ def test_a_script_that_fails_keeps_its_error_for_whoever_waits(
     assert task.error is error
 
 
-def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: BusPort) -> None:
+def test_an_unexpected_exception_of_a_script_is_not_suppressed(port: BusPort) -> None:
     def script() -> Script[None]:
         raise ZeroDivisionError
         yield PingRequest(1)
@@ -285,7 +285,7 @@ def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
 
 
 @pytest.mark.parametrize("order", [WriteRequest({1: b"\1"}, TORQUE), RebootRequest(1)])
-def test_a_read_only_port_refuses_every_order_and_the_servos_hear_nothing(order: Any) -> None:
+def test_a_read_only_port_refuses_every_write_and_the_servos_receive_nothing(order: Any) -> None:
     world = TwoBuses(live=False)
     world.connect()
     port = world.ports[0]
@@ -318,7 +318,7 @@ def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes
 # ------------------------------------------------------------------------------------- time
 
 
-def test_what_changes_torque_waits_for_no_room_and_no_script_waits_for_ever(
+def test_a_torque_change_is_sent_without_room_and_no_script_waits_for_ever(
     world: TwoBuses, port: BusPort
 ) -> None:
     now = world.clock.now()
@@ -335,7 +335,7 @@ def test_an_urgent_script_begins_at_once_however_late_the_tick_is(world: TwoBuse
     assert port.begin_rare(now, now - 1.0)
 
 
-def test_scripts_that_keep_coming_do_not_starve_the_upkeep(world: TwoBuses, port: BusPort) -> None:
+def test_repeated_scripts_do_not_starve_the_slow_registers(world: TwoBuses, port: BusPort) -> None:
     assert port.reader is not None
     before = port.reader.registers.status_time.copy()
     for _ in range(20):
@@ -383,7 +383,7 @@ def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses,
     assert (task.result, port.strays > before) == ([], True)
 
 
-def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: BusPort) -> None:
+def test_a_read_of_an_id_of_another_bus_gets_an_empty_result(world: TwoBuses, port: BusPort) -> None:
     def script() -> Script[dict[int, bytes]]:
         reply = yield ReadRequest((5,), TORQUE, 1)
         return dict(reply.data)

@@ -75,7 +75,7 @@ def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(mo
     assert np.abs(moving.counts[12:] - legs).max() <= 2
 
 
-def test_everybody_is_asked_again_who_they_are(moving: Rig) -> None:
+def test_every_device_is_identified_again_after_a_replug(moving: Rig) -> None:
     upper = moving.virtual["upper"]
     upper.faults.unplug()
     moving.seconds(0.5)
@@ -139,7 +139,7 @@ def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(tick
 
 
 @pytest.mark.parametrize("seconds", [0.15, 0.6, 1.5, 2.5, 4.2, 6.0])
-def test_a_power_blip_is_noticed_and_everybody_is_identified_a_second_after_they_answer(
+def test_a_short_power_loss_is_detected_and_every_device_identified_within_a_second(
     moving: Rig, seconds: float
 ) -> None:
     (port,) = [port for port in moving.loop.hardware.ports if port.name == "upper"]
@@ -174,7 +174,7 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     rig.close()
 
 
-def test_one_servo_that_is_silent_for_a_moment_is_no_power_blip() -> None:
+def test_a_single_servo_without_replies_is_not_a_power_loss() -> None:
     rig = Rig("h24-split")
     rig.connect()
     rig.virtual["upper"].faults.silence(3)
@@ -185,7 +185,7 @@ def test_one_servo_that_is_silent_for_a_moment_is_no_power_blip() -> None:
     rig.close()
 
 
-def test_a_loop_that_is_silent_on_purpose_takes_nobody_for_gone(armed: Rig) -> None:
+def test_a_deliberately_inhibited_loop_reports_no_lost_device(armed: Rig) -> None:
     armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.seconds(1.0)
     assert not armed.events("HW_DISCONNECTED")
@@ -195,7 +195,7 @@ def test_a_loop_that_is_silent_on_purpose_takes_nobody_for_gone(armed: Rig) -> N
 # ------------------------------------------------------------------------------------- the port itself
 
 
-def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
+def test_a_port_warning_is_reported_once_with_its_remedy() -> None:
     rig = Rig()
     opened = rig.open_port
 
@@ -217,7 +217,7 @@ def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
 # ------------------------------------------------------------------------------------- two with one id
 
 
-def test_an_id_that_answers_garbage_is_missing_with_the_likely_reason() -> None:
+def test_an_id_with_only_corrupt_replies_is_missing_with_the_likely_cause() -> None:
     rig = Rig()
     rig.virtual["main"].faults.corrupt(1_000_000, id=5)
     rig.seconds(1.0)
@@ -259,7 +259,7 @@ def mute_readings(rig: Rig, place: int, count: int) -> None:
     rig.loop.hardware.ports[0].opener = opener
 
 
-def test_an_id_that_says_who_it_is_but_gives_no_sound_reading_is_not_connected() -> None:
+def test_an_identified_device_without_a_valid_reading_is_not_connected() -> None:
     """Row 12 of the fault matrix: two of one model say the same, and are in two places."""
     rig = Rig()
     mute_readings(rig, 4, 150)

@@ -48,7 +48,7 @@ def story(ring: FlightRing | None, robot: str = "h24") -> tuple[list[Any], list[
 
 
 @pytest.mark.parametrize("robot", ["h24", "h24-mixed"])
-def test_nobody_can_tell_whether_it_is_written_down(ring: FlightRing, robot: str) -> None:
+def test_recording_changes_neither_events_nor_motion(ring: FlightRing, robot: str) -> None:
     news, places = story(None, robot)
     again, same = story(ring, robot)
     assert again == news
@@ -97,7 +97,7 @@ def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_t
     rig.close()
 
 
-def test_of_a_check_the_command_is_written_down_and_not_its_arrays(ring: FlightRing) -> None:
+def test_a_check_is_recorded_without_its_arrays(ring: FlightRing) -> None:
     rig = Rig(ring=ring)
     rig.arm()
     for check_only in (True, False):
@@ -162,7 +162,7 @@ def test_frames_of_a_can_bus_are_there_as_their_records(ring: FlightRing) -> Non
     rig.close()
 
 
-def test_a_port_that_opens_and_goes_is_said(ring: FlightRing) -> None:
+def test_the_opening_and_loss_of_a_port_are_recorded(ring: FlightRing) -> None:
     rig = Rig(ring=ring)
     rig.connect()
     rig.virtual["main"].faults.unplug()
@@ -211,7 +211,7 @@ def test_the_last_identification_of_a_bus_is_kept_whole(ring: FlightRing) -> Non
     rig.close()
 
 
-def test_an_identification_that_missed_somebody_replaces_none_of_everybody(ring: FlightRing) -> None:
+def test_an_incomplete_identification_does_not_replace_a_complete_one_in_the_ring(ring: FlightRing) -> None:
     rig = Rig(ring=ring)
     rig.connect()
     whole = read(ring.fd).kept[0]
@@ -223,7 +223,7 @@ def test_an_identification_that_missed_somebody_replaces_none_of_everybody(ring:
     rig.close()
 
 
-def test_of_a_bus_where_somebody_was_missing_from_the_start_that_is_kept(ring: FlightRing) -> None:
+def test_an_identification_incomplete_from_the_start_is_kept_in_the_ring(ring: FlightRing) -> None:
     rig = Rig(ring=ring)
     rig.virtual["main"].faults.silence(3)
     rig.seconds(2.0)
@@ -343,7 +343,7 @@ def test_a_taped_port_answers_as_the_one_inside(ring: FlightRing, last: int, bef
     assert found == [(EntryKind.OUT, b"ask"), (EntryKind.IN, bytes(range(20))), (EntryKind.IN, end)]
 
 
-def test_what_a_port_did_not_take_is_said_with_its_reason(ring: FlightRing) -> None:
+def test_a_write_refused_by_a_port_is_recorded_with_its_cause(ring: FlightRing) -> None:
     inside = Wire()
     taped = TappedTransport(inside, RecordingBusTap(ring, 0, FakeClock(1.0)))
     taped.close()
@@ -355,7 +355,7 @@ def test_what_a_port_did_not_take_is_said_with_its_reason(ring: FlightRing) -> N
     assert found == [(EntryKind.PORT, b"refused 3 bytes: wire: gone")]
 
 
-def test_what_a_can_channel_did_not_take_is_said_with_its_reason(ring: FlightRing) -> None:
+def test_a_write_refused_by_a_can_channel_is_recorded_with_its_cause(ring: FlightRing) -> None:
     def full(_frames: Any, _now: float) -> None:
         raise output_full("can0", 90, 64)
 
@@ -371,7 +371,7 @@ def test_what_a_can_channel_did_not_take_is_said_with_its_reason(ring: FlightRin
     assert entry.data.startswith(b"refused %d bytes: can0: " % (2 * FRAME.itemsize))
 
 
-def test_what_was_thrown_away_before_a_port_went_is_written_down(ring: FlightRing) -> None:
+def test_bytes_discarded_before_a_port_loss_are_recorded(ring: FlightRing) -> None:
     inside = Wire()
 
     def gone(thrown: bytearray | None = None) -> int:

@@ -42,14 +42,14 @@ def connected(live: Rig) -> Rig:
 # --------------------------------------------------------------------------------- begun and ended
 
 
-def test_it_is_begun_in_mirror_and_live_shown_in_the_status_and_ended(either: Rig) -> None:
+def test_calibrating_begins_in_mirror_and_live_shows_in_the_status_and_ends(either: Rig) -> None:
     calibrate(either)
     assert [news for news in either.news if isinstance(news, link.Tick)][-1].state == "calibrating"
     assert off(either).parameters == {"state": "connected"}
     assert either.loop.state is RobotState.CONNECTED
 
 
-def test_what_is_so_already_is_no_error(connected: Rig) -> None:
+def test_a_repeated_calibrate_call_is_no_error(connected: Rig) -> None:
     calibrate(connected)
     calibrate(connected)
     assert off(connected).parameters == off(connected).parameters == {"state": "connected"}
@@ -93,7 +93,7 @@ def test_while_a_fault_is_latched_it_is_refused(connected: Rig) -> None:
     assert connected.loop.state is RobotState.ESTOP
 
 
-def test_while_somebody_is_about_to_have_torque_it_is_busy(connected: Rig) -> None:
+def test_calibrate_is_busy_during_an_arming_procedure(connected: Rig) -> None:
     calibrate(connected)
 
     def forever() -> Procedure:
@@ -112,7 +112,7 @@ def test_while_somebody_is_about_to_have_torque_it_is_busy(connected: Rig) -> No
 # --------------------------------------------------------------------------------- what it keeps from
 
 
-def test_nobody_arms_and_the_mode_stays(connected: Rig) -> None:
+def test_calibrating_prevents_arming_and_a_mode_change(connected: Rig) -> None:
     calibrate(connected)
     assert "ARM_FAILED" in codes(connected.call(link.Arm))
     assert (connected.register("torque_enable") == 0).all()
@@ -150,7 +150,7 @@ def released(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("lose", [lapsed, hung_up, front_lost, taken, released])
-def test_it_ends_with_the_lease_it_was_begun_under(connected: Rig, lose: Callable[[Rig], None]) -> None:
+def test_calibrating_ends_with_the_lease_it_began_under(connected: Rig, lose: Callable[[Rig], None]) -> None:
     calibrate(connected)
     lose(connected)
     connected.ticks(3)
@@ -158,7 +158,7 @@ def test_it_ends_with_the_lease_it_was_begun_under(connected: Rig, lose: Callabl
     assert connected.events(ReasonCode.LEASE_LOST)
 
 
-def test_it_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> None:
+def test_calibrating_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> None:
     calibrate(connected)
     for _ in range(8):
         connected.seconds(0.6)
@@ -167,7 +167,7 @@ def test_it_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> None:
 
 
 @pytest.mark.parametrize("bus", ["left", "right", None])
-def test_it_ends_with_a_port_be_it_one_of_several(bus: str | None) -> None:
+def test_calibrating_ends_when_a_port_is_lost(bus: str | None) -> None:
     rig = Rig("h24-split")
     rig.connect()
     names = [each.name for each in rig.robot.buses]
@@ -213,7 +213,7 @@ def test_eeprom_is_written_while_calibrating_alone_however_it_is_named(connected
     assert held(connected, "homing_offset") == 100
 
 
-def test_what_is_in_ram_needs_no_calibration(connected: Rig) -> None:
+def test_a_ram_register_is_written_without_calibrating(connected: Rig) -> None:
     assert write(connected, "position_p_gain", 640).error is None
     assert held(connected, "position_p_gain") == 640
 
@@ -233,14 +233,14 @@ def test_a_write_keeps_the_lease(connected: Rig) -> None:
     assert connected.loop.state is RobotState.CALIBRATING
 
 
-def test_everybody_is_known_again_when_it_is_over(connected: Rig) -> None:
+def test_every_device_is_identified_after_calibrating(connected: Rig) -> None:
     calibrate(connected)
     assert write(connected, "homing_offset", 0).error is None
     calibrated(connected)
     connected.connect()
 
 
-def test_a_register_that_fits_no_longer_is_told_when_it_is_over(connected: Rig) -> None:
+def test_a_register_that_no_longer_matches_is_reported_after_calibrating(connected: Rig) -> None:
     calibrate(connected)
     assert write(connected, "homing_offset", 300).error is None
     calibrated(connected)

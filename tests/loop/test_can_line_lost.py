@@ -62,7 +62,7 @@ def latched(rig: Rig) -> set[str]:
     return {str(code) for code in rig.loop.latches}
 
 
-def test_a_passive_line_is_told_and_the_motion_goes_on() -> None:
+def test_a_passive_line_is_reported_and_the_motion_continues() -> None:
     rig = Can()
     rig.line = PASSIVE
     rig.seconds(0.5)
@@ -92,7 +92,7 @@ def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(support: str) -
     rig.close()
 
 
-def test_it_comes_back_by_disarm_reset_and_arm_alone() -> None:
+def test_a_lost_line_recovers_only_by_disarm_reset_and_arm() -> None:
     rig = Can()
     rig.line = OFF
     rig.ticks(3)

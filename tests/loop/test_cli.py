@@ -183,7 +183,7 @@ def ended(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
         (["--mode", "live", "--port", "/dev/ttyUSB0"], "--calibration FILE"),
     ],
 )
-def test_what_cannot_be_meant_ends_with_2_and_says_what_is_wrong(
+def test_an_invalid_command_line_exits_with_two_and_the_reason(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     code, said = ended(capfd, "--socket", str(tmp_path / "run"), *arguments)
@@ -212,7 +212,7 @@ def test_a_folder_that_cannot_be_ends_with_1(capfd: pytest.CaptureFixture[str], 
     assert "--socket DIR" in said
 
 
-def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
+def test_a_virtual_robot_process_gets_no_inherited_socket_variables(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[list[str]] = []
@@ -230,7 +230,7 @@ def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
     assert "h24: far enough" in said
 
 
-def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
+def test_the_order_socket_of_a_virtual_robot_is_printed_at_start(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Child:
@@ -250,7 +250,7 @@ def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
     assert "takes orders" in said.splitlines()[0] and said.splitlines()[0].endswith("at /x/faults.sock")
 
 
-def test_a_socket_that_did_not_get_its_group_is_told_with_the_remedy() -> None:
+def test_a_socket_without_its_group_is_reported_with_the_remedy() -> None:
     assert wrong_groups({"control": "twind-operator", "observe": "twind-observe"}) == []
     (told,) = wrong_groups({"control": "root", "observe": "twind-observe"})
     assert "control.sock is for group root, not twind-operator" in told
@@ -274,7 +274,7 @@ def test_a_robot_that_is_none_writes_its_faults_beside_those_of_the_real_one(
     assert cli.flight_folder(settings, virtual=virtual) == tmp_path / folder
 
 
-def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_ends_it(
+def test_the_fail_safe_report_is_written_without_realtime_and_its_failure_ends_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     done: list[str] = []
@@ -293,7 +293,7 @@ def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_
     assert "could not be written down: UnicodeEncodeError" in capfd.readouterr().err
 
 
-def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main(["--version"])
     assert end.value.code == 0

@@ -79,7 +79,7 @@ def test_a_path_is_seen_to_come_near_in_time(world: World) -> None:
     assert (said.block, said.warn) == (0.002, 0.01)
 
 
-def test_near_is_told_before_too_near(world: World) -> None:
+def test_a_small_clearance_is_reported_before_a_blocking_one(world: World) -> None:
     elbow(world, 2.9, 2.9)
     told = [outlook.clearance for outlook in (world.tick() for _ in range(280)) if outlook is not None]
     near = [clearance for clearance in told if clearance < inf]
@@ -112,7 +112,7 @@ def test_a_slow_robot_is_looked_further_ahead_in_as_many_poses(tmp_path: Path) -
     assert len(slow.look.times) <= 30
 
 
-def test_who_stands_too_close_and_leaves_is_let_go(world: World) -> None:
+def test_a_robot_that_starts_too_close_may_move_away(world: World) -> None:
     world.executor.begin(np.array([0.0, 2.75, 0.0]))
     assert world.clearance() < 0.0
     elbow(world, 1.0, 2.0)
@@ -126,7 +126,7 @@ def test_who_stands_too_close_and_leaves_is_let_go(world: World) -> None:
     assert outlook.ahead > 0.0
 
 
-def test_what_is_no_number_is_no_clearance(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_nan_path_gives_a_nan_clearance(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     elbow(world, 1.0, 2.0)
     monkeypatch.setattr(
         "twind.motion.lookahead_path.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan)
@@ -166,7 +166,7 @@ def test_a_stream_into_itself_stops_before_it(world: World) -> None:
     assert least > 0.0
 
 
-def test_a_stream_that_changes_its_mind_can_always_stop_clear(tmp_path: Path) -> None:
+def test_a_reversing_setpoint_stream_can_always_stop_clear(tmp_path: Path) -> None:
     """Away and back at the worst moments: whatever was taken, braking from there was clear."""
     for seed in range(3):
         world = World(arm(tmp_path, OPEN))
@@ -266,7 +266,7 @@ def test_a_setpoint_into_the_robot_itself_is_refused_by_the_loop(rig: Rig) -> No
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_a_path_into_the_robot_itself_that_nobody_refused_is_held_before_it(mode: Mode) -> None:
+def test_a_self_colliding_path_without_a_gate_refusal_is_held_before_contact(mode: Mode) -> None:
     """Without the front's verdict: the second guard alone."""
     rig = Rig(mode=mode)
     rig.ticks(5)

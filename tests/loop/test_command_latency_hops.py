@@ -70,13 +70,13 @@ def test_a_trajectory_has_a_figure_of_every_hop(ready: Rig) -> None:
     assert all(told[hop].violations == 0 for hop in COMMAND)
 
 
-def test_each_setpoint_of_a_stream_has_its_figures_and_its_start_moves_somebody(ready: Rig) -> None:
+def test_each_setpoint_of_a_stream_has_latency_figures_and_only_its_start_a_motion_figure(ready: Rig) -> None:
     stream(ready, 0.02, 20)
     ready.ticks(5)
     assert figures(ready) == {"received": 20, "gated": 20, "written": 20, "moved": 1, "command": 20}
 
 
-def test_one_that_is_stopped_before_its_first_goal_has_none_of_it(ready: Rig) -> None:
+def test_a_trajectory_stopped_before_its_first_goal_has_no_motion_figures(ready: Rig) -> None:
     ready.submit(bent(ready, 0.3), **called(ready))
     ready.send(link.Cancel)
     ready.seconds(0.3)
@@ -89,7 +89,7 @@ def test_one_that_is_stopped_before_its_first_goal_has_none_of_it(ready: Rig) ->
     assert figures(ready) == {"received": 2, "gated": 2}
 
 
-def test_one_that_waits_for_its_start_or_is_refused_or_only_asks_has_no_later_figures(ready: Rig) -> None:
+def test_a_waiting_refused_or_checked_trajectory_has_no_later_latency_figures(ready: Rig) -> None:
     ready.submit(bent(ready, 0.3), check_only=True, **called(ready))
     ready.ticks(3)
     assert figures(ready) == {}
@@ -101,7 +101,7 @@ def test_one_that_waits_for_its_start_or_is_refused_or_only_asks_has_no_later_fi
     assert figures(ready) == {"received": 2, "gated": 2}
 
 
-def test_a_move_that_nobody_can_see_has_no_figure(ready: Rig) -> None:
+def test_a_motion_below_the_visible_threshold_has_no_figure(ready: Rig) -> None:
     ready.submit(bent(ready, 0.001), **called(ready))
     ready.seconds(2.0)
     assert figures(ready) == {name: 1 for name in COMMAND if name != "moved"}
@@ -128,7 +128,7 @@ def latency_events(rig: Rig) -> list[tuple[str, str]]:
     return [(event.code, event.message) for event in found]
 
 
-def test_a_stream_that_comes_late_is_told_once_and_once_that_it_comes_in_time_again(ready: Rig) -> None:
+def test_a_late_setpoint_stream_is_reported_once_and_its_recovery_once(ready: Rig) -> None:
     joint = ready.names.index(JOINT)
     place = float(ready.loop.executor.reference.position[joint])
     for late in [0.08] * 20 + [0.004] * 150:
@@ -144,7 +144,7 @@ def test_a_stream_that_comes_late_is_told_once_and_once_that_it_comes_in_time_ag
     assert warning.findings[0].value > 0.08
 
 
-def test_what_was_told_of_a_robot_is_over_when_it_is_let_go() -> None:
+def test_latency_reports_end_when_the_robot_is_no_longer_read() -> None:
     rig = Rig(mode=Mode.MIRROR)
     rig.ticks(30)
     rig.lease()
@@ -167,7 +167,7 @@ def test_a_trajectory_that_was_long_judged_is_no_alarm(ready: Rig) -> None:
 # ------------------------------------------------------------------------------------- as it is told
 
 
-def test_what_nobody_commanded_lately_is_not_told_as_of_now(ready: Rig) -> None:
+def test_an_old_command_latency_is_not_reported_as_current(ready: Rig) -> None:
     ready.submit(bent(ready, 0.1), **called(ready))
     ready.seconds(4.5)
     assert last(ready)["command"].now_ms is not None

@@ -20,7 +20,7 @@ def there(fd: int) -> bool:
     return True
 
 
-def test_it_is_kept_until_it_is_done_with_and_that_is_told_once() -> None:
+def test_a_crash_recording_is_kept_until_it_is_done_which_is_reported_once() -> None:
     one, told = wreck()
     one.offer()
     fd = one.fd
@@ -33,7 +33,7 @@ def test_it_is_kept_until_it_is_done_with_and_that_is_told_once() -> None:
     assert (there(fd), told, one.fd) == (False, ["done"], None)
 
 
-def test_a_front_that_died_before_it_was_written_is_not_the_last_to_get_it_but_the_next_is() -> None:
+def test_a_crash_recording_is_offered_to_a_second_front_and_no_third() -> None:
     one, told = wreck()
     for _ in range(FRONTS):
         one.offer()
@@ -62,7 +62,7 @@ def test_closed_here_it_stays_where_it_is_kept() -> None:
     assert (there(fd), told) == (False, [])
 
 
-def test_where_nothing_was_left_there_is_nothing_to_tell() -> None:
+def test_an_absent_crash_recording_reports_nothing() -> None:
     one = CrashRecording(None)
     told = list[str]()
     one.then = lambda: told.append("done")

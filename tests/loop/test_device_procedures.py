@@ -67,7 +67,7 @@ def test_a_bus_that_is_not_open_is_answered_with_the_reason(live: Rig) -> None:
     assert "no such port" in reply.parameters["message"]
 
 
-def test_a_scan_tells_the_registers_that_identification_read(mirror: Rig) -> None:
+def test_a_scan_reports_the_registers_read_by_identification(mirror: Rig) -> None:
     mirror.connect()
     told = [reply.parameters["settings"] for reply in scan(mirror, "main")]
     assert len(told) == 24
@@ -111,7 +111,7 @@ def test_a_register_that_is_near_none_is_answered_without_names(live: Rig) -> No
     assert (reply.error, reply.parameters["known"]) == ("NotFound", [])
 
 
-def test_a_bus_on_which_no_device_answers_is_told_apart_from_one_that_fails(live: Rig) -> None:
+def test_a_bus_without_replies_is_distinguished_from_a_failing_bus(live: Rig) -> None:
     live.connect()
     for id in live.virtual["main"].ids():
         live.virtual["main"].faults.silence(id)
@@ -154,7 +154,7 @@ def test_a_value_that_a_register_cannot_hold_is_refused_and_not_written(live: Ri
     assert live.call(link.ReadRegister, bus="main", id=7, name="led").parameters["register"]["value"] == 0
 
 
-def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig) -> None:
+def test_registers_reserved_for_procedures_are_not_written(live: Rig) -> None:
     live.connect()
     calibrate(live)
     for name in ("torque_enable", "goal_position", "id", "baud_rate"):
@@ -163,7 +163,7 @@ def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig) -> No
         assert "is not written here" in reply.parameters["message"]
 
 
-def test_a_write_is_told_to_the_log_with_who_asked(live: Rig) -> None:
+def test_a_register_write_is_logged_with_its_client(live: Rig) -> None:
     live.connect()
     reply = live.call(link.WriteRegister, bus="main", id=7, name="led", value=1)
     assert reply.parameters["register"]["value"] == 1
@@ -193,7 +193,7 @@ def test_while_any_servo_has_torque_no_device_is_restarted(armed: Rig) -> None:
 # ------------------------------------------------------------------------------------- restart and scan
 
 
-def test_a_restarted_device_gets_its_settings_back_and_everybody_is_identified_again(live: Rig) -> None:
+def test_a_rebooted_device_regains_its_settings_and_every_device_is_identified_again(live: Rig) -> None:
     live.connect()
     for name, value in (("led", 1), ("position_p_gain", 640)):
         live.call(link.WriteRegister, bus="main", id=7, name=name, value=value)
@@ -213,7 +213,7 @@ def test_a_restarted_device_gets_its_settings_back_and_everybody_is_identified_a
     assert live.register("torque_enable").tolist() == [0] * 24
 
 
-def test_a_restart_with_nothing_to_restore_says_so(live: Rig) -> None:
+def test_a_reboot_with_nothing_to_restore_is_reported_as_such(live: Rig) -> None:
     live.connect()
     reply = live.call(link.Reboot, bus="main", id=7)
     assert (reply.parameters["restored"], reply.parameters["differing"]) == ([], [])
@@ -228,7 +228,7 @@ def test_a_device_that_does_not_come_back_is_an_answer(live: Rig) -> None:
     assert "[7]" in reply.parameters["message"]
 
 
-def test_a_scan_tells_one_device_a_reply_and_which_is_the_last(live: Rig) -> None:
+def test_a_scan_sends_one_device_per_reply_and_marks_the_last(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.silence(7)
     replies = scan(live)

@@ -87,7 +87,7 @@ def test_a_robot_that_is_whole_is_lowered_to_its_rest_pose_and_let_go(support: s
         assert not rig.events("DAMP")
 
 
-def test_it_goes_down_at_a_quarter_of_every_limit_where_there_is_time_for_it() -> None:
+def test_the_fail_safe_lowers_at_a_quarter_of_every_velocity_limit() -> None:
     with given_up() as rig:
         safe = FailsafeRun(rig.loop)
         fastest = np.zeros(24)
@@ -113,7 +113,7 @@ def test_nothing_is_written_where_no_torque_is_on() -> None:
     rig.close()
 
 
-def test_mode_mirror_leaves_the_torque_that_it_finds_and_says_so() -> None:
+def test_the_fail_safe_in_mode_mirror_leaves_inherited_torque_and_reports_it() -> None:
     with given_up(mode=Mode.MIRROR) as rig:
         before = rig.counts
         assert "mode mirror of the settings writes nothing" in run(rig).left
@@ -161,7 +161,7 @@ def test_a_robot_that_stands_freely_is_left_where_a_joint_has_no_torque() -> Non
 
 
 @pytest.mark.parametrize("support", ["gantry", "free"])
-def test_nobody_is_moved_where_a_joint_is_beyond_its_hard_limit(support: str) -> None:
+def test_the_fail_safe_moves_no_robot_with_a_joint_beyond_its_hard_limit(support: str) -> None:
     with given_up(support=support, killed=False, l_knee=2.4) as rig:
         before = rig.counts
         assert "to hold l_knee inside the hard limits would be a step" in run(rig).left
@@ -176,7 +176,7 @@ def test_a_joint_on_its_hard_limit_is_no_obstacle() -> None:
 
 
 @pytest.mark.parametrize("support", ["gantry", "free"])
-def test_nobody_is_moved_whose_zero_is_not_the_calibrated_one(support: str) -> None:
+def test_the_fail_safe_moves_no_robot_with_a_zero_other_than_calibrated(support: str) -> None:
     with given_up(support=support) as rig:
         servos = rig.virtual["main"].servos
         servos.memory.store(5, servos.memory.tables[5]["homing_offset"], 300)
@@ -244,7 +244,7 @@ def slow_down(rig: Rig, share: float) -> None:
 
 
 @pytest.mark.parametrize("support", ["gantry", SLOW_FREE])
-def test_a_bus_that_goes_twice_leaves_the_torque_that_is_on_and_says_so(support: str) -> None:
+def test_a_bus_lost_twice_leaves_torque_on_and_is_reported(support: str) -> None:
     """After `AGAIN` s no way is begun: a robot that could be lowered by then still has its torque."""
     with given_up(support=support) as rig:
         slow_down(rig, 0.05)
@@ -264,7 +264,7 @@ def test_a_bus_that_goes_twice_leaves_the_torque_that_is_on_and_says_so(support:
 
 
 @pytest.mark.slow
-def test_what_comes_last_to_everything_ends_within_the_longest_time() -> None:
+def test_the_worst_sequence_of_delays_ends_within_the_longest_time() -> None:
     """A bus that is there just in time, twice; a way that is long; the bus gone shortly before its end."""
     with given_up() as rig:
         slow_down(rig, SHARE)
@@ -302,14 +302,14 @@ def test_the_service_manager_is_asked_for_the_longest_time_when_it_begins(tmp_pa
         notifier.close()
 
 
-def test_nobody_answering_is_told_as_not_known() -> None:
+def test_a_robot_without_any_reply_is_reported_as_unknown() -> None:
     with given_up() as rig:
         for id in range(1, 25):
             rig.virtual["main"].faults.silence(id)
         assert "power?" in run(rig).left
 
 
-def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None:
+def test_a_stop_during_the_wait_ends_the_fail_safe_at_once_without_a_write() -> None:
     with given_up() as rig:
         rig.virtual["main"].faults.silence(3)
         safe = FailsafeRun(rig.loop)
@@ -322,7 +322,7 @@ def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None
         assert torque(rig).all()
 
 
-def test_told_to_end_on_the_way_down_it_goes_on() -> None:
+def test_a_stop_on_the_way_down_does_not_interrupt_the_fail_safe() -> None:
     with given_up() as rig:
         safe = FailsafeRun(rig.loop)
         safe.begin()
@@ -373,7 +373,7 @@ def test_both_kinds_of_bus_are_lowered() -> None:
 # ------------------------------------------------------------------------------------- said aloud
 
 
-def test_an_event_is_a_line_and_everything_else_is_nobody_s(tmp_path: Path) -> None:
+def test_an_event_is_one_line_and_other_messages_are_dropped(tmp_path: Path) -> None:
     said = (tmp_path / "said").open("w+b", buffering=0)
     with said:
         aloud = HeadlessLink(said.fileno())
@@ -385,7 +385,9 @@ def test_an_event_is_a_line_and_everything_else_is_nobody_s(tmp_path: Path) -> N
     assert aloud.commands(0.0) == []
 
 
-def test_an_event_is_told_first_and_no_recorder_stops_the_way_down(tmp_path: Path) -> None:
+def test_an_event_is_printed_before_it_is_recorded_and_no_recorder_stops_the_fail_safe(
+    tmp_path: Path,
+) -> None:
     """Words that have no encoding: a name of a port, say."""
     told: list[tuple[str, Any]] = []
     with (tmp_path / "said").open("w+b", buffering=0) as said:
@@ -404,9 +406,7 @@ def test_an_event_is_told_first_and_no_recorder_stops_the_way_down(tmp_path: Pat
         assert told == [("error CODE: tty\\udc80\nerror CODE: tty\n", plain)]  # told, then written down
 
 
-def test_where_nobody_writes_it_down_nothing_is_encoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_recorder_no_event_is_encoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(_news: Any) -> bytes:
         raise AssertionError("encoded for nobody")
 

@@ -104,7 +104,7 @@ def watch(rig: Rig, ticks: int, ask: int = 8) -> None:
 
 
 @pytest.mark.parametrize(("code", "situation"), CASES)
-def test_a_latch_holds_until_somebody_resets_and_arms(
+def test_a_latch_holds_until_an_explicit_reset_and_arm(
     live: Rig, code: ReasonCode, situation: Callable[[Rig], None]
 ) -> None:
     situation(live)
@@ -219,7 +219,7 @@ def test_a_daemon_that_stood_still_sends_no_burst_of_old_goals(armed: Rig, away:
         assert {"WATCHDOG_TRIPPED"} <= set(armed.loop.latches)
 
 
-def test_what_was_queued_before_an_unplug_is_gone_when_the_adapter_is_back(armed: Rig) -> None:
+def test_commands_queued_before_an_unplug_are_dropped_before_the_replug(armed: Rig) -> None:
     """Goals, a start to come, register writes: none of it reaches the servos that are back."""
     armed.submit(armed.path(JOINT, [0.8], [2.0]), more=True)
     armed.seconds(0.5)

@@ -231,7 +231,7 @@ def test_a_descriptor_that_is_no_memfd_costs_the_front_its_life(front: Front, en
     os.close(theirs)
 
 
-def test_what_a_front_said_before_it_died_still_counts(front: Front, end: FrontLink) -> None:
+def test_a_command_sent_before_the_death_of_a_front_still_counts(front: Front, end: FrontLink) -> None:
     front.send(cancel(1))
     assert front.outer is not None
     front.outer.close()
@@ -268,7 +268,7 @@ def test_replies_are_never_dropped_and_keep_their_order(front: Front, end: Front
     assert not end.lost
 
 
-def test_a_front_that_lets_the_queue_fill_is_buried_with_what_it_was_owed(
+def test_a_front_that_lets_the_queue_fill_is_ended_with_its_pending_messages(
     front: Front, end: FrontLink
 ) -> None:
     fill(end)
@@ -337,7 +337,7 @@ def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(
     assert not end.lost
 
 
-def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
+def test_the_end_of_a_front_is_reported_and_its_event_waits_for_the_next_front(
     front: Front, end: FrontLink, capfd: pytest.CaptureFixture[str]
 ) -> None:
     front.is_overdue = True
@@ -378,7 +378,7 @@ def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_o
     assert end.no_front == ""
 
 
-def test_at_the_end_a_front_gets_what_it_is_owed(front: Front, end: FrontLink) -> None:
+def test_pending_replies_are_delivered_at_the_end(front: Front, end: FrontLink) -> None:
     end.reply(reply(1))
     end.close()
     assert front.said == ["finish"]
@@ -400,7 +400,9 @@ def test_a_living_front_is_left_alone(front: Front, end: FrontLink) -> None:
     assert not end.lost
 
 
-def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end: FrontLink) -> None:
+def test_a_command_forwarded_before_the_death_of_a_front_is_still_executed(
+    front: Front, end: FrontLink
+) -> None:
     front.outer.send(link.encode(link.EStop(ticket=1, client=2, level="cut")))
     front.has_ended = True
     end.supervise_front(1.0)
@@ -409,7 +411,7 @@ def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end:
     assert end.commands(1.02) == []
 
 
-def test_what_was_left_before_is_let_go_when_the_front_says_so_and_nobody_writes_that_down(
+def test_a_crash_recording_is_released_on_request_of_the_front_and_that_is_not_recorded(
     front: Front,
 ) -> None:
     recorded: list[bytes] = []

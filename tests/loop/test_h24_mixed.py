@@ -94,7 +94,7 @@ def test_arming_energises_every_joint_with_its_watchdog_and_moves_none(mixed: Ri
     assert mixed.loop.state is RobotState.ARMED
 
 
-def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig) -> None:
+def test_a_leg_with_a_displaced_zero_is_not_armed(mixed: Rig) -> None:
     mixed.virtual["l_leg"].faults.zero_lost(4, -2.0)
     mixed.connect()
     mixed.call(link.AcquireLease)
@@ -132,7 +132,7 @@ def test_a_leg_two_turns_off_has_no_goals_there_and_is_refused(mixed: Rig) -> No
     assert "2 turns from where it was calibrated; its goals there" in finding.message
 
 
-def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() -> None:
+def test_actuators_without_a_readable_watchdog_are_reported_at_every_arming() -> None:
     rig = Rig("h24-mixed")
     knee = rig.names.index("l_knee")
     rig.loop.joints = replace(rig.loop.joints, unwatched=(knee,))
@@ -189,7 +189,7 @@ def test_disarming_lowers_all_and_takes_all_torque(mixed: Rig) -> None:
 
 
 @pytest.mark.slow
-def test_a_leg_that_is_unplugged_is_lost_and_the_others_hold_until_somebody_disarms(mixed: Rig) -> None:
+def test_an_unplugged_leg_latches_and_the_others_hold_until_disarm(mixed: Rig) -> None:
     mixed.arm()
     mixed.submit(mixed.path("r_knee", [0.6], [1.0]))
     mixed.seconds(0.5)
@@ -231,7 +231,7 @@ def test_a_mirror_of_it_reads_all_and_writes_no_leg() -> None:
     rig.close()
 
 
-def test_the_skew_of_its_buses_is_told(mixed: Rig) -> None:
+def test_the_skew_between_buses_is_reported(mixed: Rig) -> None:
     mixed.arm()
     mixed.seconds(1.0)
     assert 0.0 < mixed.loop.hardware.skew < 0.01

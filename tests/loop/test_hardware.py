@@ -128,7 +128,7 @@ def test_a_silent_servo_keeps_its_old_numbers_and_they_grow_old() -> None:
     assert state.position[0] == pytest.approx(40 * TURN)
 
 
-def test_nobody_can_write_into_a_reading_nor_change_it_by_the_next() -> None:
+def test_a_reading_is_read_only_and_unchanged_by_the_next() -> None:
     world = TwoBuses()
     first = world.tick()
     was = first.position.copy()
@@ -141,7 +141,7 @@ def test_nobody_can_write_into_a_reading_nor_change_it_by_the_next() -> None:
             array[0] = 0
 
 
-def test_slow_registers_arrive_in_joint_order_and_are_forgotten_with_their_bus() -> None:
+def test_slow_registers_are_in_joint_order_and_cleared_with_their_bus() -> None:
     world = TwoBuses()
     world.connect()
     slow = world.hardware.slow
@@ -163,7 +163,7 @@ def test_slow_registers_arrive_in_joint_order_and_are_forgotten_with_their_bus()
 # ------------------------------------------------------------------------------------- life of the ports
 
 
-def test_a_lost_bus_is_told_once_and_the_other_goes_on() -> None:
+def test_a_lost_bus_is_reported_once_and_the_other_continues() -> None:
     world = TwoBuses()
     world.connect()
     world.virtual["right"].faults.unplug()
@@ -200,7 +200,7 @@ def test_access_decides_what_is_open_and_whether_anything_could_write() -> None:
     assert world.hardware.lost == []
 
 
-def test_an_exchange_is_over_before_the_period_even_when_nobody_answers() -> None:
+def test_an_exchange_ends_within_the_period_even_without_replies() -> None:
     world = TwoBuses()
     world.connect()
     for bus, ids in (("left", (1, 2, 3)), ("right", (4, 5, 6))):
@@ -241,7 +241,7 @@ def test_the_skew_is_the_time_between_the_first_and_the_last_bus_that_had_answer
     assert world.hardware.worst_skew >= later
 
 
-def test_one_bus_that_answers_alone_has_no_skew() -> None:
+def test_a_single_answering_bus_has_no_skew() -> None:
     world = TwoBuses()
     world.connect()
     worst = world.hardware.worst_skew
@@ -252,7 +252,7 @@ def test_one_bus_that_answers_alone_has_no_skew() -> None:
     assert world.hardware.worst_skew >= worst > -1.0
 
 
-def test_bytes_of_nobody_are_counted_and_move_no_joint() -> None:
+def test_foreign_bytes_are_counted_and_move_no_joint() -> None:
     world = TwoBuses()
     world.connect()
     before = world.tick().position

@@ -107,7 +107,7 @@ def test_only_its_servo_has_torque_and_it_is_weak_slow_and_watched() -> None:
         assert made.loop.torque_off is False
 
 
-def test_nobody_arms_and_no_other_search_begins_meanwhile() -> None:
+def test_during_homing_neither_arming_nor_a_second_search_begins() -> None:
     with homed() as made:
         made.ready()
         first = made.find(more=True)
@@ -151,7 +151,7 @@ def test_goals_keep_inside_the_window_on_the_wire() -> None:
         ({"client": OTHER}, ReasonCode.LEASE_MISSING),
     ],
 )
-def test_what_is_asked_for_too_much_is_refused_and_nothing_is_written(
+def test_an_excessive_homing_request_is_refused_and_nothing_is_written(
     how: dict[str, Any], code: ReasonCode
 ) -> None:
     with homed() as made:
@@ -161,7 +161,7 @@ def test_what_is_asked_for_too_much_is_refused_and_nothing_is_written(
         made.undone()
 
 
-def test_it_needs_the_state_calibrating_and_mode_live() -> None:
+def test_homing_requires_the_state_calibrating_and_mode_live() -> None:
     with homed() as made:
         made.connect()
         made.lease()
@@ -206,7 +206,7 @@ def test_a_joint_that_swings_is_not_driven() -> None:
         assert not made.events("HOMING")[1:], "it went on"
 
 
-def test_a_servo_that_says_no_to_the_mode_is_left_as_it_is() -> None:
+def test_a_servo_that_refuses_the_homing_mode_is_left_unchanged() -> None:
     with homed(truth={"registers": {"drive_mode": 0}}) as made:
         made.ready()
         energise(made, made.row)  # its torque came on unseen, just now
@@ -241,7 +241,7 @@ NOT_BEGUN: Mapping[str, tuple[Callable[[Homed], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", NOT_BEGUN)
-def test_what_speaks_against_it_is_said_and_nothing_is_written(name: str) -> None:
+def test_each_obstacle_to_homing_is_reported_and_nothing_is_written(name: str) -> None:
     wrong, said = NOT_BEGUN[name]
     with homed() as made:
         made.ready()

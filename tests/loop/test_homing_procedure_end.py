@@ -79,7 +79,7 @@ def trip(made: Homed) -> None:
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_whatever_ends_it_torque_is_off_and_all_is_undone(name: str) -> None:
+def test_homing_ends_with_torque_off_and_registers_restored_after_any_interruption(name: str) -> None:
     end, expected = ENDS[name]
     with homed(start={JOINT: -1.2}) as made:
         made.ready()
@@ -105,7 +105,7 @@ def test_a_client_that_goes_ends_it() -> None:
 
 
 @pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])
-def test_a_stop_elsewhere_is_none(truth: tuple[float, float]) -> None:
+def test_an_endstop_away_from_its_place_is_not_accepted(truth: tuple[float, float]) -> None:
     with homed(truth={"stops_rad": truth}) as made:
         made.ready()
         assert failed(made, made.find(speed=0.5)) == [ReasonCode.STOP_NOT_FOUND]
@@ -124,7 +124,7 @@ def test_captures_that_differ_are_refused() -> None:
         assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
 
 
-def test_a_daemon_that_is_told_to_end_undoes_it_first() -> None:
+def test_a_daemon_that_ends_restores_the_servo_first() -> None:
     with homed() as made:
         made.ready()
         made.powered(made.find())
@@ -167,7 +167,7 @@ def test_ended_at_any_step_it_is_undone(ticks: int, how: str) -> None:
             made.undone()
 
 
-def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
+def test_a_register_that_differs_after_homing_is_reported_with_both_values() -> None:
     with homed() as made:
         made.ready()
         ticket = made.find(times=2, speed=0.5)
@@ -182,7 +182,7 @@ def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 3])
-def test_an_estop_while_torque_is_being_taken_off_forgets_nothing(ticks: int) -> None:
+def test_an_e_stop_during_torque_off_keeps_the_pending_restore(ticks: int) -> None:
     with homed() as made:
         made.ready()
         ticket = made.find()
@@ -193,7 +193,7 @@ def test_an_estop_while_torque_is_being_taken_off_forgets_nothing(ticks: int) ->
         assert failed(made, ticket)[0] in (ReasonCode.LEASE_LOST, ReasonCode.ESTOP)
 
 
-def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_during_homing_switches_torque_off(monkeypatch: pytest.MonkeyPatch) -> None:
     with homed() as made:
         made.ready()
         ticket = made.find()
@@ -203,7 +203,7 @@ def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch)
         assert ReasonCode.INTERNAL in made.loop.latches
 
 
-def test_a_daemon_that_was_killed_leaves_a_servo_that_stopped_and_the_next_one_says_what_is_wrong() -> None:
+def test_a_daemon_killed_during_homing_leaves_a_stopped_servo_that_the_next_daemon_reports() -> None:
     with homed() as made:
         made.ready()
         made.powered(made.find())
@@ -276,7 +276,7 @@ def test_a_bus_that_is_asked_anew_who_is_there_ends_it() -> None:
         assert failed(made, ticket) == [ReasonCode.HW_DISCONNECTED]
 
 
-def test_a_servo_of_which_torque_off_cannot_be_read_is_told_and_undone_when_it_answers() -> None:
+def test_an_unconfirmed_torque_off_is_reported_and_restored_when_the_servo_replies() -> None:
     with homed() as made:
         made.ready()
         ticket = made.find()

@@ -86,7 +86,7 @@ def test_no_servo_loses_a_reading_and_the_motion_goes_on(wrong: str, rig: Standi
     assert any(each in rig.loop.hardware.ports[0].warning for each in (SILENT, TARDY, HARMS))
 
 
-def test_one_that_babbles_unasked_costs_nobody_anything(rig: Standing) -> None:
+def test_an_imu_with_unsolicited_packets_disturbs_no_reading(rig: Standing) -> None:
     """Between the readings, and in the middle of the servos' joint answer."""
     move(rig)
     bus = rig.virtual["main"]
@@ -100,7 +100,7 @@ def test_one_that_babbles_unasked_costs_nobody_anything(rig: Standing) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["every 5th 3 ms late", "every 10th 8.5 ms late", "always 8.5 ms late"])
-def test_it_bars_no_arming(wrong: str, rig: Standing) -> None:
+def test_a_faulty_imu_does_not_prevent_arming(wrong: str, rig: Standing) -> None:
     rig.connect()
     for tick in range(100):
         WRONG[wrong](rig.virtual["main"].faults, tick)
@@ -111,7 +111,7 @@ def test_it_bars_no_arming(wrong: str, rig: Standing) -> None:
 
 @pytest.mark.parametrize("delay", [0.0085, 0.0095])
 @pytest.mark.parametrize("every", [1, 2, 20])
-def test_where_it_talks_into_the_servos_the_readings_lost_are_very_few(
+def test_an_imu_that_collides_with_servo_replies_costs_very_few_readings(
     delay: float,
     every: int,
     rig: Standing,
@@ -139,7 +139,7 @@ def test_a_bus_that_is_bad_by_itself_is_not_excused_by_an_imu_that_is_silent(
     assert rig.loop.hardware.inertial.spoilt <= 3
 
 
-def test_it_is_said_to_be_sound_again(rig: Standing) -> None:
+def test_a_recovered_imu_clears_its_warning(rig: Standing) -> None:
     move(rig)
     suffered(rig, WRONG["always 4 ms late"], 100)
     assert rig.loop.hardware.ports[0].warning

@@ -74,7 +74,7 @@ def test_every_tick_has_its_own_reading_in_mirror_and_live(rigs: Made) -> None:
 
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("told", ["device", "filter"])
-def test_it_tells_which_way_is_up_however_the_robot_lies(base: str, told: str, rigs: Made) -> None:
+def test_the_imu_gives_the_direction_of_gravity_in_any_pose(base: str, told: str, rigs: Made) -> None:
     """By the quaternion of the device, and by the filter where it tells none."""
     rig = rigs(Lying, base, **({"quaternion": None} if told == "filter" else {}))
     rig.connect()
@@ -86,7 +86,7 @@ def test_it_tells_which_way_is_up_however_the_robot_lies(base: str, told: str, r
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
-def test_a_sensor_may_be_mounted_any_way_round_and_tell_its_numbers_otherwise(order: str, rigs: Made) -> None:
+def test_mounting_and_register_format_of_the_imu_do_not_change_its_reading(order: str, rigs: Made) -> None:
     """A quarter turn about x and one about z, unsigned registers with an offset: the base hears the same."""
     rig = rigs(Standing)
     quaternion = rig.spec.quaternion
@@ -235,7 +235,7 @@ def test_torque_goes_before_the_imu(rigs: Made) -> None:
     assert hurried == 0 and rig.loop.armed and rig.loop.hardware.inertial.asked > asked
 
 
-def test_where_there_is_never_room_it_is_asked_now_and_then(rigs: Made) -> None:
+def test_an_imu_without_free_time_in_any_tick_is_still_polled_occasionally(rigs: Made) -> None:
     """Answers that are late every time leave no room in any tick: it is heard all the same."""
     rig = rigs(Standing)
     rig.connect()
@@ -264,7 +264,7 @@ def test_a_lost_bus_leaves_the_last_reading_with_its_time_and_it_goes_on_after(r
     assert rig.loop.measured.time - rig.imu.time < 0.02
 
 
-def test_a_robot_without_one_tells_none(rigs: Made) -> None:
+def test_a_robot_without_an_imu_reports_none(rigs: Made) -> None:
     rig = rigs(Rig, "h24", Mode.MIRROR)
     rig.connect()
     assert rig.loop.hardware.inertial is None and rig.loop.measured.imu is None

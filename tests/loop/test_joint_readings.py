@@ -64,7 +64,7 @@ def sample(position: int, heard: list[bool], at: float, error: int = 0) -> BusSa
 
 
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=12))
-def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None:
+def test_a_joint_without_a_reply_keeps_value_and_stamp(rows: list[list[bool]]) -> None:
     readings = JointReadings(JOINTS, PERIOD)
     bus = JOINTS.buses[0]
     last = np.full(3, np.nan)
@@ -80,7 +80,7 @@ def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None
     assert np.isnan(readings.position[others]).all()
 
 
-def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
+def test_a_servo_that_begins_to_report_an_error_is_named_once() -> None:
     readings = JointReadings(JOINTS, PERIOD)
     all_three = [True] * 3
     row = [
@@ -96,7 +96,7 @@ def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
     assert readings.alert(0, sample(0, all_three, 10.1, 0x80)) == [0, 1, 2]
 
 
-def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
+def test_readings_of_a_lost_bus_are_cleared_and_others_are_kept() -> None:
     readings = JointReadings(JOINTS, PERIOD)
     for store in (readings.slow.torque, readings.slow.fault, readings.slow.watchdog, readings.slow.tick):
         store[:] = 1
@@ -129,7 +129,7 @@ def test_the_load_is_a_share_of_the_current_limit_without_a_sign_and_nan_where_t
     assert np.isnan(readings.load[right.joints]).all()
 
 
-def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
+def test_the_load_of_a_joint_without_fresh_readings_is_unknown() -> None:
     both = JOINTS.buses
     known = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in both)
     readings = JointReadings(replace(JOINTS, buses=known), PERIOD)
@@ -146,7 +146,7 @@ def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
     assert np.isnan(readings.loads(np.nan)).all()
 
 
-def test_an_effort_that_was_not_told_is_unknown_and_so_is_the_load() -> None:
+def test_an_unreported_effort_is_unknown_and_so_is_its_load() -> None:
     readings = JointReadings(JOINTS, PERIOD)
     mine = JOINTS.buses[0].joints
     for heard in ([True] * 3, [True, True, False]):

@@ -59,20 +59,20 @@ def servos(rig: Rig) -> Any:
 # ----------------------------------------------------------------------------------------------- verified
 
 
-def test_nobody_is_verified_before_everybody_was_identified(arm: Rig) -> None:
+def test_no_joint_is_verified_before_every_device_is_identified(arm: Rig) -> None:
     arm.ticks(2)
     assert not arm.loop.identity.verified.joints.any()
     arm.connect()
     assert verified(arm) == [True] * 3
 
 
-def test_before_its_turn_is_known_nobody_says_that_a_joint_is_out_of_its_limits(arm: Rig) -> None:
+def test_before_its_turn_is_known_no_joint_is_reported_out_of_its_limits(arm: Rig) -> None:
     arm.connect()
     assert arm.events(ReasonCode.OUT_OF_LIMIT) == []
     assert arm.events(ReasonCode.CALIB_MISMATCH) == []
 
 
-def test_in_mirror_they_are_marked_and_in_sim_nobody_says(path: str) -> None:
+def test_joints_are_marked_verified_in_mirror_and_unmarked_in_sim(path: str) -> None:
     rig = made(path, (0, 1, 0), mode=Mode.MIRROR)
     rig.connect()
     assert verified(rig) == [True] * 3

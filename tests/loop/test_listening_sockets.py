@@ -62,7 +62,7 @@ def test_the_groups_can_enter_a_folder_of_ours_and_one_that_was_there_stays(
     assert stat.S_IMODE(there.stat().st_mode) == 0o700
 
 
-def test_the_group_that_a_socket_got_can_be_told(
+def test_the_group_of_a_socket_is_reported(
     tmp_path: Path, keep: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours = grp.getgrgid(os.getegid()).gr_name
@@ -107,7 +107,7 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files
 
 @needs_root
 @pytest.mark.parametrize("place", ["folder", "socket"])
-def test_what_belongs_to_somebody_else_is_refused_and_stays(tmp_path: Path, place: str) -> None:
+def test_a_socket_or_folder_of_another_user_is_refused_and_unchanged(tmp_path: Path, place: str) -> None:
     folder = tmp_path / "run"
     listen(folder, "control").close()
     path = folder / "control.sock"
@@ -158,7 +158,7 @@ def test_the_mode_is_0660_from_the_moment_of_birth(tmp_path: Path) -> None:
     assert child(BIRTH, str(tmp_path)).split() == ["0o660"]
 
 
-def test_a_socket_that_nobody_listens_on_makes_room(tmp_path: Path, keep: ExitStack) -> None:
+def test_a_socket_without_a_listener_is_replaced(tmp_path: Path, keep: ExitStack) -> None:
     listen(tmp_path, "control").close()
     keep.enter_context(listen(tmp_path, "control"))
     client = keep.enter_context(socket.socket(socket.AF_UNIX))
@@ -176,7 +176,7 @@ def test_a_second_daemon_is_refused_and_the_first_goes_on(tmp_path: Path, keep: 
         first.accept()[0].close()
 
 
-def test_a_daemon_that_hangs_is_still_there_and_nobody_waits_for_it(tmp_path: Path, keep: ExitStack) -> None:
+def test_a_hanging_daemon_counts_as_present_and_is_not_waited_for(tmp_path: Path, keep: ExitStack) -> None:
     hanging = keep.enter_context(socket.socket(socket.AF_UNIX))
     hanging.bind(str(tmp_path / "control.sock"))
     hanging.listen(0)
@@ -190,7 +190,7 @@ def test_a_daemon_that_hangs_is_still_there_and_nobody_waits_for_it(tmp_path: Pa
     assert (tmp_path / "control.sock").is_socket()
 
 
-def test_what_is_no_socket_is_never_removed(tmp_path: Path) -> None:
+def test_a_path_that_is_no_socket_is_never_removed(tmp_path: Path) -> None:
     path = tmp_path / "control.sock"
     path.write_text("precious")
     with pytest.raises(OperationFailed, match=r"control\.sock: is not a socket"):
@@ -230,7 +230,7 @@ def test_a_folder_that_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/sys").is_dir(), reason="no /sys, where nobody may make a folder")
-def test_a_folder_that_cannot_be_made_is_told_with_the_command_that_makes_it() -> None:
+def test_a_folder_that_cannot_be_made_is_reported_with_the_command() -> None:
     with pytest.raises(
         OperationFailed, match=r"`sudo install -d -o \S+ /sys/twind` makes its folder, or choose"
     ):
@@ -247,7 +247,7 @@ def test_a_path_too_long_for_a_socket_is_refused_and_nothing_stays_open(tmp_path
 # ------------------------------------------------------------------------------------- their files
 
 
-def test_a_listener_is_in_place_until_its_file_is_removed_or_another_is_there(
+def test_a_listener_is_in_place_until_its_file_is_removed_or_replaced(
     tmp_path: Path, keep: ExitStack
 ) -> None:
     path = tmp_path / "control.sock"
@@ -281,7 +281,7 @@ def test_a_file_of_the_same_inode_number_cannot_follow_while_the_socket_is_open(
         assert not listener.in_place
 
 
-def test_a_process_that_inherits_a_listener_knows_its_file_and_its_owner(tmp_path: Path) -> None:
+def test_an_inherited_listener_keeps_its_file_and_ownership(tmp_path: Path) -> None:
     for own in (True, False):
         first = Listener.of(listen(tmp_path, "control"), own=own)
         second = Listener.inherited(os.dup(first.bound.fileno()), first.label)
@@ -382,7 +382,7 @@ def test_sockets_meant_for_another_process_are_left_alone(tmp_path: Path) -> Non
     assert answer == {"found": {}, "wreck": None, "inheritable": [True], "left": [], "said": ""}
 
 
-def test_the_recorder_of_a_daemon_that_is_gone_is_told_apart_and_only_the_last_is_taken(
+def test_the_crash_recording_is_separated_by_name_and_only_the_last_is_taken(
     tmp_path: Path,
 ) -> None:
     answer = handed(tmp_path, ["f", "c", "g"], LISTEN_FDNAMES="flight:control:flight")

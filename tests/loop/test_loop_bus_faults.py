@@ -75,7 +75,7 @@ def test_bus_errors_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None
 # -------------------------------------------------------------------------------------------- FOREIGN_TRAFFIC
 
 
-def test_foreign_traffic_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> None:
+def test_foreign_traffic_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.foreign(3)
     until(armed, latched(armed, "FOREIGN_TRAFFIC"), 3 + 2)
@@ -86,7 +86,7 @@ def test_foreign_traffic_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed:
     assert len(armed.events("FOREIGN_TRAFFIC")) <= 2
 
 
-def test_foreign_traffic_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
+def test_foreign_traffic_prevents_arming(live: Rig) -> None:
     live.connect()
     live.lease()
 
@@ -108,7 +108,7 @@ def test_foreign_traffic_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
 # ----------------------------------------------------------------------------------------------- SERVO_ALERT
 
 
-def test_servo_alert_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed: Rig) -> None:
+def test_servo_alert_a_servo_that_shuts_down_latches_within_two_ticks_with_its_cause(armed: Rig) -> None:
     move(armed)
     armed.virtual["main"].faults.damage(9, OVERLOAD)
     until(armed, latched(armed, "SERVO_ALERT"), 2)
@@ -120,7 +120,7 @@ def test_servo_alert_a_servo_that_shuts_down_faults_within_two_ticks_and_says_wh
     assert on(armed).sum() == 23  # a gantry carries what hangs: the others hold
 
 
-def test_servo_alert_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
+def test_servo_alert_a_latched_alert_gives_its_cause_once_it_is_read(armed: Rig) -> None:
     slow = armed.loop.hardware.slow
     joint = 8
     armed.virtual["main"].faults.damage(9, OVERLOAD)
@@ -131,7 +131,7 @@ def test_servo_alert_what_is_latched_says_why_once_that_was_read(armed: Rig) -> 
     until(armed, lambda: "overload" in armed.loop.latches["SERVO_ALERT"].message, 8)
 
 
-def test_servo_alert_in_mirror_it_is_told() -> None:
+def test_servo_alert_is_reported_in_mirror() -> None:
     mirror = Rig(mode=Mode.MIRROR)
     mirror.connect()
     mirror.virtual["main"].faults.damage(9, OVERLOAD)
@@ -143,7 +143,7 @@ def test_servo_alert_in_mirror_it_is_told() -> None:
     mirror.close()
 
 
-def test_servo_alert_nobody_arms_until_it_was_rebooted(live: Rig) -> None:
+def test_servo_alert_prevents_arming_until_a_reboot(live: Rig) -> None:
     live.connect()
     live.lease()
     live.virtual["main"].faults.damage(9, OVERLOAD)
@@ -175,7 +175,7 @@ def test_servo_rebooted_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_its
     assert on(armed).all()
 
 
-def test_servo_rebooted_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> None:
+def test_servo_rebooted_a_restart_while_disarmed_is_reported_and_the_bus_identified_again(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     live.virtual["main"].faults.brown_out(9)
@@ -272,7 +272,7 @@ def test_tx_backlog_a_stuck_adapter_is_a_fault_and_what_waited_never_leaves(arme
     assert on(armed).all()
 
 
-def test_tx_backlog_in_mirror_it_is_told() -> None:
+def test_tx_backlog_is_reported_in_mirror() -> None:
     rig = Rig(mode=Mode.MIRROR)
     rig.connect()
     rig.virtual["main"].faults.stall()

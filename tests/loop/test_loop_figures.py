@@ -21,7 +21,7 @@ def test_before_the_first_tick_lateness_is_unknown_and_not_zero() -> None:
     assert (info.late_p50_us, info.late_p99_us, info.late_max_us) == (None, None, None)
 
 
-def test_rate_and_what_was_got_of_real_time_are_told_as_they_are() -> None:
+def test_loop_rate_and_granted_realtime_are_reported_as_measured() -> None:
     info = told(1e-4).info()
     assert info.rate_hz == pytest.approx(100.0)
     assert info.realtime == {"scheduler": "fifo 40", "memory": "no: not permitted"}

@@ -25,7 +25,7 @@ def energise(rig: Rig) -> None:
 
 @pytest.mark.parametrize("moment", [2, 5, 20, 60])
 @pytest.mark.parametrize("level", ["cut", "settle"])
-def test_an_estop_takes_torque_off_that_was_on_before_anybody_had_read_it(moment: int, level: str) -> None:
+def test_an_e_stop_switches_off_torque_not_yet_read(moment: int, level: str) -> None:
     rig = Rig()
     energise(rig)
     rig.ticks(moment)
@@ -80,7 +80,7 @@ def test_an_estop_is_served_before_whatever_else_came_in_the_same_tick(armed: Ri
     assert armed.loop.executor.motion is Motion.IDLE
 
 
-def test_one_command_that_fails_inside_costs_no_other_its_answer(armed: Rig, monkeypatch) -> None:
+def test_a_command_that_fails_internally_costs_no_other_command_its_reply(armed: Rig, monkeypatch) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("a bug")
 
@@ -92,7 +92,7 @@ def test_one_command_that_fails_inside_costs_no_other_its_answer(armed: Rig, mon
     assert armed.replies(good)[-1].error is None
 
 
-def test_all_servos_mute_an_estop_says_that_torque_is_not_known_to_be_off(armed: Rig) -> None:
+def test_an_e_stop_without_servo_replies_does_not_report_torque_off(armed: Rig) -> None:
     for id in range(1, 25):
         armed.virtual["main"].faults.silence(id)
     reply = armed.call(link.EStop, ticks=300, level="cut")
@@ -207,7 +207,7 @@ def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_
     assert not on(armed).any()
 
 
-def test_an_estop_before_everybody_is_identified_still_leads_to_connected_after_a_reset() -> None:
+def test_an_e_stop_before_identification_still_leads_to_connected_after_a_reset() -> None:
     rig = Rig()
     rig.ticks(5)
     rig.call(link.EStop, ticks=900)
@@ -292,7 +292,7 @@ def test_a_failed_script_keeps_no_frames_alive(live: Rig) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR, Mode.LIVE])
-def test_a_simulation_that_breaks_down_is_told_once_and_ends_only_what_it_followed(mode: Mode) -> None:
+def test_a_diverged_simulation_is_reported_once_and_ends_only_motions_that_need_it(mode: Mode) -> None:
     rig = Rig(mode=mode)
     if mode is Mode.LIVE:
         rig.arm()

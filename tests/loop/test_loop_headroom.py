@@ -25,7 +25,7 @@ def starve(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("order", "code"), [(heat, ReasonCode.THERMAL_HEADROOM), (starve, ReasonCode.VOLTAGE_LOW)]
 )
-def test_a_hot_or_starved_servo_is_not_armed(
+def test_a_hot_or_undervolted_servo_is_not_armed(
     order: Callable[[Rig], None], code: ReasonCode, live: Rig
 ) -> None:
     live.connect()
@@ -45,7 +45,7 @@ def test_arming_at_once_waits_for_the_first_reading(live: Rig) -> None:
     assert live.loop.armed
 
 
-def test_an_estop_ends_that_wait_and_the_caller_is_told(live: Rig) -> None:
+def test_an_e_stop_ends_the_wait_of_arm_with_a_refusal(live: Rig) -> None:
     while live.loop.state != "connected":
         live.ticks(1)
     live.call(link.AcquireLease)

@@ -132,7 +132,7 @@ def test_estop_level_cut_answers_after_torque_was_read_back_off(armed: Rig) -> N
     assert (armed.register("torque_enable") == 0).all()
 
 
-def test_estop_level_settle_brakes_lowers_and_lets_go(armed: Rig) -> None:
+def test_an_e_stop_of_level_settle_decelerates_lowers_and_switches_torque_off(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [0.4], [1.0]))
     armed.ticks(30)
     ticket = armed.send(link.EStop, client=9, more=True)
@@ -167,7 +167,7 @@ def test_reset_is_refused_while_torque_is_on(armed: Rig) -> None:
     assert (armed.register("torque_enable") == 1).all()
 
 
-def test_torque_found_on_is_reported_as_inherited_and_left_alone_until_somebody_arms() -> None:
+def test_torque_found_on_is_reported_as_inherited_and_left_until_arming() -> None:
     rig = Rig()
     bus = rig.virtual["main"]
     for row in range(24):
@@ -259,7 +259,7 @@ DURING_ARMING = pytest.mark.parametrize(
 
 @DURING_ARMING
 @pytest.mark.parametrize("level", ["settle", "cut"])
-def test_an_estop_at_any_moment_of_arming_tells_the_truth_about_torque(level: str, moments: range) -> None:
+def test_an_e_stop_at_any_moment_of_arming_reports_the_true_torque_state(level: str, moments: range) -> None:
     for moment in moments:
         rig = Rig()
         rig.connect()
@@ -323,7 +323,7 @@ def test_a_bus_that_goes_at_any_moment_of_arming_leaves_no_torque_on_the_other(m
         rig.close()
 
 
-def test_torque_found_on_in_mirror_is_not_said_to_be_off_and_can_be_taken_off_in_live() -> None:
+def test_inherited_torque_is_not_reported_off_in_mirror_and_can_be_switched_off_in_live() -> None:
     rig = Rig(mode=Mode.MIRROR)
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)
@@ -342,7 +342,7 @@ def test_torque_found_on_in_mirror_is_not_said_to_be_off_and_can_be_taken_off_in
     rig.close()
 
 
-def test_torque_off_that_a_servo_did_not_hear_is_ordered_again_when_it_answers() -> None:
+def test_an_unconfirmed_torque_off_is_repeated_when_the_servo_replies() -> None:
     """Arming fails half-way with one joint energised and silent: it does not stay energised (X4)."""
     rig = Rig()
     rig.connect()

@@ -36,7 +36,7 @@ def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> 
 
 
 @given(TURNS, TURNS, st.lists(st.integers(-1000, 1000), min_size=3, max_size=3).map(np.array))
-def test_a_joint_stands_where_its_count_and_its_turns_say(
+def test_a_joint_position_follows_from_its_count_and_its_turns(
     off: np.ndarray, later: np.ndarray, place: np.ndarray
 ) -> None:
     readings = JointReadings(JOINTS, PERIOD)
@@ -100,7 +100,7 @@ def test_ranges_that_change_keep_the_turns() -> None:
         world.hardware.writers[0].goals(np.full(3, LOWER + 499 - WHOLE))
 
 
-def test_a_count_that_changes_its_turn_unasked_is_not_believed() -> None:
+def test_a_count_that_jumps_by_a_turn_is_rejected() -> None:
     readings = JointReadings(JOINTS, PERIOD)
     readings.turn(0, np.full(3, WHOLE))
     assert readings.take(0, sample(LEFT.zero - WHOLE, 10.0)).all()

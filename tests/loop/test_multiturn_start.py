@@ -81,7 +81,7 @@ def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
 
 @pytest.mark.parametrize("turns", [-2, -1, 0, 1, 2])
 @pytest.mark.parametrize("zero", [2048, 4090, 20])
-def test_whatever_turn_a_joint_wakes_up_on_its_angle_is_the_same(
+def test_a_joint_has_the_same_angle_on_whatever_turn_it_starts(
     plant: Any, floating: str, turns: int, zero: int
 ) -> None:
     """Extended mode; also where the travel crosses the encoder's seam."""

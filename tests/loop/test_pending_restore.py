@@ -50,7 +50,7 @@ def owed(made: Homed) -> int:
         pytest.param(link.Reboot, {}, marks=pytest.mark.slow),
     ],
 )
-def test_what_was_asked_of_a_bus_before_is_over_before_it_begins(kind: Any, how: Any, reads: int) -> None:
+def test_a_search_is_busy_until_earlier_writes_on_its_bus_are_done(kind: Any, how: Any, reads: int) -> None:
     with homed() as made:
         made.ready()
         device = {"bus": made.spec.bus, "id": made.spec.id}
@@ -62,7 +62,7 @@ def test_what_was_asked_of_a_bus_before_is_over_before_it_begins(kind: Any, how:
         assert not made.get("torque_enable")
 
 
-def test_whatever_waits_on_the_bus_is_dropped_before_the_first_write() -> None:
+def test_waiting_bus_scripts_are_dropped_before_the_first_write_of_a_search() -> None:
     with homed() as made:
         made.ready()
         ticket = made.find()
@@ -157,7 +157,7 @@ def test_a_joint_that_is_not_given_back_is_in_everybodys_way() -> None:
 
 
 @pytest.mark.parametrize("ticks", [0, pytest.param(12, marks=pytest.mark.slow), 29])
-def test_who_arms_too_early_does_not_end_the_giving_back(ticks: int) -> None:
+def test_an_early_arm_does_not_interrupt_the_pending_restore(ticks: int) -> None:
     with homed() as made:
         made.ready(odd=False)
         made.put("feedforward_1st_gain", 11)
@@ -207,7 +207,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         assert made.loop.homing.owed is None
 
 
-def test_who_cannot_be_given_anything_is_not_owed_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_impossible_restore_does_not_stay_pending(monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: Any, **__: Any) -> None:
         raise ValueError("no such mode")
 

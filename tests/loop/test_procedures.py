@@ -64,7 +64,7 @@ def test_an_estop_is_more_urgent_than_all_else_but_a_cut() -> None:
     assert sorted(Priority) == order
 
 
-def test_each_procedure_takes_one_step_a_tick_and_is_told_the_time(story: Story) -> None:
+def test_each_procedure_takes_one_step_per_tick_with_the_current_time(story: Story) -> None:
     procedures = ProcedureRunner()
     procedures.own(Priority.ARM, lambda: story.body("arm", 2))
     procedures.beside(story.body("read", 1))
@@ -78,7 +78,7 @@ def test_each_procedure_takes_one_step_a_tick_and_is_told_the_time(story: Story)
     assert procedures.rank is None
 
 
-def test_one_that_ends_at_once_owns_nothing(story: Story) -> None:
+def test_a_procedure_that_ends_at_once_owns_nothing(story: Story) -> None:
     procedures = ProcedureRunner()
     assert procedures.own(Priority.CUT, nothing)
     assert procedures.rank is None
@@ -87,7 +87,7 @@ def test_one_that_ends_at_once_owns_nothing(story: Story) -> None:
     assert procedures.own(Priority.ARM, lambda: story.body("arm"))
 
 
-def test_what_runs_beside_is_not_ended_by_a_new_owner(story: Story) -> None:
+def test_a_parallel_procedure_is_not_ended_by_a_new_owner(story: Story) -> None:
     procedures = ProcedureRunner()
     procedures.beside(story.body("read"))
     procedures.own(Priority.ARM, lambda: story.body("arm"))
@@ -96,7 +96,7 @@ def test_what_runs_beside_is_not_ended_by_a_new_owner(story: Story) -> None:
     assert story.lines == ["read begins", "arm begins", "arm is ended", "cut begins", "cut at 1", "read at 1"]
 
 
-def test_one_begun_by_another_is_not_lost(story: Story) -> None:
+def test_a_procedure_started_by_another_is_not_lost(story: Story) -> None:
     procedures = ProcedureRunner()
 
     def parent() -> Procedure:
@@ -109,7 +109,7 @@ def test_one_begun_by_another_is_not_lost(story: Story) -> None:
     assert "child at 3" in story.lines
 
 
-def test_what_runs_beside_may_start_an_owner_more_urgent_than_the_present_one(story: Story) -> None:
+def test_a_parallel_procedure_may_start_a_more_urgent_owner(story: Story) -> None:
     procedures = ProcedureRunner()
 
     def watcher() -> Procedure:
@@ -177,7 +177,7 @@ def test_waiting_for_nothing_is_over_at_once() -> None:
     assert list(all_of([])) == []
 
 
-def test_ticks_are_counted_and_the_last_one_tells_its_time() -> None:
+def test_a_tick_counter_returns_the_time_of_its_last_tick() -> None:
     wait = ticks(3)
     next(wait)
     assert [wait.send(now) for now in (1.0, 2.0)] == [None, None]

@@ -72,7 +72,7 @@ def other_device(calibration: Calibration) -> Calibration:
 
 
 @pytest.mark.parametrize("change", [moved, one_fewer, other_device])
-def test_whatever_else_is_another_one_waits_and_its_proof_with_it(
+def test_a_calibration_that_differs_beyond_its_proofs_waits_for_a_restart_with_its_proofs(
     ground: tuple[ConfigSources, Calibration], change: Callable[[Calibration], Calibration]
 ) -> None:
     sources, made = ground
@@ -84,7 +84,7 @@ def test_whatever_else_is_another_one_waits_and_its_proof_with_it(
     assert then.files == old.files, "what is not in force keeps everybody from arming"
 
 
-def test_the_next_front_tells_the_proof(ground: tuple[ConfigSources, Calibration]) -> None:
+def test_the_next_front_reports_the_new_proof(ground: tuple[ConfigSources, Calibration]) -> None:
     sources, made = ground
     before = briefed(sources)
     put(sources, proved(made, 0))

@@ -57,7 +57,7 @@ def test_two_buses_fill_their_own_places_in_any_order() -> None:
     assert np.isinf(raw.age(3.0)).tolist() == [False, False, True, False, False, False]
 
 
-def test_an_effort_that_was_not_told_is_unknown_and_not_zero() -> None:
+def test_an_unreported_effort_is_unknown_and_not_zero() -> None:
     raw = RawCounts(COUNT)
     raw.take(slice(0, COUNT), sample([(1, 0, True)] * COUNT, 1.0, told=[True, False, True]))
     assert np.isnan(raw.effort).tolist() == [False, True, False]

@@ -108,7 +108,7 @@ def test_a_way_to_the_rest_pose_goes_on(armed: Rig) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_it_holds_in_every_mode(mode: Mode) -> None:
+def test_a_loop_without_sockets_holds_in_every_mode(mode: Mode) -> None:
     rig = Rig(mode=mode)
     try:
         if mode is Mode.MIRROR:

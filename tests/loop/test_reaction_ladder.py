@@ -126,7 +126,7 @@ def test_a_damped_robot_whose_watchdogs_trip_does_not_stiffen_again(armed: Rig) 
 
 
 @pytest.mark.parametrize("after", range(1, 16, 2))
-def test_what_a_disarm_had_begun_to_prepare_does_not_stiffen_a_damped_robot(armed: Rig, after: int) -> None:
+def test_an_interrupted_disarm_preparation_does_not_stiffen_a_damped_robot(armed: Rig, after: int) -> None:
     """Tripped watchdogs, a disarm that clears them, and DAMP in the middle of that."""
     raised(armed)
     armed.clock.sleep_until(armed.clock.now() + 0.2)  # nobody ticks

@@ -124,7 +124,7 @@ def test_a_cut_overtakes_a_damping(armed: Rig) -> None:
     assert (armed.register("torque_enable") == 0).all()
 
 
-def test_an_estop_of_a_damped_robot_is_answered_when_everybody_is_soft(armed: Rig) -> None:
+def test_an_e_stop_of_a_damped_robot_is_answered_when_every_servo_is_soft(armed: Rig) -> None:
     raised(armed)
     with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
         armed.ticks(1)
@@ -134,7 +134,7 @@ def test_an_estop_of_a_damped_robot_is_answered_when_everybody_is_soft(armed: Ri
     assert soft(armed)
 
 
-def test_a_silent_servo_is_named_and_holds_nobody_up(armed: Rig) -> None:
+def test_a_servo_without_replies_is_named_and_delays_no_other(armed: Rig) -> None:
     raised(armed)
     armed.virtual["main"].faults.silence(7, on=True)
     with injected_findings(armed, reaction=Reaction.DAMP, latches=True):
@@ -223,7 +223,7 @@ def test_an_estop_that_cannot_settle_is_damped_within_four_seconds_and_let_go(ar
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry", "free"])
-def test_an_estop_lets_go_within_four_seconds(armed: Rig, support: str) -> None:
+def test_an_e_stop_switches_torque_off_within_four_seconds(armed: Rig, support: str) -> None:
     armed.loop.support = support
     raised(armed)
     assert armed.submit(armed.path("l_shoulder_pitch", [1.0], [3.0]), more=True)
@@ -261,7 +261,9 @@ def test_a_way_that_is_interrupted_is_damped(armed: Rig, support: str) -> None:
 
 
 @pytest.mark.parametrize(("support", "damped"), [("free", True), ("gantry", False)])
-def test_a_sigterm_on_a_free_robot_lets_go_at_rest_only(armed: Rig, support: str, damped: bool) -> None:
+def test_sigterm_on_a_free_robot_switches_torque_off_only_at_rest(
+    armed: Rig, support: str, damped: bool
+) -> None:
     armed.loop.support = support
     raised(armed)
     unjudged(armed)
@@ -331,7 +333,7 @@ def test_a_joint_whose_place_is_unknown_stays_where_it_was_commanded(armed: Rig)
     assert steps(armed, 20)[-1] == pytest.approx(before)
 
 
-def test_a_pace_slows_the_robot_says_so_once_and_gives_its_speed_back(armed: Rig) -> None:
+def test_a_pace_reaction_slows_the_robot_is_reported_once_and_restores_its_speed(armed: Rig) -> None:
     place = armed.names.index("l_shoulder_pitch")
     ticket = armed.submit(armed.path("l_shoulder_pitch", [1.2], [3.0]), more=True)
     armed.seconds(1.0)

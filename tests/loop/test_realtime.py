@@ -70,7 +70,7 @@ def entered(rights: str = "ours", before: str = "", cpu: str = "") -> dict[str, 
     return told
 
 
-def test_what_is_reported_is_what_the_kernel_says() -> None:
+def test_the_reported_realtime_state_equals_that_of_the_kernel() -> None:
     told = entered()
     got = told["got"]
     assert set(got) == {"scheduler", "memory", "timerslack", "heap", "blas", "gc", "cpu"}
@@ -81,7 +81,7 @@ def test_what_is_reported_is_what_the_kernel_says() -> None:
     assert got["blas"] == "1 thread"
 
 
-def test_it_stays_on_the_core_that_it_was_given_and_else_goes_anywhere() -> None:
+def test_a_pinned_process_stays_on_its_core_and_an_unpinned_one_may_use_all() -> None:
     cores = sorted(os.sched_getaffinity(0))
     free = entered()
     pinned = entered(cpu=str(cores[-1]))
@@ -89,7 +89,7 @@ def test_it_stays_on_the_core_that_it_was_given_and_else_goes_anywhere() -> None
     assert (pinned["got"]["cpu"], pinned["cores"]) == (f"pinned to {cores[-1]}", [cores[-1]])
 
 
-def test_a_core_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_missing_core_is_reported_with_the_available_ones() -> None:
     told = entered(cpu="1023")
     assert told["got"]["cpu"].startswith("no: this process may run on 0")
     assert told["cores"] == sorted(os.sched_getaffinity(0))
@@ -124,7 +124,7 @@ print(json.dumps([got["scheduler"].text, got["memory"].text, policy == os.SCHED_
 """
 
 
-def test_what_comes_after_the_robot_is_as_urgent_as_any_other_process() -> None:
+def test_work_after_the_loop_runs_without_realtime_priority_and_locked_memory() -> None:
     done = subprocess.run(
         [sys.executable, "-c", LEFT], capture_output=True, text=True, timeout=30, check=True
     )
@@ -134,7 +134,7 @@ def test_what_comes_after_the_robot_is_as_urgent_as_any_other_process() -> None:
     assert (ordinary, locked) == (True, 0)
 
 
-def test_without_rights_it_runs_and_says_what_would_help() -> None:
+def test_without_rights_the_loop_runs_and_reports_the_remedy() -> None:
     told = entered("none")
     assert not told["fifo"]
     assert told["locked"] == 0

@@ -43,7 +43,7 @@ def kept(thing: object, depth: int = 0) -> Iterator[np.ndarray]:
             yield from kept(getattr(thing, name, None), depth + 1)
 
 
-def test_limits_that_were_shrunk_are_those_of_everybody_who_keeps_limits(quiet: Rig) -> None:
+def test_reduced_limits_reach_every_object_that_keeps_limits(quiet: Rig) -> None:
     loop = quiet.loop
     old = loop.limits
     old_reach = [ends.copy() for ends in loop.hardware.reach]
@@ -128,7 +128,7 @@ def test_gains_are_those_that_the_next_arming_writes(quiet: Rig) -> None:
     assert set(quiet.register("position_d_gain").tolist()) == {7}
 
 
-def test_what_motors_have_been_through_is_remembered(quiet: Rig) -> None:
+def test_thermal_and_fault_history_survives_a_reload(quiet: Rig) -> None:
     guard = quiet.loop.parts.guard
     memory = (guard._heat, guard._currents, guard._volts, guard._devices, guard._buses, guard._reported_at)
     quiet.adopt(NARROW)
@@ -248,7 +248,7 @@ def test_limits_do_not_change_while_a_long_path_is_judged() -> None:
     rig.close()
 
 
-def test_limits_do_not_change_under_what_somebody_does_to_a_device(quiet: Rig) -> None:
+def test_limits_do_not_change_during_a_device_procedure(quiet: Rig) -> None:
     before = held(quiet)
     ticket = quiet.send(link.Reboot, bus="main", id=5)
     quiet.ticks(3)
@@ -261,7 +261,7 @@ def test_limits_do_not_change_under_what_somebody_does_to_a_device(quiet: Rig) -
     assert quiet.adopt(NARROW).error is None
 
 
-def test_no_joint_is_left_outside_of_new_limits_unsaid() -> None:
+def test_a_joint_outside_the_new_limits_is_reported_and_the_change_refused() -> None:
     rig = Rig(start={"head_yaw": 0.5})
     rig.connect()
     reply = rig.adopt(NARROW)

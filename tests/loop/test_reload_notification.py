@@ -63,7 +63,7 @@ def test_a_hang_up_asks_the_front_and_ends_with_ready(managed: tuple[Rig, Any]) 
     assert any(text.endswith("; restart for rate_hz") for text in said)
 
 
-def test_a_refused_reload_ends_with_ready_too_and_the_status_says_why(managed: tuple[Rig, Any]) -> None:
+def test_a_refused_reload_also_ends_with_ready_and_a_status_with_the_cause(managed: tuple[Rig, Any]) -> None:
     rig, told = managed
     rig.front.outer.send(link.encode(link.ReloadStarted()))
     rig.front.outer.send(link.encode(link.ReloadFailed(message="a.yaml:3:1: no such key")))
@@ -78,7 +78,7 @@ def test_a_refused_reload_ends_with_ready_too_and_the_status_says_why(managed: t
     assert not any("refused" in text for text in told() if text.startswith("STATUS")), "mended"
 
 
-def test_files_that_come_after_it_was_told_that_nothing_was_changed_change_nothing(
+def test_files_that_arrive_after_the_reload_timeout_change_nothing(
     managed: tuple[Rig, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reload_coordinator, "PATIENCE", 0.5)

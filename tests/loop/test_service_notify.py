@@ -40,7 +40,7 @@ def test_a_message_is_one_datagram_of_lines(manager: Manager, close: Any) -> Non
     assert manager.told() == ["READY=1\nSTATUS=live, armed"]
 
 
-def test_ready_is_said_once_and_after_the_first_whole_tick_only(manager: Manager, close: Any) -> None:
+def test_ready_is_sent_once_and_only_after_the_first_complete_tick(manager: Manager, close: Any) -> None:
     notifier = close(manager.notifier())
     assert manager.told() == []
     for now in range(5):
@@ -82,9 +82,7 @@ def test_a_watchdog_of_another_process_or_none_at_all_is_not_fed(
     assert manager.told() == ["READY=1"]
 
 
-def test_the_status_is_told_when_it_changed_and_not_more_than_once_a_second(
-    manager: Manager, close: Any
-) -> None:
+def test_a_changed_status_is_sent_at_most_once_a_second(manager: Manager, close: Any) -> None:
     notifier = close(manager.notifier())
     for step in range(11):
         notifier.status("24 heard", step * 0.1)
@@ -96,12 +94,12 @@ def test_the_status_is_told_when_it_changed_and_not_more_than_once_a_second(
     assert manager.told() == ["STATUS=at rest"]
 
 
-def test_nobody_listening_costs_nothing(tmp_path: Path, close: Any) -> None:
+def test_an_absent_notify_socket_causes_no_error(tmp_path: Path, close: Any) -> None:
     for address in (str(tmp_path / "gone"), "@twind-test-nobody", "relative", "/" + "x" * 200):
         close(Notifier({"NOTIFY_SOCKET": address})).send(READY="1")
 
 
-def test_without_a_service_manager_nothing_is_opened_or_said() -> None:
+def test_without_a_service_manager_nothing_is_opened_or_sent() -> None:
     before = os.listdir("/proc/self/fd")
     notifier = Notifier({})
     notifier.send(READY="1")
@@ -184,7 +182,7 @@ def test_the_status_names_the_first_thing_that_is_wrong(telling: Told) -> None:
     assert "no such port" in said
 
 
-def test_the_status_tells_of_torque_that_was_found_on_and_of_a_servo_that_is_missing(telling: Told) -> None:
+def test_the_status_reports_inherited_torque_and_a_missing_servo(telling: Told) -> None:
     rig = telling.rig
     for row in range(24):
         rig.virtual["main"].servos.torque(row, True)

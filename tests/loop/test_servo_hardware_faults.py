@@ -109,7 +109,7 @@ def test_a_fault_of_following_needs_an_operator(rig: Rig) -> None:
     assert rig.call(link.Arm).error is None
 
 
-def test_overcurrent_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: Rig) -> None:
+def test_overcurrent_a_joint_at_full_load_is_reported_and_held(rig: Rig) -> None:
     """Locked, with a goal 0.15 rad away: not so far off that FOLLOW_ERR says anything."""
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.lock(1)
@@ -123,7 +123,7 @@ def test_overcurrent_a_joint_that_pushes_with_all_it_has_is_told_and_held(rig: R
     assert "SERVO_ALERT" not in rig.loop.latches  # before it shut itself down
 
 
-def test_a_frozen_encoder_is_told_from_a_held_shaft(rig: Rig) -> None:
+def test_a_frozen_encoder_is_distinguished_from_a_blocked_shaft(rig: Rig) -> None:
     nod(rig)
     place = rig.names.index("head_yaw")
     rig.virtual["main"].faults.freeze(1)
@@ -177,7 +177,7 @@ def test_overtemp_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(ri
     assert any("°C/s" in event.message for event in rig.events("OVERTEMP"))
 
 
-def test_overtemp_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
+def test_overtemp_prevents_arming_until_the_servo_is_cool(rig: Rig) -> None:
     heat(rig, 74.0)
     until(rig, latched(rig, "OVERTEMP"), VOTES + SLACK)
     let_go(rig)
@@ -203,7 +203,7 @@ def test_overtemp_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
 # ------------------------------------------------------------------------------------------- VOLTAGE
 
 
-def test_voltage_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig) -> None:
+def test_voltage_a_falling_supply_is_reported_lowers_the_robot_and_ends_damped(rig: Rig) -> None:
     """0.1 V every 0.2 s: each bound is answered 0.1 s, a reading and two ticks after it shows."""
     nod(rig)
     supply = rig.virtual["main"].faults.supply
@@ -250,7 +250,7 @@ def test_voltage_one_servo_on_a_bad_cable_is_enough(rig: Rig) -> None:
     assert rig.loop.latches["VOLTAGE"].joint == 4
 
 
-def test_voltage_too_much_is_told(rig: Rig) -> None:
+def test_voltage_overvoltage_is_reported(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.supply(15.2)
     until(rig, lambda: bool(rig.events("VOLTAGE")), 10 + HEALTH + SLACK)

@@ -25,7 +25,7 @@ def one_bus_lost(support: str | None = None) -> Rig:
 
 
 @pytest.mark.parametrize("support", ["free", "unknown"])
-def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_where_nothing_carries_it(support: str) -> None:
+def test_the_loss_of_a_bus_lowers_the_other_joints_of_an_unsupported_robot(support: str) -> None:
     rig = one_bus_lost(support)
     assert rig.loop.armed is False
     assert not any(rig.virtual["lower"].servos["torque_enable"])
@@ -42,7 +42,7 @@ def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_where_nothing_carr
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry"])
-def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(support: str) -> None:
+def test_the_loss_of_a_bus_leaves_a_supported_robot_holding_until_disarm(support: str) -> None:
     rig = one_bus_lost(support)
     knee = rig.names.index("l_knee")
     upper = rig.virtual["upper"]
@@ -86,7 +86,7 @@ def test_a_bus_that_is_back_and_was_moved_by_hand_does_not_damp_those_that_hold(
     rig.close()
 
 
-def test_when_the_last_bus_that_holds_is_lost_too_nobody_is_armed_though_another_is_back() -> None:
+def test_the_loss_of_the_last_holding_bus_disarms_though_another_has_returned() -> None:
     rig = one_bus_lost("gantry")
     rig.virtual["upper"].faults.replug()
     rig.seconds(2.0)
@@ -116,7 +116,7 @@ def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other() -> None:
 
 
 @pytest.mark.parametrize("how", ["estop", "shutdown"])
-def test_what_holds_after_a_lost_bus_is_lowered_by_whoever_asks(how: str) -> None:
+def test_a_robot_holding_after_a_bus_loss_is_lowered_by_e_stop_or_sigterm(how: str) -> None:
     rig = one_bus_lost("gantry")
     if how == "estop":
         rig.send(link.EStop)
@@ -131,7 +131,7 @@ def test_what_holds_after_a_lost_bus_is_lowered_by_whoever_asks(how: str) -> Non
 
 
 @pytest.mark.parametrize("again", ["lost", "mute"])
-def test_a_bus_that_goes_again_while_it_is_taken_over_holds_nobody_up(again: str) -> None:
+def test_a_bus_lost_again_during_takeover_does_not_delay_the_other(again: str) -> None:
     rig = one_bus_lost("gantry")
     upper = rig.virtual["upper"]
     upper.faults.replug()

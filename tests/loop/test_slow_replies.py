@@ -72,7 +72,7 @@ def test_no_tick_ends_late(firmware: int) -> None:
         rig.close()
 
 
-def test_after_silence_everybody_is_read_again(fresh: Rig) -> None:
+def test_every_servo_is_read_again_after_a_missing_reply(fresh: Rig) -> None:
     """A plain reading, as others get it then, would take longer than a tick and never be whole."""
     fresh.seconds(1.0)
     servos = fresh.virtual["main"].servos
@@ -113,7 +113,7 @@ def test_a_reading_longer_than_a_tick_is_not_asked_and_named(old: Rig) -> None:
     assert (old.loop.hardware.slow.torque == 0).all()  # what tells of torque goes on
 
 
-def test_its_remedy_works_before_it_is_identified(old: Rig) -> None:
+def test_the_return_delay_can_be_corrected_before_identification(old: Rig) -> None:
     old.seconds(1.0)
     calibrate(old)
     for id in old.loop.hardware.ports[0].reader.ids:
@@ -125,7 +125,7 @@ def test_its_remedy_works_before_it_is_identified(old: Rig) -> None:
     assert np.isfinite(old.loop.measured.position).all()
 
 
-def test_a_register_is_written_while_torque_elsewhere_is_not_known(old: Rig) -> None:
+def test_a_register_is_written_while_the_torque_of_another_servo_is_unknown(old: Rig) -> None:
     old.virtual["main"].servos["status_return_level"][1] = 0  # answers pings only: its torque is never read
     old.seconds(2.0)
     assert old.loop.hardware.slow.torque[1] == -1
@@ -147,7 +147,7 @@ def test_a_register_is_not_written_while_torque_is_on(old: Rig) -> None:
     assert old.register("return_delay_time").tolist() == [FACTORY] * 24
 
 
-def test_whom_patience_does_not_find_is_not_waited_for_again() -> None:
+def test_a_missing_servo_is_not_waited_for_repeatedly() -> None:
     """Else each second without readings: of the others a mirror shows the pose."""
     rig = Rig()
     rig.virtual["main"].servos["id"][4] = 99

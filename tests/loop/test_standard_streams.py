@@ -52,7 +52,7 @@ def test_a_reader_that_is_too_slow_is_not_waited_for(pipe: tuple[int, int]) -> N
     assert len(os.read(pipe[0], 1 << 20)) > 4096
 
 
-def test_nobody_reading_at_all_is_no_failure(
+def test_a_log_without_a_reader_raises_no_error(
     pipe: tuple[int, int], capfd: pytest.CaptureFixture[str]
 ) -> None:
     os.close(pipe[0])

@@ -30,7 +30,7 @@ def floats(data: bytes) -> np.ndarray:
     return np.frombuffer(data, np.float64)
 
 
-def test_every_tick_is_told_once_and_numbered(live: Rig) -> None:
+def test_every_tick_is_published_once_with_its_number(live: Rig) -> None:
     live.ticks(30)
     numbers = [tick.sequence for tick in of(live, link.Tick)]
     assert numbers == list(range(numbers[0], numbers[0] + 30))
@@ -52,7 +52,7 @@ def test_the_arrays_of_a_tick_are_the_loops_own_in_joint_order(armed: Rig) -> No
     assert (tick.mode, tick.state, tick.motion, tick.armed) == ("live", "armed", "holding", True)
 
 
-def test_the_skew_of_two_buses_is_told_every_tick_and_its_worst_in_the_overview() -> None:
+def test_the_skew_of_two_buses_is_in_every_tick_and_its_maximum_in_the_overview() -> None:
     rig = Rig("h24-split")
     rig.connect()
     rig.ticks(20)
@@ -87,7 +87,7 @@ def test_in_sim_the_position_is_the_simulated_one_and_no_latency_is_made_up(sim:
     assert [bus.utilisation for bus in overview.buses] == [0.0]
 
 
-def test_what_changes_slowly_is_told_ten_times_a_second(live: Rig) -> None:
+def test_the_overview_is_published_ten_times_a_second(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     live.news.clear()
@@ -96,7 +96,7 @@ def test_what_changes_slowly_is_told_ten_times_a_second(live: Rig) -> None:
     assert len(of(live, link.Tick)) == 200
 
 
-def test_a_change_of_mode_or_state_is_told_in_the_same_tick(live: Rig) -> None:
+def test_a_change_of_mode_or_state_is_published_in_the_same_tick(live: Rig) -> None:
     live.connect()
     for at, kind in itertools.product(range(4), (link.AcquireLease, link.ReleaseLease)):
         live.ticks(1 + at)
@@ -116,7 +116,7 @@ def test_the_state_comes_before_the_answer_that_it_explains(live: Rig) -> None:
     assert of(live, link.Tick)[0].mode == "sim"
 
 
-def test_the_lease_is_told_with_its_holder_and_its_rest(live: Rig) -> None:
+def test_the_lease_is_published_with_its_holder_and_remaining_time(live: Rig) -> None:
     live.connect()
     assert of(live, link.Overview)[-1].lease is None
     assert of(live, link.Overview)[-1].lease_client == 0
@@ -126,7 +126,7 @@ def test_the_lease_is_told_with_its_holder_and_its_rest(live: Rig) -> None:
     assert 0.0 < overview.lease.expires_in <= 1.0
 
 
-def test_a_bus_is_told_with_its_counts_and_share(live: Rig) -> None:
+def test_a_bus_is_published_with_its_counts_and_utilisation(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.silence(3)
     live.seconds(1.0)
@@ -137,7 +137,7 @@ def test_a_bus_is_told_with_its_counts_and_share(live: Rig) -> None:
     assert 0.0 < bus.latency_ms <= bus.latency_p99_ms * 1.05
 
 
-def test_slow_registers_are_told_in_joint_order(live: Rig) -> None:
+def test_slow_registers_are_published_in_joint_order(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.damage(5, 0b100)
     live.seconds(1.0)
@@ -163,14 +163,14 @@ def test_ticks_that_a_slow_front_missed_are_counted_in_the_next(live: Rig) -> No
     assert second.dropped == 0
 
 
-def test_the_line_for_the_service_manager_says_mode_state_joints_and_rate(live: Rig) -> None:
+def test_the_service_manager_status_gives_mode_state_joints_and_rate(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.silence(3)
     live.ticks(3)
     assert live.loop.publisher.status() == "live, connected, 23 of 24 joints fresh, 100 Hz"
 
 
-def test_every_hop_is_told_with_its_figures(live: Rig) -> None:
+def test_every_hop_is_published_with_its_figures(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     told = {latency.hop: latency for latency in of(live, link.Overview)[-1].latencies}

@@ -73,7 +73,7 @@ def test_a_check_of_a_bad_one_is_an_answer_and_no_error(armed: Rig) -> None:
     assert set(codes(reply)) == refused
 
 
-def test_every_verdict_is_told_to_all_who_watch(armed: Rig) -> None:
+def test_every_verdict_is_published_to_subscribers(armed: Rig) -> None:
     armed.news.clear()
     for way in (0.05, 9.0):
         last(armed, armed.submit(path(armed, way)))
@@ -137,7 +137,7 @@ def test_while_one_is_judged_another_is_refused_as_busy(armed: Rig) -> None:
     assert last(armed, first)[-1].error is None
 
 
-def test_what_changes_while_a_long_one_is_judged_is_judged_again(armed: Rig) -> None:
+def test_a_state_change_during_a_long_check_is_checked_again(armed: Rig) -> None:
     count = 2000
     n = len(armed.names)
     rows = np.tile(armed.loop.measured.position, (count, 1))
@@ -174,7 +174,7 @@ def test_with_more_progress_grows_from_accepted_to_the_end(armed: Rig) -> None:
 
 
 @pytest.mark.parametrize("phase", ["cancelled", "replaced"])
-def test_one_that_is_ended_early_says_how_far_it_came(armed: Rig, phase: str) -> None:
+def test_a_motion_ended_early_reports_its_progress(armed: Rig, phase: str) -> None:
     ticket = armed.submit(path(armed, 0.1, 0.2, step=1.0), more=True)
     armed.seconds(0.5)
     if phase == "cancelled":
@@ -186,7 +186,7 @@ def test_one_that_is_ended_early_says_how_far_it_came(armed: Rig, phase: str) ->
     assert 0.1 < end["progress"] < 0.5
 
 
-def test_whoever_is_gone_gets_no_reports_and_another_may_take_over(armed: Rig) -> None:
+def test_a_closed_client_gets_no_reports_and_another_may_take_the_lease(armed: Rig) -> None:
     ticket = armed.submit(path(armed, 0.05, 0.1, step=1.0), more=True)
     armed.ticks(20)
     armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
@@ -223,7 +223,7 @@ def test_a_setpoint_is_answered_with_the_tick_that_takes_it_and_no_changes(armed
     assert armed.loop.executor.motion == "streaming"
 
 
-def test_a_clamped_setpoint_says_which_joint_and_by_how_much(armed: Rig) -> None:
+def test_a_clamped_setpoint_reports_joint_value_and_bound(armed: Rig) -> None:
     place = armed.names.index(JOINT)
     upper = float(armed.loop.limits.upper[place])
     reply = setpoint(armed, upper + 0.5, allow_clamp=True)
@@ -249,7 +249,7 @@ def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(armed: Rig) 
         assert armed.loop.state == "armed"
 
 
-def test_a_setpoint_of_somebody_without_the_lease_is_refused(armed: Rig) -> None:
+def test_a_setpoint_without_the_lease_is_refused(armed: Rig) -> None:
     reply = setpoint(armed, 0.0, client=CLIENT + 1)
     assert (reply.error, codes(reply)) == ("Refused", ["LEASE_MISSING"])
 
@@ -282,7 +282,7 @@ def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig
     assert (event.before, event.cause, event.stop) == ("armed", "estop", level)
 
 
-def test_what_the_guard_demands_is_in_its_event(armed: Rig) -> None:
+def test_the_reaction_of_the_guard_is_in_its_event(armed: Rig) -> None:
     why = (Finding(ReasonCode.FOLLOW_ERR, 3, message="ordered by the test"),)
     react(armed.loop, GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
     react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())

@@ -21,7 +21,7 @@ def test_readings_are_the_servos_true_positions_within_a_count(live: Rig) -> Non
     assert np.abs(live.loop.measured.position - live.truth).max() <= live.loop.hardware.resolution.max()
 
 
-def test_one_silent_servo_is_not_heard_and_the_others_stay_fresh(live: Rig) -> None:
+def test_a_servo_without_replies_is_stale_and_the_others_stay_fresh(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.silence(7)
     live.ticks(5)
@@ -207,7 +207,7 @@ def test_estop_in_sim_latches_and_answers_at_once() -> None:
     rig.close()
 
 
-def test_after_estop_and_reset_in_sim_the_simulation_moves_again_and_not_before_it_is_told_to() -> None:
+def test_after_e_stop_and_reset_in_sim_the_simulation_moves_only_on_a_new_command() -> None:
     rig = Rig(mode=Mode.SIM)
     rig.ticks(2)
     rig.lease()
@@ -247,7 +247,7 @@ def test_two_buses_work_as_one_robot() -> None:
 
 
 @pytest.mark.slow
-def test_one_bus_lost_lowers_the_rest_of_a_free_robot_and_torque_goes_off_there() -> None:
+def test_the_loss_of_a_bus_lowers_the_rest_of_a_free_robot_and_switches_torque_off() -> None:
     rig = Rig("h24-split", support="free")
     rig.arm()
     first, second = rig.virtual.values()
@@ -297,7 +297,7 @@ def test_registers_are_read_while_the_loop_runs_and_written_only_while_disarmed(
     assert denied.error == "WrongState"
 
 
-def test_a_bus_on_which_nobody_answers_counts_as_disconnected_and_is_asked_anew(live: Rig) -> None:
+def test_a_bus_without_replies_counts_as_disconnected_and_is_identified_again(live: Rig) -> None:
     live.connect()
     for id in range(1, 25):
         live.virtual["main"].faults.silence(id)

@@ -64,7 +64,7 @@ def test_a_count_beyond_a_turn_and_below_zero_comes_as_it_is() -> None:
     rig.close()
 
 
-def test_who_falls_silent_keeps_the_last_count_with_a_growing_age(live: Rig) -> None:
+def test_a_servo_without_replies_keeps_its_last_count_with_a_growing_age(live: Rig) -> None:
     live.connect()
     before = last(live)
     live.virtual["main"].faults.silence(id=5)
@@ -76,7 +76,7 @@ def test_who_falls_silent_keeps_the_last_count_with_a_growing_age(live: Rig) -> 
     assert max(age for place, age in enumerate(now["age_ms"]) if place != row) < 30.0
 
 
-def test_in_sim_nobody_was_ever_heard() -> None:
+def test_raw_counts_are_null_in_sim() -> None:
     rig = Rig(mode=Mode.SIM)
     rig.ticks(5)
     raw = last(rig)
@@ -91,7 +91,7 @@ def test_the_time_of_a_message_is_that_of_its_reading(live: Rig) -> None:
     assert news.read > news.time  # read after the tick had begun
 
 
-def test_unknown_efforts_and_unheard_counts_are_null() -> None:
+def test_unknown_efforts_and_missing_counts_are_null() -> None:
     raw = raw_of(tick(50.0, 1), list(briefing().joints))
     assert (raw["effort"][0], raw["effort"][1], raw["effort"][2]) == (0, None, -2)
     assert (raw["ticks"][-1], raw["effort"][-1], raw["age_ms"][-1]) == (None, None, None)

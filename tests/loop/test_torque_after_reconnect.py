@@ -71,7 +71,7 @@ def test_a_robot_found_energised_is_lowered_though_one_servo_never_answered() ->
     rig.close()
 
 
-def test_torque_is_not_said_to_be_off_while_a_bus_is_away_with_its_torque() -> None:
+def test_torque_is_not_reported_off_while_an_armed_bus_is_absent() -> None:
     rig = Rig("h24-split")
     rig.arm()
     rig.virtual["upper"].faults.unplug()
@@ -81,7 +81,7 @@ def test_torque_is_not_said_to_be_off_while_a_bus_is_away_with_its_torque() -> N
     rig.close()
 
 
-def test_disarming_says_which_bus_could_not_be_asked(armed: Rig) -> None:
+def test_a_disarm_names_the_bus_that_does_not_answer(armed: Rig) -> None:
     armed.virtual["main"].faults.unplug()
     armed.ticks(5)
     reply = armed.call(link.Disarm)
@@ -114,7 +114,7 @@ def test_sigterm_waits_for_a_bus_that_went_away_with_our_torque(armed: Rig) -> N
     assert not on(armed).any()
 
 
-def test_a_servo_that_was_deaf_for_a_moment_is_told_again_to_let_go(armed: Rig) -> None:
+def test_a_servo_that_missed_torque_off_receives_it_again(armed: Rig) -> None:
     armed.send(link.EStop, level="cut")
     armed.virtual["main"].faults.silence(7)
     armed.ticks(20)

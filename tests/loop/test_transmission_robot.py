@@ -69,7 +69,7 @@ def move(rig: Rig, goal: Floats, seconds: float = 2.5) -> float:
     return worst
 
 
-def test_it_arms_moves_reads_what_is_true_and_disarms(rig: Rig) -> None:
+def test_a_robot_with_transmissions_arms_moves_reads_true_positions_and_disarms(rig: Rig) -> None:
     rig.arm()
     worst = move(rig, bent(rig))
     assert rig.truth == pytest.approx(bent(rig), abs=2e-3)
@@ -108,7 +108,7 @@ def test_a_body_behind_its_transmissions_goes_where_it_is_sent(tmp_path: Path, t
 
 
 @pytest.mark.parametrize(("silent", "joints", "bus"), [(3, WAIST, "main"), (5, ANKLE, "leg")])
-def test_where_one_actuator_is_silent_all_its_joints_are(
+def test_an_actuator_without_replies_makes_all_its_joints_stale(
     rig: Rig, silent: int, joints: tuple[str, ...], bus: str
 ) -> None:
     rig.connect()
@@ -131,7 +131,7 @@ def test_an_armed_robot_faults_when_half_a_differential_is_silent(rig: Rig) -> N
     assert rig.loop.state == "fault"
 
 
-def test_what_reaches_too_far_is_held_at_the_joints_hard_limits(rig: Rig) -> None:
+def test_a_goal_out_of_reach_is_held_at_the_hard_limits_of_the_joints(rig: Rig) -> None:
     hard = rig.one.binding.limits
     near = rig.loop.hardware.reachable(np.full(5, 3.0))
     assert near[0] == hard.hard_upper[0]
@@ -139,7 +139,7 @@ def test_what_reaches_too_far_is_held_at_the_joints_hard_limits(rig: Rig) -> Non
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_another_specimen_of_it_reads_what_is_true(path: Path, seed: int) -> None:
+def test_another_individual_robot_of_the_type_reads_true_positions(path: Path, seed: int) -> None:
     """Zeros anywhere, whole turns off, play: none of it is seen from the joints."""
     robot = linked.read_robot(path)
     rig = Rig(str(path), truth=random_truth(robot, seed))
@@ -159,7 +159,7 @@ def test_a_table_that_was_written_anew_waits_for_a_restart(path: Path, tmp_path:
     assert robot_difference(robot, linked.linked(tmp_path, text)).restart == ("actuators.ank_in.id",)
 
 
-def test_its_table_is_one_of_the_files_that_it_is_described_by(path: Path, tmp_path: Path) -> None:
+def test_the_linkage_table_is_among_the_described_files(path: Path, tmp_path: Path) -> None:
     found = describe(ConfigSources(mode="sim", robot=str(path), config=str(empty(tmp_path))))
     table = path.parent / "ankle.csv"
     assert found.files[str(table)] == fingerprint(table)
@@ -171,7 +171,7 @@ def empty(folder: Path) -> Path:
     return settings
 
 
-def test_limp_joints_beyond_their_table_are_known_and_keep_everybody_from_arming(rig: Rig) -> None:
+def test_limp_joints_beyond_their_table_have_positions_and_prevent_arming(rig: Rig) -> None:
     rig.connect()
     for actuator in (5, 6):  # both rods pushed 1.3 rad, where the table ends at 1.15
         rig.virtual["leg"].faults.hand(id=actuator, rad=1.3, speed=3.0)
@@ -201,7 +201,7 @@ def test_a_hot_motor_keeps_each_joint_that_it_turns_from_moving(rig: Rig) -> Non
         assert told == ([] if free else [("THERMAL_HEADROOM", rig.names.index("waist_roll"))])
 
 
-def test_one_motor_that_is_blocked_stops_each_joint_that_it_turns_where_it_is(rig: Rig) -> None:
+def test_a_blocked_motor_stops_each_of_its_joints_in_place(rig: Rig) -> None:
     rig.arm()
     rig.virtual["main"].faults.lock(3)
     rig.lease()
@@ -220,7 +220,7 @@ def test_one_motor_that_is_blocked_stops_each_joint_that_it_turns_where_it_is(ri
 
 
 @pytest.mark.parametrize(("frozen", "seat"), [(3, "waist_roll"), (1, "waist_yaw")])
-def test_one_stuck_encoder_of_two_is_found(rig: Rig, frozen: int, seat: str) -> None:
+def test_a_frozen_encoder_of_a_transmission_is_found(rig: Rig, frozen: int, seat: str) -> None:
     rig.arm()
     rig.virtual["main"].faults.freeze(frozen)
     rig.lease()

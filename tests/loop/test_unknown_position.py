@@ -72,9 +72,7 @@ def let_go(rig: Rig, what: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("turns", [0, pytest.param(1, marks=pytest.mark.slow), -2])
 @pytest.mark.parametrize("what", STOPS)
-def test_who_was_never_heard_gets_no_goal_and_the_others_are_lowered(
-    path: str, turns: int, what: Any
-) -> None:
+def test_a_joint_never_read_gets_no_goal_and_the_others_are_lowered(path: str, turns: int, what: Any) -> None:
     """Its turn is anybody's guess: the rest pose could be a turn away."""
     rig = inherited(path, turns, mute(EXTENDED))
     assert rig.loop.inherited
@@ -92,7 +90,7 @@ def test_who_was_never_heard_gets_no_goal_and_the_others_are_lowered(
 
 
 @pytest.mark.parametrize("what", STOPS)
-def test_a_turn_is_known_though_a_neighbour_is_missing(path: str, what: Any) -> None:
+def test_a_turn_is_determined_though_another_servo_is_missing(path: str, what: Any) -> None:
     rig = inherited(path, 1, gone(CAPPED))
     assert not rig.loop.hardware.connected
     assert rig.loop.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
@@ -105,7 +103,7 @@ def test_a_turn_is_known_though_a_neighbour_is_missing(path: str, what: Any) -> 
     rig.close()
 
 
-def test_where_the_whole_robot_is_wanted_nothing_moves_and_torque_stays(path: str) -> None:
+def test_a_release_of_the_whole_robot_fails_without_motion_and_torque_stays(path: str) -> None:
     rig = inherited(path, 1, mute(EXTENDED))
     raised = []
 
@@ -126,7 +124,7 @@ def test_where_the_whole_robot_is_wanted_nothing_moves_and_torque_stays(path: st
     rig.close()
 
 
-def test_a_daemon_that_just_begins_knows_where_they_are_before_it_lowers_them(path: str) -> None:
+def test_a_starting_daemon_determines_positions_before_it_lowers_the_robot(path: str) -> None:
     rig = inherited(path, 1, lambda rig: None)
     rig.front.end(0.0)
     rig.front = rig.new_front()
@@ -177,7 +175,7 @@ def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     rig.close()
 
 
-def test_a_limp_joint_that_is_back_a_turn_off_is_said_to_be_astray_for_a_second_and_then_put_right(
+def test_a_limp_joint_one_turn_off_after_its_return_is_reported_and_then_corrected(
     path: str,
 ) -> None:
     rig = Rig(path, start=OUT)

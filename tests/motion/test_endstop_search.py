@@ -89,7 +89,7 @@ def test_a_stop_is_found_so_often_wherever_it_begins(
     assert max(steps) <= search.speed * TICK + 1e-6
 
 
-def test_the_first_goal_is_where_it_was_told_to_hold_not_where_it_is() -> None:
+def test_the_search_starts_from_the_held_goal_and_not_from_the_reading() -> None:
     course = EndstopSearch(SEARCH, 2000.0, 0.0)
     joint = Joint(1990.0, 3000.0)  # it sags under its load
     first = course.step(joint.look(TICK), TICK)
@@ -144,7 +144,7 @@ def test_a_joint_that_runs_ahead_of_its_goals_is_let_go() -> None:
     assert "runs away" in found.message
 
 
-def test_a_cap_that_is_not_obeyed_ends_it() -> None:
+def test_a_current_cap_without_effect_ends_the_search() -> None:
     found = failing(Joint(2900.0, 3000.0, cap=300.0))
     assert found.code is ReasonCode.OVERCURRENT
 
@@ -170,7 +170,7 @@ def test_a_joint_that_does_not_come_back_ends_it() -> None:
     assert "does not come back" in failing(Stuck(2900.0, 3000.0)).message
 
 
-def test_it_takes_no_longer_than_it_is_given() -> None:
+def test_the_search_ends_within_its_time_limit() -> None:
     course = EndstopSearch(SEARCH, 2900.0, 0.0)
     now = 0.0
     while not course.done:
@@ -250,7 +250,7 @@ def test_quiet_is_so_many_readings_that_agree(jitter: list[int]) -> None:
         assert (answer is True) == (len(last) == 10 and max(last) - min(last) <= 3)
 
 
-def test_quiet_ends_where_nobody_answers_or_it_swings() -> None:
+def test_the_standstill_check_fails_without_replies_or_with_oscillation() -> None:
     quiet = StandstillCheck(0.0)
     assert quiet.step(HomingSample(0.0, 5, 0.0), 2.9) is False
     silent = quiet.step(HomingSample(0.0, 5, 0.0), 3.0)

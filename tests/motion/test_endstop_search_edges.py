@@ -57,7 +57,7 @@ def test_and_the_last_of_them_is_fresh(age: float, agree: bool) -> None:
     assert answer is agree
 
 
-def test_they_are_waited_for_three_seconds_and_the_spread_is_told() -> None:
+def test_the_standstill_check_waits_three_seconds_and_reports_the_spread() -> None:
     quiet = StandstillCheck(0.0)
     for tick in range(300):
         now = tick * TICK
@@ -88,7 +88,7 @@ def test_for_so_long_and_no_shorter() -> None:
     assert made.captures == [2900.0]
 
 
-def test_one_reading_that_is_not_at_the_cap_begins_it_anew() -> None:
+def test_a_reading_below_the_cap_restarts_the_capture() -> None:
     made = course()
     now = fed(made, [(2900, PUSH)] * 12 + [(2900, 0.0)] + [(2900, PUSH)] * 15)
     assert made.captures == []

@@ -59,7 +59,7 @@ def over(finding: Finding | None) -> tuple[ReasonCode, float, float] | None:
 # ------------------------------------------------------------------------------- what is usual
 
 
-def test_what_is_not_asked_for_is_weak_slow_and_thrice() -> None:
+def test_the_default_search_is_weak_slow_and_repeated_three_times() -> None:
     assert (USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, MARGIN) == (0.12, 0.2, 3, 0.2)
 
 
@@ -73,7 +73,7 @@ def test_readings_of_three_hundredths_of_a_second_ago_are_fresh() -> None:
     assert quiet.step(HomingSample(0.0, 500, 0.0), 0.03) is True
 
 
-def test_what_the_readings_differ_by_is_told_wherever_the_joint_is() -> None:
+def test_the_spread_of_the_readings_is_reported_at_any_position() -> None:
     quiet = StandstillCheck(0.0)
     for tick in range(300):
         answer = quiet.step(HomingSample(tick * TICK, 500 + 7 * (tick % 2), 0.0), tick * TICK)
@@ -110,7 +110,7 @@ def test_five_readings_in_that_time_are_enough() -> None:
     assert made.captures == [2900.0]
 
 
-def test_who_is_held_back_and_goes_on_has_all_his_time_anew() -> None:
+def test_a_blocked_joint_that_moves_on_gets_its_full_time_again() -> None:
     made = course(lead=20.0)
     now = stand(made, 2900, 10.0, 0.9, 0.0)
     now = stand(made, 2910, 10.0, now + TICK, now)  # it gave way once
@@ -121,7 +121,7 @@ def test_who_is_held_back_and_goes_on_has_all_his_time_anew() -> None:
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_no_stop_is_told_a_second_after_the_end_of_the_way(way: int) -> None:
+def test_a_missing_endstop_is_reported_one_second_after_the_end_of_the_range(way: int) -> None:
     """Exactly: the steps are of 1/64 s."""
     end = 3000 + way * 100
     made = course(end - way * 1.0, way=way, speed=1.0)  # a count, at a count a second
@@ -155,7 +155,7 @@ def test_captures_are_no_further_apart_than_five_counts(second: int, ended: obje
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_it_backs_off_from_the_last_capture_to_the_count(way: int) -> None:
+def test_the_search_backs_off_from_the_last_capture_by_the_exact_count(way: int) -> None:
     made = course(3000.0 - way * 100, way=way, astray=10.0, back=20.5)  # further than astray
     begin = captured(made, 3000 - way * 100, 0.0)
     now = back(made, begin)
@@ -197,14 +197,14 @@ def test_a_joint_is_given_three_tenths_of_a_second_to_follow() -> None:
         (-11, (ReasonCode.STOP_NOT_FOUND, 11.0, 10.0)),
     ],
 )
-def test_it_comes_back_by_half_the_way_at_least(off: int, ended: object) -> None:
+def test_a_return_of_less_than_half_the_distance_ends_the_search(off: int, ended: object) -> None:
     made = on_its_way_back()
     for at in (0.1, 0.2, 0.3):
         made.step(HomingSample(at, 2880 + off, 0.0), at)
     assert over(made.failed) == ended
 
 
-def test_what_it_drew_on_the_way_back_is_no_stop() -> None:
+def test_current_drawn_during_the_return_is_no_capture() -> None:
     made = on_its_way_back()
     now = stand(made, 2880, PUSH, 0.3, 0.0)
     assert made.phase is HomingPhase.APPROACHING
@@ -254,7 +254,7 @@ def test_readings_of_a_tenth_of_a_second_ago_are_not_lost_and_of_three_hundredth
 
 
 @pytest.mark.parametrize("begin", [0.0, 3.0])
-def test_it_ends_after_twice_the_time_it_needs_and_five_seconds(begin: float) -> None:
+def test_the_search_ends_after_twice_its_nominal_time_plus_five_seconds(begin: float) -> None:
     """100 counts to the end at 1000 counts/s; thrice 120 there and back, 0.15 s pressed, 0.3 s still."""
     made = course(3000.0, begin)
     bound = 2.0 * (0.1 + 3 * (2.0 * 0.12 + 0.15 + 0.3)) + 5.0

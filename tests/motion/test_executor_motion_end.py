@@ -174,7 +174,7 @@ def test_stopping_again_while_braking_changes_nothing() -> None:
         assert (first.position == second.position).all()
 
 
-def test_a_stop_may_say_why() -> None:
+def test_a_stop_carries_its_cause_into_the_outcome() -> None:
     executor = holding()
     executor.submit("a", smooth([1.0, 1.0]))
     lost = Finding(ReasonCode.LEASE_LOST)
@@ -217,7 +217,7 @@ def test_a_stream_with_velocities_is_followed_at_its_speed() -> None:
             assert reference.velocity[0] == pytest.approx(0.5, abs=1e-6)
 
 
-def test_a_setpoint_that_outlives_its_time_ramps_to_a_hold_and_says_so() -> None:
+def test_an_expired_setpoint_ramps_to_a_hold_and_reports_stream_stale() -> None:
     executor = holding()
     stream(executor, 1.5, speed=1.0)
     assert executor.setpoint_age(0.0) == 0.0

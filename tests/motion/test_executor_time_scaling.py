@@ -199,7 +199,7 @@ def test_a_path_tolerance_is_judged_by_the_slowed_reference() -> None:
     assert phases(executor) == [("a", "succeeded")]
 
 
-def test_a_later_start_is_refused_while_slowed_and_ends_when_it_was_foreseen_elsewhere() -> None:
+def test_a_delayed_start_is_refused_while_slowed_and_aborted_off_its_predicted_place() -> None:
     executor = holding()
     executor.submit("a", smooth([0.5, -0.5], 2.0))
     executor.submit("b", smooth([0.0, 0.0], 2.0), start_in=1.0)

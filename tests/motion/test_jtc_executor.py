@@ -333,7 +333,7 @@ def test_the_executor_answers_as_joint_trajectory_controller(which: tuple[str, s
     RUN[which](CASES[which])
 
 
-def test_tolerance_values_mean_what_the_file_says() -> None:
+def test_tolerance_values_have_the_meaning_of_the_reference_file() -> None:
     assert FILE["action"]["tolerance_value"]["-1"].startswith("erased")
     given = GoalTolerances.from_entries(3, [(0, 0.0, -1.0), (1, 0.2, None), (2, None, 0.3)])
     assert given.path.tolist() == [inf, 0.2, inf]

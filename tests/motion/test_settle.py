@@ -29,7 +29,7 @@ def test_half_the_limits_are_used_when_there_is_time_for_it() -> None:
     assert settle(at_rest([-0.8]), np.array([0.2]), slow, 2.5).time[-1] == pytest.approx(2.5)
 
 
-def test_where_the_limits_allow_no_more_it_takes_longer_than_asked() -> None:
+def test_settling_takes_longer_than_requested_where_the_limits_require_it() -> None:
     crawling = limits(1, velocity=0.2)
     assert settle(at_rest([-1.0]), np.array([1.0]), crawling).time[-1] == pytest.approx(1.875 * 2.0 / 0.19)
 

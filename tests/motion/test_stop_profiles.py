@@ -51,7 +51,7 @@ def test_each_joint_brakes_with_its_own_limit_and_rests_when_it_has_stopped() ->
     assert ramp.reference_at(inf).position.tolist() == pytest.approx([0.2, -0.05])
 
 
-def test_ahead_tells_where_the_ramp_will_be_and_does_not_go_there() -> None:
+def test_ramp_ahead_predicts_the_position_without_advancing_the_ramp() -> None:
     ramp = StopRamp(moving([0.0], [1.0]), limits(1), PERIOD)
     told = [ramp.ahead(PERIOD * k).position[0] for k in range(1, 8)]
     assert told == pytest.approx([ramp.step().position[0] for _ in range(7)], abs=1e-15)
@@ -72,7 +72,7 @@ def test_a_velocity_that_is_no_number_stops_on_the_spot(unknown: float) -> None:
     acceleration=st.floats(1.0, 60.0),
     side=st.sampled_from([-1.0, 1.0]),
 )
-def test_whoever_keeps_the_brake_rule_stops_before_the_hard_limit(
+def test_a_joint_within_the_braking_rule_stops_before_the_hard_limit(
     hard: float, share: float, fast: float, acceleration: float, side: float
 ) -> None:
     distance = share * 2.0 * hard  # to the limit that the joint moves towards
@@ -121,7 +121,7 @@ def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() 
     assert max(reference.position[0] for reference in steps(follower, 400)) <= 2.0
 
 
-def test_ahead_tells_where_the_follower_will_be_and_does_not_go_there() -> None:
+def test_follower_ahead_predicts_the_position_without_advancing_the_follower() -> None:
     follower = LimitedFollower(moving([0.0], [0.7]), limits(1), PERIOD)
     follower.set_target(np.array([-0.5]), np.array([0.1]))
     steps(follower, 7)
@@ -138,7 +138,7 @@ def test_ahead_tells_where_the_follower_will_be_and_does_not_go_there() -> None:
     speed=st.floats(0.1, 8.0),
     acceleration=st.floats(2.0, 60.0),
 )
-def test_whatever_is_aimed_at_no_limit_is_ever_broken(
+def test_the_follower_never_exceeds_a_limit_for_any_targets(
     start: float, aims: list[tuple[float, float, int]], speed: float, acceleration: float
 ) -> None:
     limit = limits(1, velocity=speed, acceleration=acceleration)

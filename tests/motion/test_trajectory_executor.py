@@ -18,7 +18,7 @@ from twind.safety.gate import TrajectoryRequest
 # ------------------------------------------------------------------------------------- idle and holding
 
 
-def test_nobody_holds_until_told_where() -> None:
+def test_an_executor_without_a_position_stays_idle() -> None:
     executor = TrajectoryExecutor(LIMITS, PERIOD)
     assert (executor.motion, executor.reference, executor.goal(0.0)) == (Motion.IDLE, None, None)
     assert executor.progress() is None
@@ -170,7 +170,7 @@ def test_the_motion_is_active_until_the_last_old_path_has_ended() -> None:
     assert executor.motion is Motion.HOLDING
 
 
-def test_a_goal_whose_start_lies_ahead_waits_and_the_old_one_goes_on() -> None:
+def test_a_goal_with_a_later_start_waits_and_the_running_one_continues() -> None:
     executor = holding()
     alone = holding()
     for it in (executor, alone):
@@ -281,7 +281,7 @@ def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
 
 @examples(60)
 @given(st.lists(OPERATIONS, min_size=2, max_size=12))
-def test_whatever_passes_the_gate_no_goal_steps_further_than_the_velocity_limit_allows(
+def test_no_accepted_goal_steps_beyond_the_velocity_limit(
     operations: list[tuple],
 ) -> None:
     executor = holding()

@@ -59,7 +59,7 @@ def test_torque_that_went_by_itself_went_between_the_two_looks() -> None:
     assert happened(made, CHANGED, TORQUE) == [(pytest.approx(2.05), b"\0")]
 
 
-def test_what_is_read_first_was_so_from_the_beginning() -> None:
+def test_a_value_first_read_later_applies_from_the_beginning() -> None:
     made = timeline(WHO, asked(1.0, DOG, b"\5"))
     ((time, value),) = happened(made, CHANGED, DOG)
     assert time < 0.0 and value == b"\5"

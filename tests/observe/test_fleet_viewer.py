@@ -56,14 +56,14 @@ BUS = {"name": "main", "port": "", "connected": False}
         ((state(h24()),), HealthLevel.LOST, "nothing was heard yet"),
     ],
 )
-def test_the_most_urgent_of_a_robot_is_what_is_said_of_it(
+def test_the_status_of_a_robot_shows_its_most_urgent_condition(
     news: tuple[News, ...], kind: HealthLevel, said: str
 ) -> None:
     how = standing(known(*news).now())
     assert (how.kind, how.said) == (kind, said)
 
 
-def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last() -> None:
+def test_a_robot_without_messages_for_a_second_counts_as_stale() -> None:
     clock = FakeClock()
     robot = known(status(faults=[FAULT]), state(h24()), clock=clock)
     clock.time = status_html.OLD - 0.1
@@ -74,14 +74,14 @@ def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last
     assert standing(robot.now()).kind is HealthLevel.FAULT
 
 
-def test_a_robot_that_says_what_nobody_understands_is_grey_and_counted_as_such() -> None:
+def test_a_robot_with_unreadable_messages_is_grey_and_counted_as_odd() -> None:
     how, said = described(without_loop().now(), "")
     assert how.kind is HealthLevel.ODD and how.kind in GREY and "'loop'" in how.said and "loop" in said
     good = standing(known(status(), state(h24())).now())
     assert "1 odd" in summary([how, good]) and "1 well" in summary([how, good])
 
 
-def test_a_stop_has_a_thread_once_somebody_asks_for_it(tmp_path: Path) -> None:
+def test_a_stop_starts_its_thread_on_first_use(tmp_path: Path) -> None:
     before = threading.active_count()
     outcomes = queue.Queue[StopOutcome]()
     stops = [StopThreads(local(str(tmp_path))) for _ in range(50)]
@@ -91,7 +91,7 @@ def test_a_stop_has_a_thread_once_somebody_asks_for_it(tmp_path: Path) -> None:
     assert [told(outcomes).done, told(outcomes).done] == [False, False]
 
 
-def test_what_is_kept_of_a_robot_whose_clock_stands_still_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_history_of_a_robot_with_a_stopped_clock_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(news_module, "KEPT", 5)
     robot = known(status())
     for _ in range(20):
@@ -112,7 +112,7 @@ def test_no_word_of_any_robot_becomes_markup() -> None:
     assert "<img" not in page(robot.now(), standing(robot.now()), evil)
 
 
-def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard() -> None:
+def test_the_robot_text_names_its_faults_and_stale_joints() -> None:
     robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT))
     said = page(robot.now(), standing(robot.now()), "")
     assert status_html.row("joints", "23 of 24 heard") in said
@@ -120,7 +120,7 @@ def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard(
     assert status_html.row("fault", "FOLLOW_ERR: l_knee: too far off", status_html.RED) in said
 
 
-def test_of_a_robot_that_is_lost_only_its_last_words_are_told_as_such() -> None:
+def test_a_lost_robot_shows_only_its_last_state_marked_as_old() -> None:
     robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), DaemonLost("the link is cut"))
     said = page(robot.now(), standing(robot.now()), "")
     assert status_html.row("now", "the link is cut", status_html.RED) in said
@@ -138,7 +138,7 @@ def test_the_sum_counts_each_kind_the_most_urgent_first() -> None:
 
 
 @given(st.integers(1, 60), st.floats(0.3, 3.0))
-def test_nobody_stands_nearer_to_another_than_asked_and_all_are_looked_at(count: int, apart: float) -> None:
+def test_robots_stand_at_least_the_given_distance_apart_and_all_are_in_view(count: int, apart: float) -> None:
     places = spots(count, apart)
     away = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e9 * np.eye(count)
     assert away.min() >= apart - 1e-9
@@ -161,7 +161,7 @@ class Heard:
         self.tell(StopOutcome(done, "stopping" if done else "NOT stopped", "why"))
 
 
-def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answered() -> None:
+def test_a_broadcast_asks_all_robots_at_once_and_reports_a_failure_early() -> None:
     robots = {name: Heard() for name in ("a", "b", "c")}
     outcomes = list[StopOutcome]()
     Broadcast("stop", lambda: robots).ask(outcomes.append)
@@ -174,7 +174,7 @@ def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answere
     assert outcomes[1:] == [StopOutcome(False, "stop: 2 of 3 robots", "not c")]
 
 
-def test_that_all_did_it_is_told_once() -> None:
+def test_a_fully_successful_broadcast_is_reported_once() -> None:
     robots = {name: Heard() for name in ("a", "b")}
     outcomes = list[StopOutcome]()
     Broadcast("e-stop", lambda: robots).ask(outcomes.append)
@@ -183,7 +183,7 @@ def test_that_all_did_it_is_told_once() -> None:
     assert outcomes == [StopOutcome(True, "e-stop: 2 of 2 robots", "all have answered")]
 
 
-def test_a_press_that_reaches_nobody_is_no_success() -> None:
+def test_a_broadcast_without_robots_is_no_success() -> None:
     outcomes = list[StopOutcome]()
     Broadcast("e-stop", dict).ask(outcomes.append)
     assert [each.done for each in outcomes] == [False]

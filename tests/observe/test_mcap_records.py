@@ -56,7 +56,9 @@ def test_any_way_to_write_one_is_read(tmp_path: Path, compression: CompressionTy
     assert not file.cut and [each.data for each in found] == [b"x" * time for time in range(100)]
 
 
-def test_cut_at_any_byte_it_gives_all_that_is_whole_before_and_says_where_it_ends(tmp_path: Path) -> None:
+def test_a_file_cut_at_any_byte_yields_all_complete_records_and_the_position_of_its_end(
+    tmp_path: Path,
+) -> None:
     whole = write(tmp_path / "c.mcap", 1.0)
     data = whole.read_bytes()
     all_of_it = messages(whole)[1]
@@ -80,7 +82,7 @@ def garbage(data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("tail", [zeros, garbage])
-def test_what_a_power_cut_leaves_behind_the_end_is_not_taken_for_records(
+def test_bytes_left_by_a_power_cut_after_the_end_are_not_read_as_records(
     tmp_path: Path, tail: Callable[[bytes], bytes]
 ) -> None:
     path = write(tmp_path / "d.mcap", 1.0)
@@ -106,7 +108,7 @@ def test_a_chunk_that_was_damaged_is_left_out_and_the_others_are_read(tmp_path: 
             break
 
 
-def test_what_is_none_says_so(tmp_path: Path) -> None:
+def test_a_file_that_is_no_mcap_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
     path.write_bytes(b"no such thing")
     with pytest.raises(InvalidInput, match="is no MCAP file"):
@@ -133,7 +135,7 @@ def bombs() -> dict[str, bytes]:
     }
 
 
-def test_a_chunk_never_takes_more_memory_than_the_bound_whatever_it_says_of_its_size(tmp_path: Path) -> None:
+def test_a_chunk_never_takes_more_memory_than_the_bound_whatever_its_declared_size(tmp_path: Path) -> None:
     whole = write(tmp_path / "whole.mcap", 0.5).read_bytes()
     path = tmp_path / "g.mcap"
     for name, bomb in bombs().items():

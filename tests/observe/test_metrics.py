@@ -73,7 +73,7 @@ WHOLE = (status(), state(), latency([bucket(1.0, 5), bucket(2.0, 4), bucket(None
 # ---------------------------------------------------------------------------------------------- values
 
 
-def test_what_the_daemon_says_is_told_in_base_units() -> None:
+def test_metrics_are_exported_in_base_units() -> None:
     told = Told(ledger(*WHOLE))
     assert told.value("twind_up") == 1.0
     assert told.value("twind_joint_position_radians", joint="a") == 0.5
@@ -90,7 +90,7 @@ def test_what_the_daemon_says_is_told_in_base_units() -> None:
     assert told.value("twind_info", version="1.2.3", robot="h24") == 1.0
 
 
-def test_what_real_time_was_denied_is_known_by_its_field_and_not_by_its_text() -> None:
+def test_denied_realtime_is_read_from_its_field_and_not_from_its_text() -> None:
     told = Told(ledger(*WHOLE))
     assert told.value("twind_realtime_granted", what="cpu") == 1.0
     assert told.value("twind_realtime_granted", what="memory") == 0.0
@@ -98,7 +98,7 @@ def test_what_real_time_was_denied_is_known_by_its_field_and_not_by_its_text() -
     assert Told(ledger(status(loop=older), *WHOLE[1:])).value("twind_realtime_granted", what="cpu") is None
 
 
-def test_streamers_are_told_of_together_and_nothing_where_nobody_streams() -> None:
+def test_streamer_metrics_are_summed_and_absent_without_streamers() -> None:
     assert Told(ledger(*WHOLE)).value("twind_stream_sent_messages") is None
     one = {"sent": 5, "waiting": 1, "dropped": 0, "dead": 2}
     told = Told(ledger(status(streams=[one, {**one, "sent": 7}]), *WHOLE[1:]))
@@ -106,7 +106,7 @@ def test_streamers_are_told_of_together_and_nothing_where_nobody_streams() -> No
     assert told.value("twind_stream_dead_messages") == 4.0
 
 
-def test_what_is_unknown_has_no_sample_rather_than_a_zero() -> None:
+def test_an_unknown_value_has_no_sample() -> None:
     told = Told(ledger(*WHOLE))
     for name in ("effort_newton_meters", "verified"):
         assert told.value(f"twind_joint_{name}", joint="a") is None
@@ -159,7 +159,7 @@ def names(samples: Samples) -> set[str]:
 
 
 @pytest.mark.parametrize("made", [ledger(), ledger(status()), ledger(state()), ledger(verdict("FLOOR"))])
-def test_before_all_is_known_nothing_is_told_but_that(made: MetricsLedger) -> None:
+def test_before_all_topics_arrived_only_the_up_metric_is_exported(made: MetricsLedger) -> None:
     assert Told(made).samples == {("twind_up", frozenset()): 0.0}
 
 
@@ -232,7 +232,7 @@ def test_a_count_goes_down_with_a_new_beginning_alone() -> None:
     assert told.value("twind_latency_seconds_count", hop="reply") is None  # those of the run before
 
 
-def test_what_it_costs_in_series_is_bounded_by_the_robot_and_the_interface() -> None:
+def test_the_number_of_series_is_bounded_by_robot_and_interface() -> None:
     joints = [joint(f"joint_{place}") for place in range(24)]
     many = [verdict(str(code)) for code in ReasonCode] * 50
     told = Told(ledger(status(), state(*joints), WHOLE[2], *many)).samples
@@ -253,7 +253,7 @@ def asked() -> set[str]:
     return {name for each in said for name in re.findall(r"\b(twind_\w+)", each)}
 
 
-def test_the_dashboard_and_the_rules_ask_for_nothing_that_is_not_told() -> None:
+def test_dashboard_and_alert_rules_use_only_exported_metrics() -> None:
     known = names(Told(ledger(*WHOLE)).samples)
     empty = {"twind_joint_effort_newton_meters", "twind_joint_verified"}  # unknown to this robot
     assert asked() - empty <= known
@@ -294,7 +294,7 @@ def test_prometheus_takes_the_rules(promtool: str) -> None:
     subprocess.run([promtool, "check", "rules", str(FILES / "twind.rules.yml")], check=True)
 
 
-def test_prometheus_reads_the_older_text_and_its_linter_knows_one_name_to_dislike(promtool: str) -> None:
+def test_the_prometheus_linter_accepts_the_exported_text(promtool: str) -> None:
     text = generate_latest(Told(ledger(*WHOLE)).registry)
     done = subprocess.run([promtool, "check", "metrics"], input=text, capture_output=True, check=False)
     said = [line for line in done.stderr.decode().splitlines() if "_created" not in line]
@@ -426,7 +426,7 @@ def test_an_address_that_others_reach_is_refused_with_the_way_out(place: str) ->
 
 
 @pytest.mark.parametrize("place", ["9797", "robot:9797", "127.0.0.1", "127.0.0.1:http"])
-def test_an_address_that_is_none_is_told_how_to_write_one(place: str) -> None:
+def test_an_invalid_address_is_refused_with_the_expected_form(place: str) -> None:
     with pytest.raises(UsageError, match="write it as"):
         metrics.loopback(place)
 
@@ -438,7 +438,7 @@ def test_a_port_that_is_taken_is_named() -> None:
             metrics.loopback(f"127.0.0.1:{first.getsockname()[1]}")
 
 
-def test_a_unix_socket_is_for_its_group_and_replaces_only_one_that_is_dead(tmp_path: Path) -> None:
+def test_a_unix_socket_is_group_accessible_and_replaces_only_a_dead_one(tmp_path: Path) -> None:
     path = tmp_path / "metrics.sock"
     metrics.unix(str(path)).close()  # its file stays, as after SIGKILL
     with metrics.unix(str(path)) as served:

@@ -71,7 +71,7 @@ def labels(page: Figure) -> list[str]:
 # ------------------------------------------------------------------------------------------ what is drawn
 
 
-def test_what_is_drawn_is_what_was_recorded() -> None:
+def test_drawn_lines_equal_the_recorded_values() -> None:
     whole = recording()
     page = figure(whole, None, ALL)
     time, value = drawn(page, "measured —", "joint_23 -")
@@ -84,7 +84,7 @@ def test_what_is_drawn_is_what_was_recorded() -> None:
     assert np.array_equal(drawn(page, "latency", "total")[1], whole.latency["total"].columns["now_ms"])
 
 
-def test_what_is_missing_is_a_gap_and_neither_zero_nor_bridged() -> None:
+def test_a_missing_value_is_a_gap() -> None:
     whole = recording()
     time, value = drawn(figure(whole, ["joint_0"], ALL), "measured —", "joint_0 -")
     (hole,) = np.flatnonzero(np.isnan(value))
@@ -93,7 +93,7 @@ def test_what_is_missing_is_a_gap_and_neither_zero_nor_bridged() -> None:
     assert np.array_equal(value[known], whole.measured[np.isfinite(whole.measured[:, 0]), 0])
 
 
-def test_one_value_that_is_missing_is_bridged_two_are_not() -> None:
+def test_a_single_missing_value_is_bridged_and_two_are_a_gap() -> None:
     time = np.arange(0.0, 1.0, 0.01)
     for missing, gaps in ((1, 0), (2, 1)):
         value = np.ones_like(time)
@@ -126,7 +126,7 @@ def test_the_slower_half_of_a_file_with_two_rates_is_seen() -> None:
     assert blue[int(0.11 * blue.size) :].sum() > 90, "one value of ten a second is at least a column"
 
 
-def test_of_an_hour_every_peak_stays() -> None:
+def test_the_thinned_line_of_an_hour_keeps_every_peak() -> None:
     time = np.arange(0.0, 3600.0, 0.01)
     value = np.sin(time)
     value[123_457], value[234_561:234_900] = 9.0, nan
@@ -210,13 +210,13 @@ def test_a_stretch_is_what_is_drawn() -> None:
 
 
 @pytest.mark.parametrize("state", ["fault", "estop", "inhibited"])
-def test_what_an_operator_must_acknowledge_goes_through_every_panel(state: str) -> None:
+def test_a_state_that_needs_acknowledgement_is_marked_in_every_panel(state: str) -> None:
     told = {"level": "info", "code": state, "message": f"armed → {state}"}
     (mark,) = marks(replace(recording(), events=(RecordedMessage(1.5, told),), verdicts=()), ALL)
     assert (mark.time, mark.text, mark.bad) == (1.5, state, True)
 
 
-def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel() -> None:
+def test_events_are_marked_with_their_text_and_faults_in_every_panel() -> None:
     annotation = {"kind": "end", "task": "pick", "success": True, "text": None}
     happened = replace(
         recording(),
@@ -246,7 +246,7 @@ def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel
     assert {text.get_text() for text in page.axes[-1].texts} == {text for _, text, _ in told}
 
 
-def test_what_happened_after_the_last_reading_is_on_the_page() -> None:
+def test_events_after_the_last_reading_are_on_the_page() -> None:
     whole = replace(
         recording(),
         events=(RecordedMessage(2.4, {"level": "error", "code": "STATE_STALE"}),),
@@ -299,14 +299,14 @@ def test_a_recording_becomes_a_page_of_a4_beside_it(
     assert sorted(each.name for each in tmp_path.iterdir()) == ["short.mcap", "short.mcap.png"]
 
 
-def test_its_lines_are_those_of_the_file(tmp_path: Path) -> None:
+def test_the_lines_equal_the_values_of_the_file(tmp_path: Path) -> None:
     whole = open_recording(recorded.write(tmp_path / "short.mcap", 2.0))
     time, value = drawn(figure(whole, None, ALL), "measured —", "knee -")
     assert np.array_equal(time, whole.time)
     assert np.allclose(value, np.sin(100.0 + np.arange(200) / 100.0 + 1.0), atol=1e-6)
 
 
-def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+def test_an_invalid_plot_request_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
     file = recorded.write(tmp_path / "short.mcap", 0.5)
     with pytest.raises(Rejected, match="no joint 'elbow'; known: hip, knee"):
         plot.run(options(file, "--joints", "elbow"))
@@ -338,7 +338,9 @@ def test_only_a_picture_is_written_over_never_a_recording(tmp_path: Path) -> Non
     assert imread(page).shape[:2] == (int(PAGE[1] * DOTS), int(PAGE[0] * DOTS))
 
 
-def test_without_matplotlib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_matplotlib_is_reported_with_its_install_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(plot, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=re.escape(how_to_add("plot"))):
         plot.run(options(tmp_path / "any.mcap"))

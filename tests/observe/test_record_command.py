@@ -26,12 +26,12 @@ SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3
 
 
 @pytest.mark.parametrize(("text", "bytes_"), SIZES)
-def test_a_size_is_written_as_people_write_it(text: str, bytes_: int) -> None:
+def test_a_size_with_a_unit_is_parsed(text: str, bytes_: int) -> None:
     assert record.size(text) == bytes_
 
 
 @pytest.mark.parametrize("text", ["", "G", "ten", "-1M", "1e999G", "nan"])
-def test_what_is_no_size_is_refused(text: str) -> None:
+def test_an_invalid_size_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
         record.size(text)
 
@@ -120,7 +120,7 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
     assert second.start_ns > first.start_ns + jump
 
 
-def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_of_its_schema(
+def test_an_episode_the_daemon_cannot_receive_is_recorded_in_the_schema_format(
     tmp_path: Path,
 ) -> None:
     told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
@@ -155,7 +155,7 @@ def test_every_file_is_named_as_soon_as_it_is_there(
     ]
 
 
-def test_what_is_told_of_it_names_what_was_lost() -> None:
+def test_the_record_summary_names_losses() -> None:
     tally = RecordCounts(path=Path("/x/a.mcap"), files=(Path("/x/a.mcap"),), messages=9, bytes=3 << 20)
     assert line(tally, 301.4) == "301 messages/s  3.0 MiB  a.mcap"
     busy = RecordCounts(path=Path("/x/a.mcap"), dropped=3, missed=2, episode=OpenEpisode("pick", 0))

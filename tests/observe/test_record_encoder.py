@@ -38,7 +38,7 @@ def test_a_state_is_what_was_measured_the_goals_and_the_simulation_all_of_one_mo
         assert message["name"] == list(JOINTS) and message["header"]["stamp"] == stamp(line.time_ns)
 
 
-def test_what_nobody_knows_is_no_row_and_one_joint_that_is_not_heard_is_nan() -> None:
+def test_a_state_without_positions_has_no_ros_message_and_an_unknown_joint_is_nan() -> None:
     nothing = {"topic": "state", "time": 1.0, "joints": [joint(name, None) for name in JOINTS]}
     assert [line.topic for line in encoded_lines(nothing)] == ["/twind/joints"]
     half = {"topic": "state", "time": 1.0, "joints": [joint("hip", 1.0), joint("knee", None, velocity=None)]}
@@ -54,12 +54,12 @@ def test_in_sim_there_is_no_robot_that_was_measured() -> None:
     assert [line.time_ns for line in switched if line.topic == live] == [CLOCKS.wall(1.3)]
 
 
-def test_what_is_slow_is_told_twice_a_second() -> None:
+def test_slow_joint_values_are_recorded_twice_a_second() -> None:
     lines = encoded_lines(*(state(100.0 + place / 100.0) for place in range(300)))
     assert len([line for line in lines if line.topic == "/twind/joints"]) == 6
 
 
-def test_an_event_that_marks_something_says_so_beside_its_bytes() -> None:
+def test_an_annotated_event_carries_its_annotation() -> None:
     plain, marked = encoded_lines(event(1.0, "ESTOP"), event(2.0, "NOTE", {"kind": "note", "text": "x"}))
     assert plain.mark is None and marked.mark == {"kind": "note", "text": "x"}
     assert json.loads(marked.data)["annotation"] == marked.mark
@@ -119,7 +119,7 @@ def felt(time: float, age: float) -> dict[str, Any]:
     return state(time) | {"imu": numbers | {"age_ms": age}}
 
 
-def test_what_an_imu_told_is_a_message_of_ros_with_the_order_of_ros() -> None:
+def test_an_imu_reading_becomes_a_ros_imu_message_in_ros_order() -> None:
     (line,) = [line for line in encoded_lines(felt(101.5, 2.0)) if line.topic == "/imu"]
     message = decode(IMU, line.data)
     assert message["header"] == {"stamp": stamp(line.time_ns), "frame_id": "base"}

@@ -71,7 +71,7 @@ def writer(folder: Path) -> RecordWriter:
     return RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), lambda: 100.0)
 
 
-def test_what_nobody_understands_ends_the_listening_and_counts_as_lost(tmp_path: Path, robot: Robot) -> None:
+def test_an_unreadable_message_ends_the_subscription_and_counts_as_lost(tmp_path: Path, robot: Robot) -> None:
     robot.says = {"state": [state(100.0), RUBBISH, state(102.0)]}
     into = writer(tmp_path)
     listening = RecordSubscriber(argparse.Namespace(), into)
@@ -84,7 +84,7 @@ def test_what_nobody_understands_ends_the_listening_and_counts_as_lost(tmp_path:
     listening.close()
 
 
-def test_the_recorder_connects_again_and_tells_the_error_once(
+def test_the_recorder_reconnects_and_reports_the_error_once(
     tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("twind.observe.writing.recorder.AGAIN", 0.01)
@@ -116,7 +116,7 @@ def test_after_a_reload_the_next_file_has_what_is_in_force_now(tmp_path: Path, r
     assert [each.what["code"] for each in second.events] == ["ESTOP", "ESTOP"]
 
 
-def test_a_robot_of_other_joints_is_listened_to_anew(tmp_path: Path, robot: Robot) -> None:
+def test_a_robot_with_other_joints_after_a_reload_ends_the_subscription(tmp_path: Path, robot: Robot) -> None:
     def reload() -> dict[str, Any]:
         robot.joints = ["hip"]
         return event(101.0, "RELOADED")

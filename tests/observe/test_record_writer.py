@@ -36,7 +36,7 @@ def told(tmp_path: Path) -> Told:
     return Told(lambda now: RecordWriter(tmp_path, WIDE, now))
 
 
-def test_what_was_told_half_a_second_ago_is_in_the_file_whatever_happens_now(told: Told) -> None:
+def test_a_message_is_in_the_file_within_half_a_second(told: Told) -> None:
     worst = 0.0
     for _ in range(300):
         told.run(0.01)
@@ -48,7 +48,7 @@ def test_what_was_told_half_a_second_ago_is_in_the_file_whatever_happens_now(tol
     assert 0.4 < worst < 0.6  # by that a kill at any moment loses less than a second
 
 
-def test_a_session_is_one_file_with_all_that_tells_what_it_is_of(told: Told) -> None:
+def test_a_session_is_one_file_with_its_description(told: Told) -> None:
     told.run(1.0)
     told.writer.end()
     told.writer.step()
@@ -87,7 +87,7 @@ def test_a_file_ends_at_its_hour(tmp_path: Path) -> None:
     assert sum(rows) == 200 and 119 <= rows[0] <= 121
 
 
-def test_the_oldest_recordings_of_ours_go_and_nobody_elses(tmp_path: Path) -> None:
+def test_the_oldest_own_recordings_are_removed_and_no_other_files(tmp_path: Path) -> None:
     others = [tmp_path / "precious.mcap", tmp_path / "twind-20200101T000000Z-two.mcap.bak"]
     for path in others:
         path.write_bytes(bytes(100_000))
@@ -107,7 +107,7 @@ def test_the_oldest_recordings_of_ours_go_and_nobody_elses(tmp_path: Path) -> No
     assert all(not open_recording(path).damage for path in left)
 
 
-def test_a_recording_that_somebody_writes_is_not_removed(tmp_path: Path) -> None:
+def test_a_recording_being_written_is_not_removed(tmp_path: Path) -> None:
     path = fresh(tmp_path, CLOCKS.wall_ns, "h24")
     file = RecordFile(path, {}, {}, CLOCKS.wall_ns)
     assert make_room(tmp_path, 0) == [] and path.exists()
@@ -157,7 +157,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
     assert path.stat().st_size <= room
 
 
-def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
+def test_a_slow_disk_loses_counted_messages_without_delaying_the_caller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Stuck(BufferedFile):
@@ -189,7 +189,7 @@ def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
     assert dict(metadata(writer.tally.files[0]))["end"]["dropped"] == str(lost)
 
 
-def test_what_the_daemon_dropped_is_told_in_the_file(told: Told) -> None:
+def test_messages_dropped_by_the_daemon_are_noted_in_the_file(told: Told) -> None:
     told.run(0.3)
     told.writer.missed(7)
     told.run(0.5)
@@ -317,7 +317,7 @@ def test_a_recording_of_a_wrong_clock_is_not_the_oldest_for_its_name(tmp_path: P
     assert make_room(tmp_path, 9, newest=[made_now]) == files[1:]
 
 
-def test_what_was_recovered_or_named_otherwise_is_kept(tmp_path: Path) -> None:
+def test_recovered_or_renamed_recordings_are_kept(tmp_path: Path) -> None:
     stem = "twind-20261122T161500Z-h24"
     kept = [f"{stem}-recovered.mcap", f"{stem}.2-recovered.mcap", f"{stem}.good.mcap", f"keep-{stem}.mcap"]
     for name in [*kept, f"{stem}.mcap", f"{stem}.12.mcap"]:
@@ -339,7 +339,7 @@ def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:
     assert recover(place).out is None
 
 
-def test_where_a_file_system_has_no_locks_it_goes_without_and_spares_its_own_file(
+def test_without_file_locks_recording_works_and_keeps_its_own_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none(_fd: int, _how: int) -> None:
@@ -354,7 +354,7 @@ def test_where_a_file_system_has_no_locks_it_goes_without_and_spares_its_own_fil
     assert not old.exists() and open_recording(told.writer.tally.files[0]).time.size == 30
 
 
-def test_what_is_put_after_the_end_begins_no_file(told: Told) -> None:
+def test_a_message_after_the_end_starts_no_file(told: Told) -> None:
     told.run(0.3)
     told.writer.close()
     told.run(0.3)

@@ -34,7 +34,7 @@ def test_goals_and_question_of_one_write_are_one_exchange() -> None:
     assert [at for at, _ in found.answers] == pytest.approx([0.002, 0.003])
 
 
-def test_noise_and_broken_answers_tell_nothing_and_are_kept() -> None:
+def test_noise_and_damaged_replies_give_no_values_and_are_kept() -> None:
     broken = bytearray(TWO)
     broken[-1] ^= 1
     found, _ = exchanges(
@@ -45,7 +45,7 @@ def test_noise_and_broken_answers_tell_nothing_and_are_kept() -> None:
     assert b"".join(data for _, data in found.answers) == b"\xff\x00\xfd" + ONE + bytes(broken)
 
 
-def test_behind_a_hole_in_a_fast_answer_nobody_knows() -> None:
+def test_devices_behind_a_gap_in_a_fast_reply_are_missed() -> None:
     whole = packet.fast_status([(0, 1, b"abcd"), (0, 2, b"efgh")], 17)
     found, last = exchanges([out(1.0, FAST), received_entry(1.002, whole[0]), out(1.01, FAST)])
     assert [each.id for each in found.told] == [1]
@@ -53,7 +53,7 @@ def test_behind_a_hole_in_a_fast_answer_nobody_knows() -> None:
     assert (last.asks, last.missed) == (b"", ()), "nobody knows what would have come after the end"
 
 
-def test_what_waited_when_the_next_question_left_came_before_it() -> None:
+def test_bytes_waiting_at_the_next_request_belong_to_the_earlier_exchange() -> None:
     late = packet.status(2, 0, b"late")
     first, _ = exchanges(
         [out(1.0, ASK), received_entry(1.002, ONE), received_entry(1.01, late), out(1.01, ASK)]
@@ -63,7 +63,7 @@ def test_what_waited_when_the_next_question_left_came_before_it() -> None:
     assert first.answers[0][0] == pytest.approx(0.002), "the last answer of a whole reply is where it was"
 
 
-def test_a_ping_tells_model_and_firmware_where_they_lie() -> None:
+def test_a_ping_reply_gives_model_and_firmware_at_their_addresses() -> None:
     (found,) = exchanges(
         [out(1.0, packet.ping(7)), received_entry(1.001, packet.status(7, 0, b"\xfc\x03\x2f"))]
     )

@@ -76,7 +76,7 @@ def test_rows_of_one_moment_are_one_row_and_what_is_not_known_is_nan(tmp_path: P
     assert (found.slow.age == 0.001).all()
 
 
-def test_what_an_imu_told_is_rows_and_what_it_did_not_is_nan(tmp_path: Path) -> None:
+def test_imu_readings_are_rows_and_missing_ones_are_nan(tmp_path: Path) -> None:
     felt = {"gyro": [0.1, 0.2, 0.3], "acceleration": [1.0, 2.0, 9.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
     imus = [felt | {"age_ms": age} for age in (2, 12, 2)]
     rows = [state(100.0 + tick / 100) | {"imu": imu} for tick, imu in enumerate(imus)]
@@ -96,7 +96,7 @@ def test_what_an_imu_told_is_rows_and_what_it_did_not_is_nan(tmp_path: Path) -> 
     assert (message.orientation.w, message.linear_acceleration.z) == (0.5, 9.0)
 
 
-def test_who_is_to_follow_a_goal_is_the_robot_in_live_and_the_simulation_else(tmp_path: Path) -> None:
+def test_the_target_is_the_robot_in_live_and_the_simulation_otherwise(tmp_path: Path) -> None:
     rows = [status(99.0, "mirror"), state(100.0, simulated=5.0), status(101.0, "live")]
     found = record(tmp_path, *rows, state(102.0, simulated=5.0))
     assert found.live.tolist() == [False, True]
@@ -115,7 +115,7 @@ def test_latency_is_columns_by_hop_with_the_last_histogram(tmp_path: Path) -> No
     assert np.isnan(found.columns["p99_ms"]).all() and list(found.histogram) == buckets
 
 
-def test_episodes_are_what_was_marked_by_whom_ever() -> None:
+def test_episodes_follow_the_marks_of_any_client() -> None:
     def said(*answers: dict[str, Any]) -> list[RecordedMessage]:
         return [RecordedMessage(answer["time"], answer["event"]) for answer in answers]
 
@@ -139,14 +139,14 @@ def test_a_recording_of_others_is_read_by_names_in_whatever_order_they_come(tmp_
     np.testing.assert_array_equal(found.target, found.measured)
 
 
-def test_of_several_foreign_topics_the_usual_one_is_what_was_measured(tmp_path: Path) -> None:
+def test_the_usual_joint_state_topic_is_preferred_among_foreign_topics(tmp_path: Path) -> None:
     rows = [("/wrist/joint_states", 0.0, {"name": ["w"], "position": [9.0]})]
     rows += [("/joint_states", 0.1, {"name": ["a"], "position": [1.0]})]
     assert open_recording(foreign(tmp_path / "a.mcap", *rows)).joints == ("a",)
     assert open_recording(foreign(tmp_path / "b.mcap", rows[0])).joints == ("w",)
 
 
-def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     empty = tmp_path / "b.mcap"
     text.write_text("hello")
@@ -161,7 +161,7 @@ def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
             open_recording(path)
 
 
-def test_a_cut_recording_is_read_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
+def test_a_cut_recording_is_read_up_to_its_end_and_reported_as_damaged(tmp_path: Path) -> None:
     told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.run(2.0)
     path = told.writer.tally.path
@@ -237,7 +237,7 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     assert ports and all(each.keys() <= schema.keys() and each["text"] for each in ports)
 
 
-def test_an_export_for_ros_has_one_encoding_and_says_the_same(flight_file: Path, tmp_path: Path) -> None:
+def test_a_ros_export_has_a_single_encoding_and_the_same_content(flight_file: Path, tmp_path: Path) -> None:
     plain, ros, again = (tmp_path / f"{name}.mcap" for name in ("plain", "ros", "again"))
     export(flight_file, plain)
     export(flight_file, ros, ros=True)
@@ -273,7 +273,7 @@ ODD = [
 
 
 @pytest.mark.parametrize(("topic", "data"), ODD)
-def test_of_a_file_that_is_not_as_ours_are_it_says_so_in_words(
+def test_a_file_with_other_message_formats_on_our_topics_is_refused(
     tmp_path: Path, topic: str, data: bytes
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -291,7 +291,7 @@ def test_of_a_file_that_is_not_as_ours_are_it_says_so_in_words(
 
 
 @pytest.mark.parametrize("when", [1 << 63, (1 << 64) - 1])
-def test_a_time_that_no_clock_has_is_told_in_words(tmp_path: Path, when: int) -> None:
+def test_an_impossible_time_is_refused(tmp_path: Path, when: int) -> None:
     path = tmp_path / "b.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -305,7 +305,7 @@ def test_a_time_that_no_clock_has_is_told_in_words(tmp_path: Path, when: int) ->
         open_recording(path)
 
 
-def test_a_model_in_it_that_is_no_text_is_told_in_words(tmp_path: Path) -> None:
+def test_a_model_attachment_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)

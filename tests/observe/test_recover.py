@@ -76,7 +76,9 @@ def test_nothing_is_ever_written_over(tmp_path: Path) -> None:
         assert taken.read_bytes() == before
 
 
-def test_it_tells_what_was_kept_and_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recovery_reports_kept_messages_and_lost_bytes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write(tmp_path / "d.mcap")
     data = path.read_bytes()
     path.write_bytes(data[: data.index(b"zstd", data.index(b"zstd") + 4) + 100])  # in the second chunk
@@ -86,7 +88,7 @@ def test_it_tells_what_was_kept_and_lost(tmp_path: Path, capsys: pytest.CaptureF
     assert said["why"]
 
 
-def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "e.mcap"
     path.write_text("no")
     with pytest.raises(Rejected, match="is no MCAP file"):
@@ -110,7 +112,7 @@ def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_pat
     assert "no index" in found.why and not open_recording(found.out).damage
 
 
-def test_what_claims_to_be_one_and_is_not_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_malformed_mcap_file_is_refused(tmp_path: Path) -> None:
     whole = McapScanner(write(tmp_path / "f.mcap", 0.5))
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as stream:

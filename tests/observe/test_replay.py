@@ -88,7 +88,7 @@ def changed(recorded: FlightFile, entries: tuple[FlightEntry, ...] | None = None
     )
 
 
-def test_one_alert_that_was_not_there_is_found(tmp_path: Path) -> None:
+def test_a_single_invented_alert_is_found_in_the_replay(tmp_path: Path) -> None:
     """One error byte of one answer, its CRC made to fit."""
     recorded = load(HERE / "noise.flight")
     entries = list(recorded.contents.entries)
@@ -121,7 +121,7 @@ def _alert(data: bytes) -> bytes:
     return b"".join(packet.fast_status([(packet.ALERT, id, first), *others], 24 * 14 + 1))
 
 
-def test_one_broken_byte_of_an_identification_is_found(tmp_path: Path) -> None:
+def test_a_single_damaged_identification_byte_is_found_in_the_replay(tmp_path: Path) -> None:
     """Nobody knows then what that servo is."""
     recorded = load(HERE / "limit.flight")
     entries = list(recorded.contents.kept[0])
@@ -159,7 +159,7 @@ def test_an_outcome_survives_its_file() -> None:
     assert outcome_of(json.loads(json.dumps(wanted.plain()))) == wanted
 
 
-def test_what_is_not_told_to_its_end_is_compared_as_far_as_it_goes() -> None:
+def test_an_incomplete_command_is_compared_as_far_as_it_goes() -> None:
     def with_answer(**fields: Any) -> ReplayOutcome:
         return ReplayOutcome((CommandOutcome("SubmitTrajectory", **fields),), {}, "armed", "live", True)
 
@@ -222,7 +222,7 @@ def streamed(rig: Rig) -> None:
     ("robot", "scene"), [("h24", rebooted), ("h24-split", half_unplugged), ("h24", streamed)]
 )
 @pytest.mark.parametrize("from_the_middle", [False, True])
-def test_what_a_loop_recorded_comes_out_of_another_one(
+def test_a_replayed_recording_gives_the_recorded_outcome(
     robot: str, scene: Callable[[Rig], None], from_the_middle: bool, tmp_path: Path
 ) -> None:
     """From its identification on, and where that was long before."""
@@ -243,7 +243,7 @@ def test_what_a_loop_recorded_comes_out_of_another_one(
     replay.close()
 
 
-def test_fewer_states_tell_the_same(tmp_path: Path) -> None:
+def test_fewer_recorded_states_give_the_same_outcome(tmp_path: Path) -> None:
     rig = recording()
     rig.arm()
     moved(rig)
@@ -256,7 +256,7 @@ def test_fewer_states_tell_the_same(tmp_path: Path) -> None:
     assert STATES > 1
 
 
-def test_checks_of_which_nothing_moved_are_not_asked_again_and_that_is_said_once(tmp_path: Path) -> None:
+def test_checks_without_recorded_arrays_are_skipped_and_reported_once(tmp_path: Path) -> None:
     rig = recording()
     rig.arm()
     rig.seconds(0.3)
@@ -275,7 +275,7 @@ def hang_up(rig: Rig) -> None:
     rig.seconds(0.1)
 
 
-def test_who_hung_up_with_all_answers_waits_for_them_where_they_come_later(tmp_path: Path) -> None:
+def test_a_client_that_left_after_all_replies_waits_for_later_ones_in_the_replay(tmp_path: Path) -> None:
     """A motion that begins two ticks later ends two ticks later; `twindctl move` hangs up after it."""
     rig = recording()
     rig.arm()
@@ -300,7 +300,7 @@ def test_who_hung_up_with_all_answers_waits_for_them_where_they_come_later(tmp_p
     assert found(asked.recorded, slower, tmp_path / "replay") == []
 
 
-def test_what_nobody_heard_any_more_was_not_answered(tmp_path: Path) -> None:
+def test_replies_after_a_client_left_count_as_unanswered(tmp_path: Path) -> None:
     """Who hangs up in a motion leaves it as far as it was told, and what is answered later unanswered."""
     rig = recording()
     rig.arm()
@@ -324,7 +324,7 @@ def test_what_nobody_heard_any_more_was_not_answered(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_where_commands_go_to_the_simulation_the_same_comes_out_too(mode: Mode, tmp_path: Path) -> None:
+def test_a_recording_of_the_simulation_replays_to_the_same_outcome(mode: Mode, tmp_path: Path) -> None:
     rig = recording(mode=mode)
     if mode is Mode.MIRROR:
         rig.connect()
@@ -342,7 +342,7 @@ def test_where_commands_go_to_the_simulation_the_same_comes_out_too(mode: Mode, 
     assert found(wanted, recorded, tmp_path / "replay") == []
 
 
-def test_an_imu_tells_in_the_replay_what_it_told_and_is_silent_when_it_was(tmp_path: Path) -> None:
+def test_imu_readings_and_their_absence_are_replayed(tmp_path: Path) -> None:
     with closing(recording("h24-standing", mode=Mode.MIRROR)) as rig:
         rig.connect()
         sensor = rig.virtual["main"].sensor

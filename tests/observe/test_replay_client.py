@@ -138,7 +138,9 @@ def test_an_answer_that_comes_later_than_recorded_is_waited_for(
     assert [what for _, what in heard][-2:] == ["hung up", "AcquireLease"], "the order is that of then"
 
 
-def test_who_hung_up_in_a_motion_does_not_wait_for_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_that_left_during_a_motion_does_not_wait_for_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     answers, heard = played(monkeypatch, 0.5, {1: True, 2: False})
     assert answers[1:3] == ["SubmitTrajectory: accepted", "ReleaseLease: not answered"]
     assert hung_up(heard) == pytest.approx(1.022, abs=0.005)

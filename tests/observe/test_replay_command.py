@@ -46,7 +46,7 @@ def told(
     return run(capsys, str(HERE / "limit.flight"))
 
 
-def test_the_same_is_said_only_of_what_was_played(
+def test_equality_is_reported_only_for_the_replayed_part(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, text = told(capsys, monkeypatch)
@@ -63,7 +63,7 @@ def test_the_same_is_said_only_of_what_was_played(
     assert code == DONE and "not compared, 1:" in text and "command 1" in text
 
 
-def test_what_a_file_says_moves_no_cursor(
+def test_text_from_a_flight_file_cannot_control_the_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, text = told(capsys, monkeypatch, left_out=("\x1b[2Jreplayed\nreplayed: different",))
@@ -71,7 +71,7 @@ def test_what_a_file_says_moves_no_cursor(
     assert not any(line.startswith("replayed: different") for line in text.splitlines())
 
 
-def test_a_recording_without_a_moment_of_rest_says_so() -> None:
+def test_a_recording_without_a_moment_at_rest_is_refused() -> None:
     recorded = load(HERE / "silent.flight")
     begin = recorded.contents.entries[-1].time - 0.5
     with pytest.raises(OperationFailed, match=r"no moment to begin at: .* fault.*--view"):
@@ -145,7 +145,7 @@ def test_names_of_buses_are_no_paths(tmp_path: Path) -> None:
     assert victim.read_text() == "mine" and not victim.is_symlink()
 
 
-def test_a_recording_without_its_robot_says_how_to_name_it(tmp_path: Path) -> None:
+def test_a_recording_without_its_robot_file_names_the_option(tmp_path: Path) -> None:
     briefing = msgspec.structs.replace(load(HERE / "limit.flight").briefing, texts={})
     with pytest.raises(OperationFailed, match="--robot FILE"):
         lay_out(briefing, tmp_path)
@@ -165,7 +165,7 @@ def test_a_call_has_the_names_and_numbers_of_its_command() -> None:
     assert np.isfinite(asked.goal).all()
 
 
-def test_what_is_no_flight_file_is_refused_in_words(
+def test_a_file_that_is_no_flight_file_is_a_usage_error(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     code, told = run(capsys, str(tmp_path / "run.mcap"))
@@ -214,7 +214,7 @@ def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path
             lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
 
 
-def test_help_says_what_it_does_not_touch(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_replay_help_states_that_no_port_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["replay", "--help"])
     told = " ".join(capsys.readouterr().out.split())
@@ -245,7 +245,7 @@ def test_the_last_seconds_can_be_played_alone() -> None:
 
 
 @pytest.mark.parametrize(("kind", "what"), [(EntryKind.NEWS, "messages"), (EntryKind.COMMAND, "commands")])
-def test_what_this_version_does_not_understand_is_not_played_without_it(kind: EntryKind, what: str) -> None:
+def test_a_flight_file_with_unknown_entries_is_not_replayed(kind: EntryKind, what: str) -> None:
     recorded = load(HERE / "limit.flight")
     entries = recorded.contents.entries
     foreign = FlightEntry(entries[-1].time, kind, 255, b"\xc1 of a later version")

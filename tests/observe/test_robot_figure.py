@@ -30,7 +30,7 @@ def test_a_joint_that_is_not_known_is_drawn_at_rest() -> None:
     assert not unknown.differ(likeness.places(likeness.rest), 1e-9, 1e-6).any()
 
 
-def test_the_nearest_pair_is_told_with_its_bounds_and_its_points() -> None:
+def test_the_nearest_pair_is_given_with_its_bounds_and_end_points() -> None:
     likeness = RobotModel(h24())
     near, touching = likeness.nearest(likeness.rest)
     assert near is not None and near.level == "clear" and len(touching) == 0
@@ -52,7 +52,7 @@ def test_bodies_that_have_shapes_in_group_three_alone_are_drawn_with_them() -> N
     assert [int(model.geom_group[g]) for g in shown_geoms(model, model.body("trunk").id)] == [1]
 
 
-def test_meshes_that_cannot_be_read_have_a_stand_in_and_it_is_said() -> None:
+def test_an_unreadable_mesh_gets_a_placeholder_and_is_reported() -> None:
     mesh = '<asset><mesh name="m" file="gone.stl"/></asset><worldbody>'
     mjcf = GROUP_THREE.replace("<worldbody>", mesh).replace(
         '<geom type="capsule" fromto="0 0.03 0 0 0.03 -0.25" size="0.03" group="3" mass="0.2"/>',
@@ -65,7 +65,7 @@ def test_meshes_that_cannot_be_read_have_a_stand_in_and_it_is_said() -> None:
     assert "balls stand for them" in status_html.page(known.now(), likeness, None, 0)
 
 
-def test_a_model_that_is_none_is_told() -> None:
+def test_an_invalid_model_is_refused() -> None:
     with pytest.raises(InvalidInput, match="cannot be compiled"):
         RobotModel(other("<mujoco><nonsense/></mujoco>"))
     with pytest.raises(InvalidInput, match="nowhere"):

@@ -18,7 +18,7 @@ from twind.observe.viewing import live_plots, status_html
 from twind.observe.viewing.viewer_state import DaemonLost, ViewerState
 
 
-def test_no_word_of_anybody_becomes_markup() -> None:
+def test_text_from_messages_never_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     known = ViewerState()
     finding = {"code": evil, "message": evil}
@@ -84,7 +84,7 @@ def test_latency_is_plotted_by_hop() -> None:
     assert np.isnan(twin).all()
 
 
-def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any, capsys: Any) -> None:
+def test_a_missing_viewer_library_is_reported_with_its_install_command(monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr(view, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=re.escape(how_to_add("view"))):
         view.run(Namespace(port=None))
@@ -96,7 +96,7 @@ def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any,
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))
 @example([10.0, -5e-324])  # divided by a step it is nothing
-def test_what_is_known_lies_inside_its_axis_whatever_is_not(values: list[float]) -> None:
+def test_known_values_are_inside_the_axis_range(values: list[float]) -> None:
     least, most = live_plots.extent((np.array([np.nan, *values]),))
     assert least < most and all(least <= value <= most for value in values)
     assert live_plots.extent((np.array([np.nan]),)) == (0.0, 1.0)

@@ -11,7 +11,7 @@ from twind.observe.viewing.viewer_state import WINDOW, News, RobotAnnounced, Vie
 from twind_drivers.clock import FakeClock
 
 
-def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
+def test_an_invalid_message_is_reported_and_the_next_is_shown() -> None:
     known = ViewerState()
     robot = h24()
     seen: list[tuple[str | None, bool]] = []
@@ -29,7 +29,7 @@ def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
     assert known.now().lost == "the messages have ended: OSError: the file is gone"
 
 
-def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
+def test_the_age_of_the_state_is_shown_and_red_from_one_second() -> None:
     clock = FakeClock()
     known = ViewerState(clock.now)
     robot = h24()
@@ -44,7 +44,7 @@ def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
     assert "12 s ago" in status_html.page(known.now(), None, None, 0)
 
 
-def test_what_is_known_is_the_latest_and_no_older_than_its_window() -> None:
+def test_the_viewer_state_keeps_the_latest_values_within_its_window() -> None:
     known = ViewerState()
     robot = h24()
     known.take(RobotAnnounced(robot))
@@ -73,7 +73,7 @@ def test_only_refusals_warnings_and_errors_are_kept() -> None:
     assert [each["event"]["level"] for each in known.now().events] == ["warning"]
 
 
-def test_a_joint_is_old_where_its_age_says_so_or_is_not_known() -> None:
+def test_a_joint_is_stale_if_its_age_is_high_or_unknown() -> None:
     known = ViewerState()
     robot = h24()
     silent = {"heard": False, "age_ms": 900.0}

@@ -203,7 +203,7 @@ def test_make_install_does_the_same(wheels: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_root_it_says_what_to_do(wheels: Path, tmp_path: Path) -> None:
+def test_without_root_the_installer_names_the_remedy(wheels: Path, tmp_path: Path) -> None:
     command = f"setpriv --reuid 65534 --regid 65534 --clear-groups {ROOT}/packaging/install.sh install"
     ran = overlay.run(tmp_path, command, {"WHEELS": str(wheels)}, fails=True)
     assert "this needs root: sudo make install" in ran.output

@@ -49,7 +49,7 @@ def test_only_who_trains_gets_torch_and_the_tests_get_exactly_one() -> None:
     assert {pin for pin in pins if not pin.startswith("shtab")} == {"torch==2.13.0", "onnxruntime==1.32.0"}
 
 
-def test_nobody_is_told_to_install_twind_by_its_name_which_on_pypi_is_another_projects() -> None:
+def test_no_document_suggests_installing_twind_by_name_from_pypi() -> None:
     """By its path alone: pip takes a name from an index where twind is not there yet, or is to be newer."""
     named = re.compile(r"pip install\b[^\n`#]*[\s'\"]twind\b(?!/)")
     found = [

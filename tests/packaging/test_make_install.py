@@ -112,7 +112,7 @@ def test_the_example_settings_are_the_defaults_and_the_example_robot_is_whole(tr
     assert robot.mjcf_path.exists()
 
 
-def test_everybody_may_read_what_is_installed_whatever_the_umask(tmp_path: Path) -> None:
+def test_installed_files_are_readable_by_all_whatever_the_umask(tmp_path: Path) -> None:
     before = os.umask(0o077)
     try:
         laid(tmp_path / "tree")
@@ -134,7 +134,7 @@ def test_settings_and_robots_that_are_there_are_never_touched(tmp_path: Path) ->
     assert contents(mine) == before
 
 
-def test_what_an_older_version_had_more_of_goes(tree: Path) -> None:
+def test_a_file_of_an_older_version_is_removed(tree: Path) -> None:
     old = tree / "usr/local/lib/systemd/system/twind-old.service"
     old.write_text("")
     with (tree / "opt/twind/files").open("a") as listed:
@@ -144,7 +144,7 @@ def test_what_an_older_version_had_more_of_goes(tree: Path) -> None:
 
 
 @pytest.mark.parametrize("purge", ["", "1"])
-def test_what_is_uninstalled_leaves_settings_and_state_unless_told(tree: Path, purge: str) -> None:
+def test_uninstall_keeps_settings_and_state_unless_purged(tree: Path, purge: str) -> None:
     state = tree / "var/lib/twind/calibration/h24.yaml"
     state.parent.mkdir(parents=True)
     state.write_text("format: twind-calibration/1\n")
@@ -173,7 +173,7 @@ def test_an_environment_made_by_hand_stays(tmp_path: Path, with_ours: bool) -> N
     assert not (tmp_path / "usr/local/lib/systemd/system/twind.service").exists()
 
 
-def test_a_folder_of_somebody_else_stays(tmp_path: Path) -> None:
+def test_uninstall_keeps_a_foreign_folder(tmp_path: Path) -> None:
     mine = tmp_path / "opt/twind/notes"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine\n")
@@ -181,7 +181,7 @@ def test_a_folder_of_somebody_else_stays(tmp_path: Path) -> None:
     assert mine.read_text() == "mine\n"
 
 
-def test_a_command_of_somebody_else_is_not_replaced(tmp_path: Path) -> None:
+def test_install_does_not_replace_a_foreign_command(tmp_path: Path) -> None:
     (tmp_path / "usr/local/bin").mkdir(parents=True)
     (tmp_path / "usr/local/bin/twindctl").write_text("#!/bin/sh\n")
     said = install(tmp_path, "install", fails=True).stderr

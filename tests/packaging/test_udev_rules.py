@@ -110,7 +110,7 @@ def each_rule() -> Iterator[tuple[str, list[Token]]]:
 
 
 @pytest.mark.parametrize("rule", [pytest.param(rule, id=name) for name, rule in each_rule()])
-def test_each_token_is_one_that_udev_knows(rule: list[Token]) -> None:
+def test_each_token_of_the_rules_is_valid_in_udev(rule: list[Token]) -> None:
     for key, name, operator, given in rule:
         assert bool(name) == (key in OF_KEYS), key
         assert given, key
@@ -154,7 +154,7 @@ def test_an_adapter_without_a_serial_number_has_no_name_of_ours_but_its_group() 
     assert nameless.got["GROUP"] == "dialout"
 
 
-def test_what_is_no_such_chip_is_left_as_it_is() -> None:
+def test_a_device_with_another_chip_is_left_unchanged() -> None:
     other = carry_out(tty(vendor="1a86", product="7523"), RULES)
     assert (other.symlinks, other.got, other.tags) == ([], {}, [])
     modem = Device(

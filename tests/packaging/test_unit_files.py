@@ -108,7 +108,7 @@ def test_systemd_reads_every_example_without_a_word(analyze: str, tree: Path, na
         shutil.rmtree(folder)
 
 
-def test_a_mistake_in_a_unit_would_be_told(analyze: str, tree: Path) -> None:
+def test_a_mistake_in_a_unit_is_reported_by_systemd_analyze(analyze: str, tree: Path) -> None:
     folder = tree / "usr/lib/systemd/system/twind.service.d"
     folder.mkdir()
     try:
@@ -231,7 +231,7 @@ def test_a_simulation_has_no_device_and_no_network() -> None:
     assert "--mode sim" in value(lines, "ExecStart")
 
 
-def test_figures_are_told_to_this_machine_alone_by_nobody_that_owns_anything() -> None:
+def test_the_metrics_unit_is_local_only_and_runs_as_a_dynamic_user() -> None:
     lines = unit("twind-metrics.service")
     assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
     assert (values(lines, "IPAddressDeny"), values(lines, "IPAddressAllow")) == (["any"], ["localhost"])
@@ -251,7 +251,7 @@ def test_figures_of_an_instance_differ_in_names_alone() -> None:
     assert unit(METRICS[1]) == [(section, key, given.replace(*command)) for section, key, given in plain]
 
 
-def test_readings_are_sent_by_nobody_that_has_a_device_or_anything_of_the_daemon_but_a_socket() -> None:
+def test_the_stream_unit_has_no_device_and_only_the_observe_socket() -> None:
     lines = unit(STREAM[0])
     assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
     assert (value(lines, "PrivateDevices"), value(lines, "DevicePolicy")) == ("yes", "closed")
@@ -281,7 +281,7 @@ def test_a_client_of_an_instance_differs_in_names_alone(
 
 
 @pytest.mark.parametrize("name", [units[0] for units, _ in BRIDGES])
-def test_a_bridge_has_no_device_sees_this_machine_alone_and_commands_nothing_until_told(name: str) -> None:
+def test_a_bridge_unit_has_no_device_local_network_only_and_no_commands_by_default(name: str) -> None:
     lines = unit(name)
     assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
     assert not [key for _, key, _ in lines if key in ("Requires", "BindsTo", "PartOf", "ReadWritePaths")]
@@ -297,7 +297,7 @@ def test_an_uplink_looks_for_the_router_that_the_verb_looks_for() -> None:
 
 
 @pytest.mark.parametrize("name", ["ros", "uplink"])
-def test_what_an_example_adds_to_a_bridge_is_what_its_name_says(name: str) -> None:
+def test_each_example_drop_in_adds_to_a_bridge_only_its_named_permission(name: str) -> None:
     commands, elsewhere = (read(EXAMPLES / f"{name}-{what}.conf") for what in ("commands", "elsewhere"))
     assert commands == [("Service", "SupplementaryGroups", GROUPS["control"])]
     assert {key for part, key, _ in elsewhere if part == "Service"} <= {"IPAddressAllow", "LoadCredential"}
@@ -340,7 +340,7 @@ def test_every_command_line_is_one_that_the_programs_take(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SERVICES)
-def test_what_the_unit_says_of_folders_is_what_the_daemon_makes_of_it(name: str) -> None:
+def test_the_folders_in_a_unit_are_those_the_daemon_uses(name: str) -> None:
     lines = unit(name)
     environment = dict(pair.split("=") for pair in value(lines, "Environment").split())
     environment["STATE_DIRECTORY"] = f"/var/lib/{value(lines, 'StateDirectory')}"  # as systemd does

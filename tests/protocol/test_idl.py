@@ -64,7 +64,7 @@ def test_a_wrong_field_is_named_by_its_whole_path() -> None:
     assert message == "trajectory.points[1].positions[0]: expected float, got null"
 
 
-def test_an_unknown_field_is_refused_and_the_known_ones_are_told() -> None:
+def test_an_unknown_field_is_refused_with_the_known_ones() -> None:
     assert refusal("SetMode", mode="sim", force=True) == "force: unknown field; known: mode"
     assert "known: none" in refusal("Disarm", now=True)
 

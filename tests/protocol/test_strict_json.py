@@ -24,7 +24,7 @@ VALUES = st.recursive(
 
 @examples(80)
 @given(VALUES, st.booleans())
-def test_what_json_allows_comes_back_as_it_was(value: object, ascii_only: bool) -> None:
+def test_valid_json_is_parsed_unchanged(value: object, ascii_only: bool) -> None:
     assert loads(json.dumps(value, ensure_ascii=ascii_only).encode()) == value
 
 
@@ -56,7 +56,7 @@ def test_any_bytes_are_a_value_or_bad_json(data: bytes) -> None:
         (b"[1,]", "Expecting value"),
     ],
 )
-def test_it_is_refused_with_a_reason(data: bytes, reason: str) -> None:
+def test_invalid_json_is_refused_with_a_reason(data: bytes, reason: str) -> None:
     with pytest.raises(InvalidInput, match=reason):
         loads(data)
 

@@ -9,13 +9,13 @@ from twind.robot.arrays import every, frozen, some
 
 
 @given(st.lists(st.booleans(), max_size=30))
-def test_every_and_some_say_what_numpy_says(flags: list[bool]) -> None:
+def test_every_and_some_equal_numpy_all_and_any(flags: list[bool]) -> None:
     array = np.array(flags, np.bool_)
     assert every(array) is bool(array.all())
     assert some(array) is bool(array.any())
 
 
-def test_a_frozen_array_is_a_copy_that_nobody_can_write_to() -> None:
+def test_a_frozen_array_is_a_read_only_copy() -> None:
     source = np.array([1.0, 2.0])
     copy = frozen(source)
     source[0] = 9.0

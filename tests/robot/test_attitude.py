@@ -51,7 +51,7 @@ def test_a_constant_tilt_is_known_from_the_first_reading(roll: float, pitch: flo
 
 @examples(20)
 @given(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4))
-def test_a_wrong_tilt_is_forgotten(roll: float, pitch: float) -> None:
+def test_a_wrong_initial_tilt_converges_to_the_true_one(roll: float, pitch: float) -> None:
     """It was told another one, and no gyro told that the body turned: 10 time constants later it is right."""
     filter = fed(Attitude(), pose(0.5, -0.4, 0.0), 0.1)
     stands = pose(roll, pitch, 0.0)
@@ -98,7 +98,7 @@ def test_yaw_is_the_integral_of_the_gyro() -> None:
     assert degrees(np.arctan2(forward[1], forward[0])) == pytest.approx(degrees(0.5 * (2.0 - STEP)), abs=0.1)
 
 
-def test_what_shakes_says_nothing_of_down() -> None:
+def test_a_short_sideways_acceleration_does_not_change_the_tilt() -> None:
     """A push of 5 m/s² sideways for 0.3 s leaves the tilt where the gyro has it."""
     filter = fed(Attitude(), np.eye(3), 1.0)
     for step in range(30):
@@ -142,7 +142,9 @@ def test_head_down_is_a_tilt_as_any_other(force: tuple[float, float, float]) -> 
 @pytest.mark.parametrize(
     ("gyro", "force"), [((np.nan, 0, 0), (0, 0, G)), ((0, 0, 0), (np.inf, 0, G)), ((0, 0, 0), (0, 0, 0))]
 )
-def test_what_is_no_reading_changes_nothing(gyro: tuple[float, ...], force: tuple[float, ...]) -> None:
+def test_an_invalid_reading_does_not_change_the_attitude(
+    gyro: tuple[float, ...], force: tuple[float, ...]
+) -> None:
     filter = fed(Attitude(), pose(0.3, 0.2, 0.0), 1.0)
     before = filter.quaternion
     filter.update(np.array(gyro, float), np.array(force, float), 2.0 if force[2] else 1.0)

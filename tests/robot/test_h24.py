@@ -122,7 +122,7 @@ def test_left_and_right_are_mirror_images() -> None:
             assert (other_joint.lower, other_joint.upper) == bounds
 
 
-def test_it_has_an_imu_a_floor_and_pairs_that_can_collide() -> None:
+def test_the_model_has_an_imu_a_floor_and_colliding_pairs() -> None:
     model = BINDING.model
     assert model.site("imu").bodyid[0] == model.body("torso").id
     assert {model.sensor(i).name for i in range(model.nsensor)} >= {

@@ -19,11 +19,11 @@ def test_the_nearest_limit_is_the_nearest(lower: float, upper: float, position: 
     assert abs(position - bound) <= abs(position - other)
 
 
-def test_what_is_beyond_a_limit_is_told_that_limit() -> None:
+def test_a_value_beyond_a_limit_gets_that_limit_as_bound() -> None:
     assert limits(-1.0, 2.0).nearest(1, 2.1) == 2.0
     assert limits(-1.0, 2.0).nearest(1, -1.1) == -1.0
     assert limits(-1.0, 2.0).nearest(1, float("inf")) in (-1.0, 2.0)
 
 
-def test_even_what_is_no_number_is_told_a_limit() -> None:
+def test_a_nan_value_gets_a_limit_as_bound() -> None:
     assert limits(-1.0, 2.0).nearest(1, float("nan")) in (-1.0, 2.0)

@@ -116,7 +116,7 @@ def test_accelerations_alone_are_summed_up_twice() -> None:
     assert path.acceleration[:, 0].tolist() == [2.0, 0.0]
 
 
-def test_what_has_no_way_to_a_position_is_an_error() -> None:
+def test_a_segment_without_a_position_raises_an_error() -> None:
     before = w.at_rest([0.0])
     time = np.array([1.0, 2.0])
     nothing = np.array([[0.1], [np.nan]])
@@ -263,7 +263,7 @@ def test_a_last_velocity_below_what_counts_as_rest_passes_here_and_not_upstream(
     assert answers([PointRow(1.0, [0.0] * 3, [1e-6] * 3)], TrajectoryRequest()) == set()
 
 
-def test_what_upstream_does_not_check_is_refused_here() -> None:
+def test_input_unchecked_by_the_reference_is_refused_here() -> None:
     nan = float("nan")
     good = [0.1, 0.1, 0.1]
     assert answers([PointRow(1.0, [nan, 0.0, 0.0])], TrajectoryRequest()) == {ReasonCode.NONFINITE}

@@ -50,7 +50,7 @@ def test_the_bernstein_form_is_the_same_curve(path: Trajectory, before: Referenc
                 assert value == pytest.approx(expected, rel=1e-8, abs=1e-8 / T**d)
 
 
-def test_joints_that_are_not_commanded_stay_whatever_their_columns_say() -> None:
+def test_uncommanded_joints_keep_their_position_whatever_their_columns() -> None:
     path = Trajectory(
         np.array([1.0]), np.array([[0.5, np.nan]]), np.array([True, False]), np.array([[0.1, np.nan]])
     )

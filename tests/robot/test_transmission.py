@@ -106,7 +106,7 @@ def test_a_differential_is_written_as_in_the_robot_file() -> None:
         ([[1.0, math.nan], [0.0, 1.0]], "not finite"),
     ],
 )
-def test_what_is_no_differential_is_refused(rows: list[list[float]], told: str) -> None:
+def test_a_matrix_that_is_no_differential_is_refused(rows: list[list[float]], told: str) -> None:
     with pytest.raises(ValueError, match=told):
         Differential(rows)
 
@@ -142,7 +142,7 @@ def test_beyond_a_table_joints_are_beyond_what_it_gives(
 
 
 @pytest.mark.parametrize("place", [math.nan, math.inf, -math.inf])
-def test_what_is_no_angle_has_no_place(place: float) -> None:
+def test_a_non_finite_angle_gives_nan(place: float) -> None:
     for angles in (np.array([place, 0.0]), np.array([0.0, place])):
         assert np.isnan(SQUARE.forward(angles)).all()
         assert np.isnan(SQUARE.jacobian(angles)).all()
@@ -160,12 +160,14 @@ def test_what_is_no_angle_has_no_place(place: float) -> None:
         ([[0.0, math.inf]], [[0.0], [1.0]], "finite"),
     ],
 )
-def test_what_is_no_table_is_refused(axes: list[list[float]], values: list[list[float]], told: str) -> None:
+def test_an_invalid_linkage_table_is_refused(
+    axes: list[list[float]], values: list[list[float]], told: str
+) -> None:
     with pytest.raises(ValueError, match=told):
         LinkageTable(axes, values)
 
 
-def test_a_place_of_a_large_table_is_sought_in_a_few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_position_in_a_large_table_is_searched_in_few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """64 x 64 places are as quick as 8 x 8, also where the cells are long and lie askew."""
     axis = np.linspace(-1.0, 1.0, 64).tolist()
     rows = [[(a + b) / 2 + 0.01 * math.sin(a), 0.03 * (a - b) / 2] for a in axis for b in axis]

@@ -39,7 +39,7 @@ def edges(lower: np.ndarray, upper: np.ndarray, count: int) -> np.ndarray:
 
 
 @given(placed())
-def test_the_span_of_a_box_holds_whatever_lies_in_it(case: tuple[Transmission, np.ndarray]) -> None:
+def test_the_span_of_a_box_contains_every_position_in_it(case: tuple[Transmission, np.ndarray]) -> None:
     law, place = case
     centre = law.forward(place)
     lower = centre - 0.01

@@ -190,7 +190,7 @@ def test_no_bytes_bring_the_decoder_down(data: bytes) -> None:
             continue
 
 
-def test_a_count_that_is_a_lie_costs_no_memory() -> None:
+def test_a_false_element_count_costs_no_memory() -> None:
     with pytest.raises(InvalidInput, match="more than"):
         decode(JOINT_STATE, GOLDEN[:24] + b"\xff\xff\xff\x7f" + GOLDEN[28:])
 
@@ -230,7 +230,7 @@ def test_the_definitions_of_others_are_read_too() -> None:
 
 
 @pytest.mark.parametrize(("store", "width"), [(Stores.ROS2_HUMBLE, 24), (Stores.ROS2_JAZZY, 16)])
-def test_who_takes_part_is_told_in_gids_as_wide_as_the_distribution_has_them(
+def test_participants_are_encoded_with_gids_of_the_width_of_the_distribution(
     store: Stores, width: int
 ) -> None:
     peer = get_typestore(store)

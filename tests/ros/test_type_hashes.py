@@ -109,7 +109,7 @@ def test_wider_gids_are_another_type() -> None:
     assert type_hash(participant_entities(24)) != type_hash(PARTICIPANT_ENTITIES)
 
 
-def test_whatever_has_an_endpoint_has_a_name_and_a_hash_on_the_wire() -> None:
+def test_every_endpoint_type_has_a_wire_name_and_a_hash() -> None:
     assert dds_type("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
     assert dds_type("std_srvs/srv/Trigger") == "std_srvs::srv::dds_::Trigger_"
     for each in (*TOPICS, *SERVICES):

@@ -47,13 +47,13 @@ class Watch:
 # ----------------------------------------------------------------------------------------------- BUS_ERRORS
 
 
-def test_a_good_bus_says_nothing() -> None:
+def test_a_healthy_bus_gives_no_finding() -> None:
     watch = Watch()
     assert all(judgement == GuardDecision() for judgement in watch.all([GOOD] * 300))
 
 
 @pytest.mark.parametrize("rate", [100.0, 200.0, 500.0, 1000.0])
-def test_bus_errors_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None:
+def test_bus_errors_of_one_percent_in_a_second_are_reported_and_of_five_hold(rate: float) -> None:
     watch = Watch(1.0 / rate)
     warn = round(0.01 * rate)
     most = round(0.05 * rate)
@@ -79,7 +79,7 @@ def test_bus_errors_at_low_rates_less_than_three_bad_ones_hold_nothing(rate: flo
     assert found[4].reaction is Reaction.HOLD
 
 
-def test_bus_errors_a_row_is_not_remembered_of_a_bus_that_was_away() -> None:
+def test_bus_errors_in_a_row_are_reset_while_a_bus_is_absent() -> None:
     watch = Watch()
     watch.all([BAD] * 19)
     watch.all([NOT_ASKED] * 102)
@@ -148,7 +148,7 @@ def test_bus_errors_one_good_exchange_ends_a_row_and_a_tick_without_question_doe
     assert [one.reaction for one in watch.all([BAD] * 5)] == [Reaction.NONE] * 4 + [Reaction.HOLD]
 
 
-def test_bus_errors_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
+def test_bus_errors_of_two_buses_are_not_summed_and_both_are_reported() -> None:
     watch = Watch()
     watch.see(BAD, GOOD)
     watch.see(GOOD, BAD)
@@ -159,7 +159,7 @@ def test_bus_errors_errors_of_two_buses_are_not_added_up_and_both_are_told() -> 
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_bus_errors_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
+def test_bus_errors_are_only_reported_without_our_torque(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([BAD] * 100, **over)} == {(Reaction.NONE, False)}
     assert ReasonCode.BUS_ERRORS in watch.told
@@ -186,7 +186,7 @@ def test_foreign_traffic_what_is_just_a_second_ago_is_over() -> None:
     assert last.reaction is Reaction.NONE
 
 
-def test_foreign_traffic_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named() -> None:
+def test_foreign_traffic_under_a_latched_fault_inhibits_latches_and_names_the_bus() -> None:
     watch = Watch()
     found = [
         watch.see(foreign(3), state=RobotState.FAULT),
@@ -204,7 +204,7 @@ def test_foreign_traffic_while_arming_too() -> None:
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_foreign_traffic_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(
+def test_foreign_traffic_without_our_torque_is_reported_and_prevents_arming_for_a_second(
     over: dict[str, object],
 ) -> None:
     watch = Watch()
@@ -260,7 +260,7 @@ def test_tx_backlog_both_packets_of_a_tick_count() -> None:
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_tx_backlog_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
+def test_tx_backlog_is_only_reported_without_our_torque(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([FULL] * 9, **over)} == {(Reaction.NONE, False)}
     assert ReasonCode.TX_BACKLOG in watch.told

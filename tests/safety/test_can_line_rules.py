@@ -54,12 +54,12 @@ class Watch:
 # ----------------------------------------------------------------------------------------------- the line
 
 
-def test_can_bus_state_an_active_line_says_nothing() -> None:
+def test_can_bus_state_an_active_line_gives_no_finding() -> None:
     assert all(judgement == FINE for judgement in Watch().all([line(ACTIVE)] * 200))
 
 
 @pytest.mark.parametrize("over", [{}, ARMING, DISARMED, MIRROR])
-def test_can_bus_state_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, object]) -> None:
+def test_can_bus_state_a_passive_line_is_reported_once_and_changes_nothing(over: dict[str, object]) -> None:
     watch = Watch()
     first, *later = watch.all([line(PASSIVE)] * 300, **over)
     assert codes(first) == [ReasonCode.CAN_BUS_STATE]
@@ -100,7 +100,7 @@ def test_can_bus_state_a_robot_on_its_way_down_goes_on(state: RobotState) -> Non
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_can_bus_state_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
+def test_can_bus_state_without_our_torque_is_reported_and_prevents_arming_while_it_lasts(
     over: dict[str, object],
 ) -> None:
     watch = Watch()
@@ -113,7 +113,7 @@ def test_can_bus_state_without_our_torque_it_is_told_and_bars_arming_as_long_as_
     assert not watch.guard.bars
 
 
-def test_can_bus_state_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> None:
+def test_can_bus_state_of_a_bus_already_left_out_is_reported_and_has_no_new_reaction() -> None:
     watch = Watch()
     for gone in (
         BusTraffic(asked=True, answered=True, line=OFF, left_out=True),
@@ -128,7 +128,7 @@ def test_can_bus_state_a_bus_that_was_given_up_before_is_told_and_not_given_up_a
     assert [one.code for one in watch.guard.bars if one.code is ReasonCode.CAN_BUS_STATE]
 
 
-def test_can_bus_state_passive_that_becomes_off_is_told_again() -> None:
+def test_can_bus_state_a_passive_line_that_turns_off_is_reported_again() -> None:
     watch = Watch()
     watch.all([line(PASSIVE)] * 5 + [line(OFF)], **DISARMED)
     assert watch.told == [ReasonCode.CAN_BUS_STATE] * 2
@@ -158,7 +158,7 @@ def test_can_bus_state_a_serial_bus_has_no_line() -> None:
     assert watch.told == []
 
 
-def test_can_bus_state_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
+def test_can_bus_state_a_guard_without_can_buses_gives_no_finding() -> None:
     guard = Guard(LIMITS, buses=("arm",))
     assert guard.judge(facts(traffic=(line(OFF),))) == FINE
 
@@ -168,7 +168,7 @@ def test_can_bus_state_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("lost", [NOBODY, FULL])
-def test_can_bus_state_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) -> None:
+def test_can_bus_state_a_bus_without_replies_for_100_ms_counts_as_lost(rate: float, lost: BusTraffic) -> None:
     watch = Watch(1.0 / rate)
     most = round(0.1 * rate)
     found = watch.all([lost] * most)
@@ -198,7 +198,9 @@ def test_can_bus_state_one_answer_or_a_bus_that_is_not_asked_begins_anew(between
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_can_bus_state_silence_that_holds_nobody_up_is_none(over: dict[str, object]) -> None:
+def test_can_bus_state_missing_replies_without_our_torque_do_not_count_as_lost(
+    over: dict[str, object],
+) -> None:
     watch = Watch()
     watch.all([NOBODY] * 50, **over)
     assert ReasonCode.CAN_BUS_STATE not in watch.told
@@ -206,7 +208,7 @@ def test_can_bus_state_silence_that_holds_nobody_up_is_none(over: dict[str, obje
     assert watch.see(NOBODY).gone == (1,)
 
 
-def test_can_bus_state_silence_on_a_line_that_is_off_is_told_as_that_alone() -> None:
+def test_can_bus_state_missing_replies_on_an_off_line_are_reported_only_as_off() -> None:
     watch = Watch()
     found = watch.all([BusTraffic(asked=True, line=OFF)] * 15)
     assert all(one.gone == (1,) for one in found)

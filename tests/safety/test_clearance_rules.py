@@ -82,7 +82,7 @@ def test_lookahead_collision_without_bounds_only_what_touches_is_held_and_now() 
     assert [(one.time, one.bound) for one in found.findings] == [(0.0, 0.0)]
 
 
-def test_lookahead_collision_nobody_looked() -> None:
+def test_lookahead_collision_without_a_look_ahead_gives_no_finding() -> None:
     assert judge(outlook=None) == FINE
 
 

@@ -119,7 +119,7 @@ def test_servo_alert_before_there_is_torque_no_leg_has_let_go(torque: int) -> No
     assert judge.judge(facts(alerts=at(0, 128), torque=row, **ARMING)).reaction is Reaction.SETTLE
 
 
-def test_servo_alert_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
+def test_servo_alert_is_reported_again_once_its_bits_are_read_and_then_no_more() -> None:
     judge = guard()
     over = {"alerts": at(0, 128), "state": RobotState.FAULT}
     told = [codes(judge.judge(facts(fault=at(0, bits, 0, np.int16), **over))) for bits in (0, 0, 32, 32)]
@@ -134,7 +134,7 @@ def test_servo_alert_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: d
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
-def test_servo_alert_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
+def test_servo_alert_without_our_torque_is_reported_and_prevents_arming_while_it_lasts(
     over: dict[str, object],
 ) -> None:
     judge = guard()
@@ -147,7 +147,7 @@ def test_servo_alert_without_our_torque_it_is_told_and_bars_arming_as_long_as_it
     assert not judge.bars
 
 
-def test_servo_alert_in_sim_there_is_no_bus_to_speak_of() -> None:
+def test_servo_alert_gives_no_finding_in_sim() -> None:
     assert guard().judge(facts(alerts=at(0, 128), **SIM)) == FINE
 
 
@@ -240,13 +240,13 @@ def test_servo_rebooted_who_was_not_read_for_minutes_is_not_known_to_be_the_same
     assert codes(clocks.later(400.0)) == [ReasonCode.SERVO_REBOOTED] * N
 
 
-def test_servo_rebooted_a_forgotten_clock_begins_anew() -> None:
+def test_servo_rebooted_a_cleared_clock_starts_anew() -> None:
     clocks = Clocks(20_000)
     clocks.guard.judge(facts())  # -1: the bus was lost, or the restart was ordered
     assert clocks.restart(0.2, 0.1) == FINE
 
 
-def test_servo_rebooted_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
+def test_servo_rebooted_an_unknown_clock_gives_no_finding() -> None:
     clocks = Clocks(20_000)
     for unknown in (-1, -1):
         clocks.now += 0.2
@@ -289,7 +289,7 @@ def test_servo_rebooted_an_armed_watchdog_that_reads_zero_is_a_restart(
     assert told == [(ReasonCode.SERVO_REBOOTED, 2, 0.0, True)] * restarted
 
 
-def test_servo_rebooted_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
+def test_servo_rebooted_a_watchdog_read_before_or_during_arming_gives_no_finding() -> None:
     judge = guard()
     zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
@@ -298,7 +298,7 @@ def test_servo_rebooted_a_watchdog_read_before_the_arming_or_during_it_says_noth
     assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.2))).latches
 
 
-def test_servo_rebooted_one_joint_read_anew_says_nothing_of_another() -> None:
+def test_servo_rebooted_a_fresh_reading_of_one_joint_does_not_affect_another() -> None:
     judge = guard()
     zero = at(0, 0, 5, np.int16)
     judge.judge(facts(watchdog=zero, **DISARMED))
@@ -334,7 +334,7 @@ def test_torque_mismatch_counts_from_the_last_time_that_all_was_right(between: d
     assert [one.latches for one in found] == [False, False, False, True]
 
 
-def test_torque_mismatch_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> None:
+def test_torque_mismatch_readings_during_a_procedure_count_as_no_restart() -> None:
     judge = guard()
     off = {"torque": at(1, 0, 1, np.int8)}
     judge.judge(facts(status_time=np.full(N, 10.0), **off))

@@ -129,7 +129,7 @@ def test_the_hardware_counts_in_live_only(field: str) -> None:
         assert judged(mode=mode, **{field: value}) == []
 
 
-def test_only_the_joints_that_move_must_be_calibrated_and_heard() -> None:
+def test_only_moving_joints_must_be_calibrated_and_fresh() -> None:
     ill = {"calibrated": np.array([True, False]), "age": np.array([0.0, inf])}
     first = np.array([True, False])
     assert admit(w.snapshot(**ill), first, w.TH).accepted
@@ -196,11 +196,11 @@ def test_latency_warns_then_blocks_and_unknown_blocks(
         (nan, [ReasonCode.CMD_EXPIRED]),
     ],
 )
-def test_a_start_lies_between_now_and_a_minute(start_in: float, expected: list[ReasonCode]) -> None:
+def test_a_start_must_be_between_now_and_a_minute(start_in: float, expected: list[ReasonCode]) -> None:
     assert judged(demand=TrajectoryRequest(start_in=start_in)) == expected
 
 
-def test_a_policy_that_nobody_knows_is_refused() -> None:
+def test_an_unknown_policy_is_refused() -> None:
     assert judged(demand=TrajectoryRequest(policy="clamp")) == [ReasonCode.BAD_SCHEMA]
 
 

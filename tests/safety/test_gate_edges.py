@@ -58,13 +58,13 @@ def test_the_jerk_of_lines_is_what_the_corners_change_by_over_the_line_between()
     assert told.bound == 5000.0
 
 
-def test_what_is_wrong_at_the_reference_itself_is_told_of_the_first_point() -> None:
+def test_an_error_at_the_reference_is_reported_for_the_first_point() -> None:
     moving = Reference(np.array([0.0]), np.array([4.5]), np.zeros(1))
     [told] = of(ReasonCode.VEL_LIMIT, w.ask(w.path([1.0], [0.0], [0.0]), w.limits(1), moving))
     assert (told.point, told.time, told.value) == (0, 0.0, 4.5)
 
 
-def test_one_joint_outside_may_come_in_beside_others_that_are_inside() -> None:
+def test_a_single_joint_outside_its_limits_may_return_beside_joints_inside() -> None:
     for outside in ([2.02, 0.0], [0.0, 2.02]):
         path = w.path([1.0], [[0.9 * each for each in outside]])
         assert w.ask(path, w.limits(), w.at_rest(outside)).verdict.accepted
@@ -75,7 +75,7 @@ def test_a_place_that_is_only_held_needs_no_acceleration() -> None:
 
 
 @pytest.mark.parametrize(("high", "low", "told"), [(2.3, -0.7, 2.3), (2.1, -0.7, -0.7)])
-def test_the_side_that_is_left_by_more_radians_is_told(high: float, low: float, told: float) -> None:
+def test_the_limit_exceeded_by_more_radians_is_reported(high: float, low: float, told: float) -> None:
     limit = w.limits(1, lower=-0.5, upper=2.0, hard_lower=-3.0, hard_upper=3.0)
     [finding] = of(
         ReasonCode.POS_LIMIT, w.ask(w.path([2.0, 6.0, 8.0], [high, low, 0.0]), limit, w.at_rest([0.0]))
@@ -93,20 +93,20 @@ def test_a_smooth_path_that_begins_at_once_is_held_to_the_step_at_its_start() ->
     assert w.ask(goes_on, w.limits(1, acceleration=0.6), moving).verdict.accepted
 
 
-def test_the_joint_that_is_pressed_hardest_for_its_strength_is_told_first() -> None:
+def test_the_joint_with_the_largest_relative_excess_is_reported_first() -> None:
     limit = w.limits(acceleration=np.array([20.0, 2.0]))
     path = w.path([0.1, 5.0], [[0.15, 0.03], [0.15, 0.03]])  # corners of 30 and 6 rad/s²
     found = of(ReasonCode.ACC_LIMIT, w.ask(path, limit, w.at_rest([0.0, 0.0])))
     assert [finding.joint for finding in found] == [1, 0]
 
 
-def test_of_two_places_equally_far_out_the_upper_is_told() -> None:
+def test_the_upper_of_two_equal_excesses_is_reported() -> None:
     path = w.path([2.0, 4.0, 6.0], [-2.25, 2.25, 0.0])
     [told] = of(ReasonCode.POS_LIMIT, w.ask(path, w.limits(1), w.at_rest([0.0])))
     assert told.value == 2.25
 
 
-def test_limits_may_lie_on_one_side_of_zero() -> None:
+def test_limits_on_one_side_of_zero_are_checked() -> None:
     for lower, upper, end in ((0.5, 2.0, 0.25), (-2.0, -0.5, -0.25)):
         judged = w.ask(w.path([4.0], [end]), w.limits(1, lower=lower, upper=upper), w.at_rest([4.0 * end]))
         [told] = of(ReasonCode.POS_LIMIT, judged)
@@ -114,7 +114,7 @@ def test_limits_may_lie_on_one_side_of_zero() -> None:
 
 
 @pytest.mark.parametrize("strongest", [0.1, 0.6])
-def test_who_brakes_softly_needs_more_room(strongest: float) -> None:
+def test_a_joint_with_low_acceleration_needs_more_braking_distance(strongest: float) -> None:
     path = w.path([5.0], [1.9])  # 0.3 rad/s: 1.25 rad or 0.21 to stop in, of which 0.15 are left
     judged = w.ask(path, w.limits(1, acceleration=strongest), w.at_rest([0.4]))
     assert ReasonCode.BRAKE_DISTANCE in w.codes(judged)

@@ -20,18 +20,18 @@ def codes(verdict: Verdict) -> list[ReasonCode]:
     return [finding.code for finding in verdict.refusals]
 
 
-def test_of_one_code_at_most_64_findings_are_told() -> None:
+def test_at_most_64_findings_per_code_are_reported() -> None:
     n = 70
     far = w.path([1.0], [[3.0] * n])
     judged = check(far, w.snapshot(n), w.limits(n), TrajectoryRequest(), w.TH)
     assert sum(finding.code is ReasonCode.POS_LIMIT for finding in judged.verdict.refusals) == 64
 
 
-def test_what_is_not_said_of_a_demand_is_the_strict_thing() -> None:
+def test_the_default_request_is_strict() -> None:
     assert TrajectoryRequest() == TrajectoryRequest(policy="reject", append_stop=False, start_in=0.0)
 
 
-def test_a_start_in_the_past_is_told_against_now() -> None:
+def test_a_start_in_the_past_is_reported_against_now() -> None:
     verdict = check(MOVE, w.snapshot(2), w.limits(), TrajectoryRequest(start_in=-0.5), w.TH).verdict
     assert [(f.code, f.value, f.bound) for f in verdict.refusals] == [(ReasonCode.CMD_EXPIRED, -0.5, 0.0)]
 
@@ -48,7 +48,7 @@ def test_a_latched_state_names_itself_where_no_code_is_known(state: RobotState) 
     assert any("latched: OVERTEMP;" in f.message for f in verdict.refusals)
 
 
-def test_500_points_are_a_slice_where_nothing_else_is_said() -> None:
+def test_the_default_slice_of_a_check_is_500_points() -> None:
     def pauses(k: int) -> int:
         path = w.path(list(np.arange(1, k + 1) * 0.01), np.zeros((k, 2)))
         return len(list(checking(path, w.snapshot(2), w.limits(), TrajectoryRequest(), w.TH)))
@@ -70,7 +70,7 @@ def test_work_that_just_fits_into_a_slice_needs_no_pause() -> None:
     assert [pauses(step, w.at_rest([0.0, 0.0]), twice, 0.05) for step in (20, 19)] == [0, 1]
 
 
-def test_a_retimed_path_says_how_much_slower_against_one() -> None:
+def test_a_retimed_path_reports_its_factor_against_one() -> None:
     quick = w.path([0.05, 0.1], [[0.05, 0.0], [0.0, 0.0]])
     verdict = check(quick, w.snapshot(2), w.limits(), TrajectoryRequest("retime"), w.TH).verdict
     [told] = verdict.changes
@@ -88,7 +88,7 @@ def test_no_stretch_makes_a_path_longer_than_the_longest() -> None:
     assert verdict.changes == ()
 
 
-def test_what_is_out_of_place_is_not_stretched_too() -> None:
+def test_a_path_outside_its_position_limits_is_not_retimed() -> None:
     verdict = retimed(w.path([1.0, 2.0], [[2.5, 0.0], [0.0, 0.0]]))
     assert codes(verdict)[0] is ReasonCode.POS_LIMIT
     assert verdict.changes == ()
@@ -104,14 +104,14 @@ def test_a_stretched_path_that_is_only_jerky_is_let_in_with_a_warning() -> None:
 
 
 @pytest.mark.parametrize("unknown", ["position", "velocity", "acceleration"])
-def test_of_an_unknown_reference_only_itself_is_told(unknown: str) -> None:
+def test_an_unknown_reference_gives_only_a_start_jump_finding(unknown: str) -> None:
     before = replace(w.at_rest([0.1, 0.0]), **{unknown: np.full(2, nan)})
     for rates in (None, [[0.0, 0.0]] * 2):
         path = w.path([0.01, 5.0], [[0.1, 0.0], [1.0, 0.0]], rates)
         assert codes(w.ask(path, w.limits(), before).verdict) == [ReasonCode.START_JUMP] * 2
 
 
-def test_a_jump_at_the_start_is_told_of_the_first_point() -> None:
+def test_a_jump_at_the_start_is_reported_for_the_first_point() -> None:
     path = w.path([0.5, 9.0], [[1.9, 0.0], [1.9, 0.0]])
     slow = w.limits(velocity=1.0)
     [told] = [

@@ -91,7 +91,7 @@ def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: RobotState) -> N
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_out_of_limit_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side: float) -> None:
+def test_out_of_limit_a_joint_past_its_limit_gives_no_finding_for_one_at_its_limit(side: float) -> None:
     judgement = judge(
         measured=reading([side * 2.0, side * 2.01, 0.0]),
         previous=side * joints(2.01, 2.01, 0.0),
@@ -101,13 +101,13 @@ def test_out_of_limit_one_past_its_limit_says_nothing_of_one_that_stands_right_o
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_out_of_limit_all_past_their_limits_are_all_told(side: float) -> None:
+def test_out_of_limit_every_joint_past_its_limit_is_reported(side: float) -> None:
     there = np.full(N, side * 2.1)
     judgement = judge(measured=reading(list(there)), previous=there, goal=at_rest(list(there)))
     found = [(finding.code, finding.joint) for finding in judgement.findings]
     assert found == [(ReasonCode.OUT_OF_LIMIT, joint) for joint in range(N)]
 
 
-def test_state_stale_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
+def test_state_stale_a_late_joint_gives_no_finding_for_one_just_in_time() -> None:
     judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
     assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.STATE_STALE, 0)]

@@ -19,7 +19,7 @@ from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecisio
 # --------------------------------------------------------------------------------------------- all well
 
 
-def test_when_all_is_well_nothing_is_said() -> None:
+def test_a_healthy_state_gives_no_finding() -> None:
     assert judge() == FINE
 
 
@@ -59,7 +59,7 @@ def test_reactions_are_ordered_by_severity() -> None:
     ("lateness", "told"),
     [(0.0, False), (0.002, False), (0.002 + 1e-9, True), (0.5, True), (nan, True), (-1.0, False)],
 )
-def test_loop_late_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
+def test_loop_late_a_tick_later_than_two_milliseconds_is_reported(lateness: float, told: bool) -> None:
     judgement = judge(lateness=lateness)
     assert judgement.reaction is Reaction.NONE
     assert codes(judgement) == ([ReasonCode.LOOP_LATE] if told else [])
@@ -79,7 +79,7 @@ def test_loop_late_a_tick_later_than_two_milliseconds_is_told(lateness: float, t
         (nan, 5, Reaction.HOLD),
     ],
 )
-def test_loop_late_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
+def test_loop_late_at_a_high_rate_a_few_missed_ticks_cause_no_hold(
     rate: float, missed: int, reaction: Reaction
 ) -> None:
     found = judge(missed_in_a_row=missed, period=1.0 / rate, goal=None)
@@ -100,7 +100,7 @@ def test_loop_late_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
         (100, Reaction.HOLD, 5.0),
     ],
 )
-def test_loop_late_two_missed_ticks_are_told_and_five_hold(
+def test_loop_late_two_missed_ticks_are_reported_and_five_hold(
     missed: int, reaction: Reaction, bound: float | None
 ) -> None:
     judgement = judge(missed_in_a_row=missed)
@@ -151,7 +151,7 @@ def test_stream_stale_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float
     ],
 )
 @pytest.mark.parametrize("aged_since", [0.0, 0.02])
-def test_state_stale_a_silent_joint_is_told_then_held_then_a_fault(
+def test_state_stale_a_joint_without_readings_is_reported_then_held_then_a_fault(
     age: float, bound: float | None, reaction: Reaction, latches: bool, aged_since: float
 ) -> None:
     """Its age counts at the tick: what it was when read, and what has passed since."""
@@ -195,7 +195,7 @@ def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: RobotSt
 # ------------------------------------------------------------------------------ RX_SHAPE and WATCHDOG_TRIPPED
 
 
-def test_rx_shape_dropped_bytes_are_told_and_nothing_more() -> None:
+def test_rx_shape_dropped_bytes_are_only_reported() -> None:
     judgement = judge(discarded=7)
     assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
     assert [(finding.code, finding.value) for finding in judgement.findings] == [(ReasonCode.RX_SHAPE, 7.0)]

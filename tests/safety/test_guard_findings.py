@@ -23,7 +23,7 @@ def ticks(guard: Guard, count: int, start: float = 10.0, **over: object) -> list
     ]
 
 
-def test_what_lasts_is_told_once_and_reacted_to_all_the_time() -> None:
+def test_a_lasting_condition_is_reported_once_and_keeps_its_reaction() -> None:
     judgements = ticks(Guard(LIMITS), 500, lease_ok=False)
     assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 499
     assert {judgement.reaction for judgement in judgements} == {Reaction.HOLD}
@@ -32,7 +32,7 @@ def test_what_lasts_is_told_once_and_reacted_to_all_the_time() -> None:
 @pytest.mark.parametrize(
     ("bad", "times"), [({"lateness": 0.01}, 1), ({"missed_in_a_row": 5}, 3)], ids=["warned of", "holds"]
 )
-def test_what_comes_again_is_told_again_after_a_second_and_a_mere_warning_after_ten(
+def test_a_recurring_condition_is_reported_after_a_second_and_a_warning_after_ten(
     bad: dict[str, object], times: int
 ) -> None:
     guard = Guard(LIMITS)
@@ -54,20 +54,22 @@ def test_what_comes_again_is_told_again_after_a_second_and_a_mere_warning_after_
         ({"missed_in_a_row": 5}, 1.05, 1),
     ],
 )
-def test_what_comes_again_has_its_time_of_quiet(bad: dict[str, object], later: float, again: int) -> None:
+def test_a_recurring_condition_is_reported_only_after_its_quiet_time(
+    bad: dict[str, object], later: float, again: int
+) -> None:
     guard = Guard(LIMITS)
     assert len(ticks(guard, 1, **bad)[0].findings) == 1
     assert ticks(guard, 1, 10.0 + later - PERIOD, period=later) == [FINE]
     assert len(ticks(guard, 1, 10.0 + later, **bad)[0].findings) == again
 
 
-def test_what_lasts_is_told_once_however_slow_the_ticks_are() -> None:
+def test_a_lasting_condition_is_reported_once_however_slow_the_ticks() -> None:
     guard = Guard(LIMITS)
     found = [ticks(guard, 1, 10.0 + 20.0 * count, period=20.0, lateness=0.01)[0] for count in range(4)]
     assert [len(one.findings) for one in found] == [1, 0, 0, 0]
 
 
-def test_a_reaction_names_its_causes_though_they_were_told_before() -> None:
+def test_a_reaction_names_causes_already_reported() -> None:
     guard = Guard(LIMITS)
     first, again = ticks(guard, 2, lease_ok=False)
     assert (first.findings, again.findings) == (first.causes, ())
@@ -75,13 +77,13 @@ def test_a_reaction_names_its_causes_though_they_were_told_before() -> None:
     assert guard.judge(facts(lateness=0.01)).causes == ()  # no reaction
 
 
-def test_what_latches_is_told_once_of_a_robot_that_is_inhibited() -> None:
+def test_a_latching_condition_of_an_inhibited_robot_is_reported_once() -> None:
     tripped = np.array([255, 5, 5], np.int16)
     judgements = ticks(Guard(LIMITS), 50, state=RobotState.INHIBITED, goal=None, watchdog=tripped)
     assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 49
 
 
-def test_a_worse_level_is_told_at_once() -> None:
+def test_a_worse_level_is_reported_at_once() -> None:
     guard = Guard(LIMITS)
     found = []
     for tick in range(60):
@@ -101,7 +103,7 @@ def test_a_robot_that_is_watched_without_its_servos_does_not_flood_the_log() -> 
     assert count == N + 1
 
 
-def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> None:
+def test_a_latching_finding_is_reported_alone_until_it_is_latched() -> None:
     guard = Guard(LIMITS)
     watchdog = np.array([255, 5, 5], np.int16)
     for _ in range(3):
@@ -168,7 +170,7 @@ def test_thresholds_can_be_other_ones() -> None:
 # ------------------------------------------------------------------------------------------ new limits
 
 
-def test_limits_that_are_replaced_count_from_the_next_tick_and_what_was_told_is_remembered() -> None:
+def test_replaced_limits_apply_from_the_next_tick_and_reported_conditions_are_kept() -> None:
     guard = Guard(LIMITS)
     place = [0.0, 2.0, 0.0]
     there = facts(measured=reading(place), goal=at_rest(place), previous=np.array(place))

@@ -85,7 +85,7 @@ def test_a_model_of_which_no_bounds_are_known_is_not_barred() -> None:
     assert refused(replace(unknown, ratings=ActuatorRatings.unknown(2))) == []
 
 
-def test_the_finding_says_value_bound_and_what_is_wrong() -> None:
+def test_a_headroom_finding_gives_value_bound_and_cause() -> None:
     told = headroom(w.condition(temperature=second(35.0, 70.0)), BOTH, 1.0)
     assert [(f.joint, f.value, f.bound) for f in told] == [(1, 70.0, 65.0)] and "too hot" in told[0].message
     never = headroom(w.condition(age=second(0.1, inf), voltage=second(12.0, nan)), BOTH, 1.0)
@@ -99,7 +99,7 @@ def test_the_finding_says_value_bound_and_what_is_wrong() -> None:
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
-def test_it_counts_in_live_only(mode: Mode) -> None:
+def test_headroom_is_checked_only_in_live(mode: Mode) -> None:
     assert admit(w.snapshot(mode=mode, condition=None), BOTH, w.TH).accepted
 
 

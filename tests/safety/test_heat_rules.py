@@ -70,7 +70,7 @@ def levels(found: list[GuardDecision]) -> list[Finding]:
         (nan, None, NONE, 1.0),
     ],
 )
-def test_overtemp_warm_is_told_hot_goes_slower_and_hotter_is_lowered(
+def test_overtemp_a_warm_joint_is_reported_a_hot_one_slowed_and_a_hotter_one_lowered(
     celsius: float, bound: float | None, reaction: Reaction, pace: float
 ) -> None:
     watch = Watch()
@@ -145,7 +145,7 @@ def test_overtemp_who_was_never_read_is_neither_hot_nor_cold() -> None:
         assert watch.guard.bars == ()
 
 
-def test_overtemp_a_spike_is_told_and_changes_nothing() -> None:
+def test_overtemp_a_spike_is_reported_and_changes_nothing() -> None:
     watch = Watch()
     watch.row(*[30.0] * 5)
     spike, *after = watch.row(120.0, *[30.0] * 10)
@@ -177,7 +177,9 @@ def test_overtemp_before_there_are_three_readings_nothing_is_compared() -> None:
     ("rise", "told"),
     [(0.0, False), (2.0, False), (2.5, False), (2.6, True), (20.0, True), (-20.0, False)],
 )
-def test_overtemp_half_a_degree_a_second_over_five_seconds_is_told(rise: float, told: bool) -> None:
+def test_overtemp_a_rise_of_half_a_degree_per_second_over_five_seconds_is_reported(
+    rise: float, told: bool
+) -> None:
     watch = Watch()
     watch.row(*[30.0] * 3)
     found = watch.row(*[30.0 + rise] * 25)
@@ -207,7 +209,7 @@ def test_overtemp_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion,
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
-def test_overtemp_what_we_do_not_hold_is_told_only_and_not_armed(over: dict[str, object]) -> None:
+def test_overtemp_without_our_torque_is_only_reported_and_prevents_arming(over: dict[str, object]) -> None:
     watch = Watch(**over)
     found = watch.row(*[75.0] * 4)
     assert {(one.reaction, one.latches, one.pace) for one in found} == {(NONE, False, 1.0)}
@@ -277,7 +279,7 @@ def test_overtemp_a_look_that_found_nothing_new_puts_off_no_reading() -> None:
         assert (last.reaction is SETTLE) is (count == 2)
 
 
-def test_without_ratings_nobody_is_too_hot() -> None:
+def test_without_ratings_no_joint_is_too_hot() -> None:
     guard = Guard(LIMITS)
     for tick in range(10):
         now = 10.0 + 0.2 * tick

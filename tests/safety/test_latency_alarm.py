@@ -24,7 +24,7 @@ def alarm_reports(*values: tuple[float, float], bound: float = BOUND) -> list[tu
     return [(time, alert.calm) for time, alert in alerts if alert is not None]
 
 
-def test_it_says_of_which_hop_by_how_much_and_what_is_allowed() -> None:
+def test_a_latency_alert_gives_hop_value_and_bound() -> None:
     alarm = LatencyAlarm("reply")
     assert alarm.judge(BOUND, BOUND, 1.0) is None
     assert alarm.judge(HIGH, BOUND, 2.0) == LatencyAlert("reply", HIGH, BOUND)
@@ -34,16 +34,16 @@ def test_it_says_of_which_hop_by_how_much_and_what_is_allowed() -> None:
 
 
 @pytest.mark.parametrize("wrong", [HIGH, inf, -1e-9, -inf])
-def test_too_long_and_negative_are_told_alike(wrong: float) -> None:
+def test_too_long_and_negative_latencies_are_reported_alike(wrong: float) -> None:
     assert alarm_reports((0.0, wrong)) == [(0.0, False)]
 
 
-def test_what_is_not_known_is_no_news_and_nothing_to_be_calm_about() -> None:
+def test_an_unknown_latency_is_neither_an_alert_nor_a_recovery() -> None:
     assert alarm_reports((0.0, nan), (5.0, LOW)) == []
     assert alarm_reports((0.0, HIGH), (0.9, nan), (1.5, LOW), (2.0, LOW)) == [(0.0, False), (2.0, True)]
 
 
-def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_second() -> None:
+def test_a_hop_recovers_after_more_than_a_second_below_the_calm_share() -> None:
     calm = CALM * BOUND
     assert alarm_reports((0.0, HIGH), (CALM_FOR, calm)) == [(0.0, False)]
     assert alarm_reports((0.0, HIGH), (CALM_FOR + 1e-9, calm)) == [(0.0, False), (CALM_FOR + 1e-9, True)]
@@ -53,12 +53,12 @@ def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_
     assert alarm_reports((0.0, HIGH), (5.0, above), (5.1, LOW)) == [(0.0, False)]
 
 
-def test_one_that_comes_back_before_it_was_calm_is_not_told_again() -> None:
+def test_a_hop_that_is_slow_again_before_recovery_is_not_reported_again() -> None:
     assert alarm_reports((0.0, HIGH), (0.5, LOW), (0.9, HIGH), (1.2, LOW), (1.9, HIGH)) == [(0.0, False)]
     assert alarm_reports((0.0, HIGH), (1.5, LOW), (1.6, HIGH)) == [(0.0, False), (1.5, True), (1.6, False)]
 
 
-def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> None:
+def test_a_hop_no_longer_measured_ends_its_alert_once_and_may_be_reported_anew() -> None:
     alarm = LatencyAlarm("reply")
     assert alarm.drop() is None
     assert alarm.judge(HIGH, BOUND, 1.0) is not None
@@ -76,7 +76,7 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=60))
-def test_whatever_comes_too_slow_and_calm_take_turns_and_calm_was_earned(
+def test_slow_and_calm_alerts_alternate_for_any_values(
     steps: list[tuple[float, float]],
 ) -> None:
     alarm = LatencyAlarm("reply")

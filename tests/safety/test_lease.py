@@ -16,18 +16,18 @@ def held(now: float = 10.0, client: int = A) -> Lease:
     return lease
 
 
-def test_it_lasts_a_second_and_a_quarter_of_one_while_setpoints_are_streamed() -> None:
+def test_the_lease_times_are_one_second_and_a_quarter_of_a_second_for_setpoints() -> None:
     assert (TRAJECTORY, STREAMING) == (1.0, 0.25)  # docs/protocol.md: what clients count on
 
 
-def test_at_first_nobody_holds_it() -> None:
+def test_a_new_lease_has_no_holder() -> None:
     lease = Lease()
     assert not lease.holds(0.0)
     assert (lease.holder_client(0.0), lease.info(0.0), lease.epoch) == (0, None, 0)
     assert not lease.held_by(0, 0.0)
 
 
-def test_who_takes_it_holds_it_and_another_is_told_no() -> None:
+def test_a_held_lease_is_refused_to_another_client() -> None:
     lease = held()
     assert lease.info(10.25) == LeaseHolder(A, "uid 1", 1, 0.75)
     assert lease.held_by(A, 10.0)
@@ -61,12 +61,12 @@ def test_a_client_that_is_none_never_holds_it(client: int) -> None:
 
 
 @pytest.mark.parametrize(("after", "still"), [(0.0, True), (TRAJECTORY, True), (TRAJECTORY + 1e-9, False)])
-def test_it_lasts_one_second(after: float, still: bool) -> None:
+def test_a_lease_lasts_one_second(after: float, still: bool) -> None:
     assert held(0.0).holds(after) is still
 
 
 @pytest.mark.parametrize(("after", "still"), [(STREAMING, True), (STREAMING + 1e-9, False)])
-def test_it_lasts_a_quarter_of_a_second_while_streaming(after: float, still: bool) -> None:
+def test_a_lease_lasts_a_quarter_of_a_second_while_setpoints_are_streamed(after: float, still: bool) -> None:
     lease = held(0.0)
     assert lease.renew(A, 0.0, streaming=True)
     assert lease.holds(after) is still
@@ -97,7 +97,7 @@ def test_giving_it_back_frees_it() -> None:
     assert lease.epoch == 3
 
 
-def test_it_dies_with_its_connection_and_with_the_front() -> None:
+def test_a_lease_ends_with_its_connection_and_with_the_front() -> None:
     lease = held()
     assert not lease.release_client(B)
     assert lease.release_client(A)
@@ -146,7 +146,7 @@ calls = st.one_of(
 
 
 @given(st.lists(calls, max_size=40))
-def test_whatever_is_called_at_most_one_holds_it_and_the_epoch_never_shrinks(history: list[tuple]) -> None:
+def test_the_lease_has_at_most_one_holder_and_its_epoch_never_decreases(history: list[tuple]) -> None:
     lease = Lease()
     now = 5.0
     epoch = 0

@@ -82,7 +82,7 @@ def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in
 
 @pytest.mark.parametrize("beyond", [FIRST - SLACK - 1, LAST + SLACK + 1, FIRST + WHOLE // 2])
 @pytest.mark.parametrize("off", [-2, 0, 1])
-def test_a_reading_that_fits_nowhere_is_said(beyond: int, off: int) -> None:
+def test_a_reading_outside_every_turn_of_the_travel_is_reported(beyond: int, off: int) -> None:
     raw = beyond + off * WHOLE
     assert f"reads {raw}: neither that nor a turn beside it is in its travel 1402..2698" in refusal_message(
         raw, turns()
@@ -95,11 +95,11 @@ def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
 
 
 @pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
-def test_a_travel_of_a_turn_or_more_cannot_be_told_wherever_it_stands(raw: int) -> None:
+def test_a_travel_of_a_turn_or_more_has_no_unique_turn(raw: int) -> None:
     assert "is a turn of its actuator (4096) or more" in refusal_message(raw, turns(1500, 1500 + 4096))
 
 
-def test_near_both_ends_of_a_travel_of_nearly_a_turn_nobody_can_tell() -> None:
+def test_a_position_near_both_ends_of_a_travel_of_nearly_a_turn_is_ambiguous() -> None:
     of = turns(0, 4050)
     assert refusal_message(2000, of) == ""
     assert refusal_message(60, of) == ""
@@ -141,7 +141,7 @@ def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
     assert expected(np.array([3700]), turns(falls=True, begin=-512)).tolist() == [-396]
 
 
-def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
+def test_a_joint_that_leaves_its_travel_is_reported_and_keeps_its_turn() -> None:
     shift = np.array([4096])
     told = np.array([True])
     assert not strayed(np.array([2000 - 4096]), shift, turns(), told)
@@ -151,7 +151,7 @@ def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
     assert "out of its travel 1402..2698, in which it was identified" in finding.message
 
 
-def test_who_was_never_measured_is_not_judged_and_stays_as_it_reads() -> None:
+def test_a_joint_without_a_measured_travel_is_not_checked_and_keeps_its_count() -> None:
     of = replace(turns(), known=np.array([False]), whole=np.array([0]))
     for raw in (-100_000, 0, 100_000):
         assert chosen(np.array([raw]), of).tolist() == [0]

@@ -44,13 +44,13 @@ class World:
 
 
 @given(st.integers(-(2**31), 2**31))
-def test_the_first_reading_is_believed_wherever_it_is(place: int) -> None:
+def test_the_first_reading_is_accepted_at_any_position(place: int) -> None:
     assert World().read(place)
 
 
 @pytest.mark.parametrize(("step", "fits"), [(STEP - 1, True), (STEP, True), (STEP + 1, False), (TURN, False)])
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_step_is_believed_up_to_what_the_motor_can_do(step: float, fits: bool, sign: int) -> None:
+def test_a_step_is_accepted_up_to_the_reach_of_the_motor(step: float, fits: bool, sign: int) -> None:
     world = World()
     world.read(100)
     assert world.read(100 + sign * int(step)) == fits
@@ -68,7 +68,7 @@ def test_no_motion_that_the_motor_can_do_is_ever_dropped(speeds: list[float], de
 
 
 @given(st.integers(1, 40))
-def test_the_longer_it_was_not_heard_the_further_it_may_be(missed: int) -> None:
+def test_the_accepted_step_grows_with_the_number_of_missed_readings(missed: int) -> None:
     world = World()
     world.read(0)
     for _ in range(missed):
@@ -78,13 +78,13 @@ def test_the_longer_it_was_not_heard_the_further_it_may_be(missed: int) -> None:
     assert not world.read(-most)
 
 
-def test_one_wild_reading_is_dropped_and_the_next_good_one_counts() -> None:
+def test_a_single_implausible_reading_is_dropped_and_the_next_good_one_counts() -> None:
     world = World()
     assert [world.read(place) for place in (0, TURN, 5, 7)] == [True, False, True, True]
     assert world.senses.jumps.tolist() == [0, 0]
 
 
-def test_a_lost_turn_is_dropped_twice_and_then_it_is_where_it_says() -> None:
+def test_a_lost_turn_is_dropped_twice_and_then_accepted() -> None:
     """A wrong turn is 2 pi away (e-manual, extended position mode; DynamixelSDK #380)."""
     world = World()
     rows = [
@@ -93,7 +93,7 @@ def test_a_lost_turn_is_dropped_twice_and_then_it_is_where_it_says() -> None:
     assert rows == [(True, 0), (False, 1), (False, 2), (True, 3), (True, 0)]
 
 
-def test_wild_readings_that_do_not_agree_are_never_believed() -> None:
+def test_implausible_readings_that_disagree_are_never_accepted() -> None:
     world = World()
     world.read(0)
     for number in range(20):
@@ -118,7 +118,7 @@ def first(fastest: float = FASTEST, sent: float = 5.0, received: float = 5.0 + T
 @pytest.mark.parametrize(("places", "short"), [
     ([0, 0], True), ([39, 0], True), ([40, 0], False), ([-39, 39], True), ([TURN, TURN], False),
 ])  # fmt: skip
-def test_all_heard_where_they_can_be_takes_the_short_way_and_nobody_else(
+def test_the_fast_path_is_taken_only_if_every_joint_is_fresh_and_plausible(
     places: list[int], short: bool
 ) -> None:
     """1.5 x 3010 ticks/s x 8 ms + 3 ticks are 39.12."""
@@ -126,7 +126,7 @@ def test_all_heard_where_they_can_be_takes_the_short_way_and_nobody_else(
     assert senses.usual(np.array(places), 5.0081 - TRIP, 5.0081) is short
 
 
-def test_the_short_way_needs_its_time_and_somebody_who_was_heard() -> None:
+def test_the_fast_path_needs_a_minimum_period_and_an_earlier_reading() -> None:
     zero = np.array([0, 0])
     assert first().usual(zero, 5.0079 - TRIP, 5.0079) is False
     assert PlausibilityFilter(np.full(2, FASTEST), PERIOD).usual(zero, 5.0, 5.01) is False
@@ -160,7 +160,7 @@ def test_right_at_the_bound_it_fits_and_agrees(step: int, fits: bool) -> None:
     assert believed.tolist() == [True, fits]
 
 
-def test_who_changes_its_mind_must_agree_three_times_anew() -> None:
+def test_an_implausible_position_that_changes_must_agree_three_times_anew() -> None:
     world = World()
     assert [world.read(place) for place in (0, 9000, -9000, -9001, -9002)] == [
         True,
@@ -172,7 +172,7 @@ def test_who_changes_its_mind_must_agree_three_times_anew() -> None:
 
 
 @pytest.mark.parametrize(("gap", "fits"), [(0.001, False), (0.0058, False), (0.0061, True), (0.010, True)])
-def test_readings_that_come_close_upon_each_other_may_lie_less_apart(gap: float, fits: bool) -> None:
+def test_readings_closer_in_time_may_differ_by_less(gap: float, fits: bool) -> None:
     """A late tick is followed by one in time: the full step of a period is too much between them."""
     senses = PlausibilityFilter(np.full(2, FASTEST), PERIOD)
     ears = np.array([True, True])
@@ -189,13 +189,13 @@ def test_a_wrong_beginning_is_corrected() -> None:
     assert [world.read(place) for place in (TURN, 0, 1, 2, 3)] == [True, False, False, True, True]
 
 
-def test_a_limp_joint_that_a_hand_throws_about_is_told_and_believed() -> None:
+def test_a_limp_joint_moved_fast_by_hand_is_reported_and_accepted() -> None:
     world = World()
     assert [world.read(place, limp=True) for place in (0, 1000, 2000, 3000)] == [True] * 4
     assert world.senses.jumps[1] == 1
 
 
-def test_who_is_not_heard_leaves_the_row_as_it_was() -> None:
+def test_a_missing_reading_leaves_the_count_of_jumps_unchanged() -> None:
     world = World()
     world.read(0)
     assert not world.read(TURN)
@@ -205,7 +205,7 @@ def test_who_is_not_heard_leaves_the_row_as_it_was() -> None:
     assert world.senses.jumps[1] == 2
 
 
-def test_a_silent_joint_near_tick_zero_is_not_taken_for_heard() -> None:
+def test_a_joint_without_readings_near_zero_counts_is_not_taken_as_fresh() -> None:
     world = World()
     for _ in range(5):
         assert world.read(0)
@@ -224,7 +224,9 @@ def say(jumps: int, **over: object):
 @pytest.mark.parametrize(("jumps", "reaction"), [
     (0, Reaction.NONE), (1, Reaction.NONE), (2, Reaction.NONE), (3, Reaction.HOLD), (9, Reaction.HOLD),
 ])  # fmt: skip
-def test_three_in_a_row_hold_and_every_first_one_is_told(jumps: int, reaction: Reaction) -> None:
+def test_sense_jump_three_in_a_row_hold_and_every_first_one_is_reported(
+    jumps: int, reaction: Reaction
+) -> None:
     judgement = say(jumps)
     assert (judgement.reaction, judgement.latches) == (reaction, False)
     assert codes(judgement) == [ReasonCode.SENSE_JUMP] * (jumps > 0)
@@ -238,6 +240,6 @@ def test_three_in_a_row_hold_and_every_first_one_is_told(jumps: int, reaction: R
     {"state": RobotState.CONNECTED, "torque_expected": False, "goal": None, "motion": Motion.IDLE},
     {"state": RobotState.FAULT},
 ])  # fmt: skip
-def test_without_our_torque_or_on_the_way_down_it_is_only_told(over: dict[str, object]) -> None:
+def test_sense_jump_without_our_torque_or_while_settling_is_only_reported(over: dict[str, object]) -> None:
     judgement = say(3, **over)
     assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [ReasonCode.SENSE_JUMP])

@@ -37,7 +37,7 @@ def test_the_forms_agree_on_the_values(curve: np.ndarray) -> None:
 
 
 @given(CURVES, NUMBERS)
-def test_what_is_said_to_stay_under_stays_under(curve: np.ndarray, bound: float) -> None:
+def test_a_curve_declared_below_its_bound_stays_below_it(curve: np.ndarray, bound: float) -> None:
     values = bernstein(curve, np.linspace(0.0, 1.0, 257))
     u = alone(curve, bound)
     if np.isnan(u):
@@ -72,7 +72,7 @@ def test_a_touch_between_the_ends_is_decided_within_rounding() -> None:
     assert not np.isnan(alone(off, peak - 1e-12))
 
 
-def test_one_alternative_is_enough_at_each_point_but_not_elsewhere() -> None:
+def test_a_single_alternative_suffices_at_each_point() -> None:
     falling = np.array([[1.0], [0.0]])
     rising = np.array([[0.0], [1.0]])
     enough = np.array([0.5])

@@ -88,7 +88,7 @@ def test_overcurrent_between_the_bounds_the_harder_begins_anew() -> None:
 
 
 @pytest.mark.parametrize("load", [nan, inf])
-def test_overcurrent_a_load_that_nobody_knows_is_not_judged_and_hides_no_other(load: float) -> None:
+def test_overcurrent_an_unknown_load_is_not_checked_and_hides_no_other(load: float) -> None:
     watch = Watch()
     for _ in range(110):
         last = watch.tick(load=joints(load, 0.0, 1.0))
@@ -129,13 +129,13 @@ def test_overcurrent_right_at_each_bound_it_counts_and_a_long_rest_is_no_credit(
     assert bars == [True] * 5 + [False]
 
 
-def test_overcurrent_of_nobody() -> None:
+def test_overcurrent_without_loads_gives_no_finding() -> None:
     watch = Watch(load=None)
     assert all(watch.tick() == FINE for _ in range(300))
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
-def test_overcurrent_without_our_torque_nothing_is_told(over: dict[str, object]) -> None:
+def test_overcurrent_without_our_torque_gives_no_finding(over: dict[str, object]) -> None:
     assert all(one == FINE for one in Watch(**over).load(1.0, 300))
 
 
@@ -215,7 +215,7 @@ def test_overcurrent_a_rest_undoes_it_also_with_torque_off() -> None:
                 assert watch.tick(0.05, load=joints(0.0, 0.0, 0.0), **over) == FINE
 
 
-def test_overcurrent_a_late_tick_does_not_tire_anybody_at_once() -> None:
+def test_overcurrent_a_late_tick_does_not_exhaust_a_joint_at_once() -> None:
     watch = Watch(torque_expected=False)
     watch.tick(load=joints(0.0, 0.9, 0.0))
     watch.tick(60.0, load=joints(0.0, 0.9, 0.0))
@@ -280,7 +280,7 @@ def twice(volts: list[float], **usual: object) -> GuardDecision:
     (10.0, 10.0, DAMP), (5.0, 10.0, DAMP), (0.0, 10.0, DAMP),
     (-1.0, 10.0, DAMP), (nan, 10.0, DAMP), (-inf, 10.0, DAMP),
 ])  # fmt: skip
-def test_voltage_a_low_supply_is_told_then_lowers_then_damps(
+def test_voltage_a_low_supply_is_reported_then_lowers_then_damps(
     volts: float, bound: float | None, reaction: Reaction
 ) -> None:
     found = twice([12.0, volts, 12.0])
@@ -311,18 +311,18 @@ def test_voltage_the_register_s_own_steps_are_on_the_bound() -> None:
 @pytest.mark.parametrize(
     ("volts", "told"), [(14.8, False), (148 * 0.1, False), (14.9, True), (30.0, True), (inf, True)]
 )
-def test_voltage_too_much_is_told_at_once_and_only_told(volts: float, told: bool) -> None:
+def test_voltage_an_overvoltage_is_reported_at_once_and_has_no_reaction(volts: float, told: bool) -> None:
     found = Supply().volts(12.0, 12.0, volts)
     assert (found.reaction, found.latches) == (NONE, False)
     assert [(one.code, one.joint) for one in found.findings] == ([(ReasonCode.VOLTAGE, 2)] if told else [])
     assert all(one.bound == pytest.approx(14.8, rel=0.0, abs=1e-12) for one in found.findings)
 
 
-def test_voltage_too_much_for_all_is_told_of_the_highest() -> None:
+def test_voltage_an_overvoltage_of_all_is_reported_for_the_highest() -> None:
     assert [one.joint for one in Supply().volts(15.0, 30.0, 16.0).findings] == [1]
 
 
-def test_voltage_the_lowest_of_all_says_it_for_all() -> None:
+def test_voltage_an_undervoltage_of_all_is_reported_for_the_lowest() -> None:
     found = twice([10.4, 9.0, 9.9])
     assert [(one.joint, one.value, one.bound) for one in found.findings] == [(1, 9.0, pytest.approx(10.0))]
 
@@ -374,7 +374,7 @@ def test_voltage_two_servos_that_agree_a_tenth_of_a_second_apart_are_enough(
 
 
 @pytest.mark.parametrize(("rounds", "reaction"), [(1, SETTLE), (8, SETTLE), (11, NONE), (100, NONE)])
-def test_voltage_a_low_reading_of_long_ago_confirms_nobody(rounds: int, reaction: Reaction) -> None:
+def test_voltage_an_old_low_reading_confirms_no_new_one(rounds: int, reaction: Reaction) -> None:
     """One reads low once and is read no more; the others are read on, and then one of them is low, once."""
     watch = Supply()
     assert watch.volts(12.0, 12.0, 12.0) == FINE
@@ -387,7 +387,7 @@ def test_voltage_a_low_reading_of_long_ago_confirms_nobody(rounds: int, reaction
     assert last.reaction is reaction
 
 
-def test_voltage_worse_is_told_again_and_better_is_over() -> None:
+def test_voltage_a_worse_level_is_reported_again_and_a_better_one_ends_it() -> None:
     watch = Supply()
     told = [watch.volts(volts, 12.0, 12.0) for volts in (11.0, 11.0, 10.4, 10.4, 9.9, 9.9, 12.0)]
     assert [one.reaction for one in told] == [NONE, NONE, NONE, SETTLE, SETTLE, DAMP, NONE]
@@ -403,7 +403,7 @@ def test_voltage_what_lasts_is_reacted_to_in_every_tick() -> None:
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"mode": Mode.SIM}])
-def test_voltage_where_we_hold_nothing_nothing_is_judged_and_nothing_remembered(
+def test_voltage_without_our_torque_is_neither_checked_nor_counted(
     over: dict[str, object],
 ) -> None:
     watch = Supply()
@@ -414,7 +414,7 @@ def test_voltage_where_we_hold_nothing_nothing_is_judged_and_nothing_remembered(
     assert watch.volts(9.0, 12.0, 12.0).reaction is DAMP
 
 
-def test_voltage_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() -> None:
+def test_voltage_a_supply_unknown_for_long_is_reported() -> None:
     watch = Supply()
     for _ in range(5):
         watch.volts(12.0, 12.0, 12.0)
@@ -429,7 +429,7 @@ def test_voltage_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() ->
 
 
 @pytest.mark.parametrize(("age", "told"), [(2.0, False), (2.0 + TINY, True), (inf, True), (nan, True)])
-def test_voltage_readings_that_are_old_are_told(age: float, told: bool) -> None:
+def test_voltage_old_readings_are_reported(age: float, told: bool) -> None:
     watch = Supply()
     for _ in range(15):
         watch.volts(12.0, 12.0, 12.0)
@@ -452,7 +452,7 @@ def test_without_ratings_no_supply_is_too_low() -> None:
         assert guard.judge(facts(**given, voltage=joints(0.0, 3.0, 60.0))) == FINE
 
 
-def test_voltage_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_it() -> None:
+def test_voltage_a_joint_without_bounds_is_not_checked_and_others_are() -> None:
     """CAN actuators of the MIT family tell no voltage; those beside them are judged as ever."""
     watch = Supply()
     watch.guard = Guard(LIMITS, support="gantry", ratings=MUTE)

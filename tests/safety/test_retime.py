@@ -124,7 +124,7 @@ def test_a_reference_that_no_slower_path_can_follow_ends_in_a_refusal() -> None:
         assert judged.verdict.changes == ()
 
 
-def test_what_no_stretch_can_heal_asks_for_an_endless_one() -> None:
+def test_a_violation_that_no_stretch_cures_needs_an_infinite_one() -> None:
     assert needed([Finding(ReasonCode.VEL_LIMIT, value=1.0, bound=0.0)]) == float("inf")
     assert np.isnan(
         needed(
@@ -146,7 +146,9 @@ def test_what_no_stretch_can_heal_asks_for_an_endless_one() -> None:
 
 @pytest.mark.parametrize("accelerations", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_moving_end_gets_a_ramp_to_rest_and_the_verdict_says_so(sign: float, accelerations: bool) -> None:
+def test_a_moving_end_gets_a_ramp_to_rest_and_a_change_in_the_verdict(
+    sign: float, accelerations: bool
+) -> None:
     rest = [[0.0], [0.0]] if accelerations else None
     path = w.path([1.0, 2.0], [[0.0], [sign * 0.5]], [[0.0], [sign * 1.0]], rest)
     before = w.at_rest([0.0])

@@ -76,7 +76,7 @@ def test_nothing_outside_the_limits_passes(
 
 @examples(50)
 @given(st.lists(st.floats(0.0, 1.0), min_size=N, max_size=N), st.booleans())
-def test_what_is_inside_passes_unchanged(shares: list[float], clamp: bool) -> None:
+def test_a_setpoint_inside_the_limits_passes_unchanged(shares: list[float], clamp: bool) -> None:
     position = LIMITS.lower + np.array(shares) * (LIMITS.upper - LIMITS.lower)
     position = np.clip(position, LIMITS.lower, LIMITS.upper)  # the sum above may round over the edge
     velocity = (np.array(shares) * 2.0 - 1.0) * LIMITS.velocity
@@ -114,7 +114,7 @@ def test_only_on_demand_is_it_brought_in_and_then_reported() -> None:
 
 
 @pytest.mark.parametrize("wrong", [nan, inf, -inf])
-def test_what_is_no_number_is_refused_even_where_clamping_is_allowed(wrong: float) -> None:
+def test_a_non_finite_setpoint_is_refused_even_with_clamping(wrong: float) -> None:
     assert codes(ask([0, 1], [0.0, wrong], allow_clamp=True)) == [ReasonCode.NONFINITE]
     assert codes(ask([0, 1], [0.0, 0.0], [wrong, 0.0], allow_clamp=True)) == [ReasonCode.NONFINITE]
 

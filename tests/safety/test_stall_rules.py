@@ -59,13 +59,13 @@ def test_as_long_as_the_watchdogs_wait_is_too_long() -> None:
     assert "slept" in found.findings[0].message
 
 
-def test_what_was_slept_and_what_was_late_add_up() -> None:
+def test_suspended_and_late_time_add_up() -> None:
     found = after(0.06 + PERIOD, slept=0.06)
     assert found.findings[0].value == pytest.approx(0.12)
     assert "without a tick" in found.findings[0].message
 
 
-def test_it_counts_what_was_slept_since_the_last_tick() -> None:
+def test_suspended_time_counts_since_the_last_tick() -> None:
     guard = Guard(LIMITS, support="gantry")
     for tick in range(20):
         now = 10.0 + tick * PERIOD
@@ -131,7 +131,7 @@ def test_a_free_robot_that_is_held_for_thirty_seconds_is_lowered() -> None:
 
 
 @pytest.mark.parametrize("support", ["fixed", "gantry"])
-def test_what_is_carried_is_held_for_ever(support: str) -> None:
+def test_a_supported_robot_holds_without_a_time_limit(support: str) -> None:
     held = Held(support)
     held.second(lease_ok=False)
     assert {held.second(motion=Motion.HOLDING).reaction for _ in range(60)} == {NONE}
@@ -146,7 +146,7 @@ def test_what_is_carried_is_held_for_ever(support: str) -> None:
         {"motion": Motion.HOLDING, "mode": Mode.SIM},
     ],
 )
-def test_it_counts_from_the_last_hold_of_a_robot_that_nobody_moved_since(over: dict[str, object]) -> None:
+def test_the_hold_time_counts_from_the_last_hold_without_a_motion_since(over: dict[str, object]) -> None:
     held = Held("free")
     held.second(lease_ok=False)
     for _ in range(20):
@@ -163,7 +163,7 @@ def test_a_robot_that_was_armed_and_left_alone_is_not_lowered() -> None:
     assert {held.second(motion=Motion.HOLDING).reaction for _ in range(60)} == {NONE}
 
 
-def test_a_hiccup_while_it_holds_anyway_lowers_nobody() -> None:
+def test_missed_ticks_during_a_hold_lower_no_robot() -> None:
     held = Held("free")
     assert held.second(motion=Motion.HOLDING, missed_in_a_row=5).reaction is HOLD
     assert {held.second(motion=Motion.HOLDING).reaction for _ in range(60)} == {NONE}
@@ -173,7 +173,7 @@ def test_a_hiccup_while_it_holds_anyway_lowers_nobody() -> None:
 
 
 @pytest.mark.parametrize("over", [{"motion": Motion.HOLDING}, {"torque_expected": False}])
-def test_a_hiccup_later_on_lowers_nobody_either(over: dict[str, object]) -> None:
+def test_missed_ticks_after_another_state_lower_no_robot(over: dict[str, object]) -> None:
     held = Held("free")
     held.second(**over)
     assert held.second(motion=Motion.HOLDING, missed_in_a_row=5).reaction is HOLD
@@ -181,7 +181,7 @@ def test_a_hiccup_later_on_lowers_nobody_either(over: dict[str, object]) -> None
 
 
 @pytest.mark.parametrize("motion", [Motion.ACTIVE, Motion.HOLDING])
-def test_what_is_merely_told_is_no_hold(motion: Motion) -> None:
+def test_a_reported_finding_without_reaction_is_no_hold(motion: Motion) -> None:
     held = Held("free")
     assert {held.second(motion=motion, lateness=0.01).reaction for _ in range(60)} == {NONE}
 

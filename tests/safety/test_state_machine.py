@@ -52,7 +52,7 @@ def test_the_table_here_names_every_state_and_every_event() -> None:
 
 
 @pytest.mark.parametrize("event", RobotEvent)
-def test_each_event_does_what_the_table_says_in_every_state(event: RobotEvent) -> None:
+def test_each_event_has_its_documented_effect_in_every_state(event: RobotEvent) -> None:
     for state, after in zip(ORDER, EXPECTED[event], strict=True):
         if after is NO:
             with pytest.raises(RuntimeError) as refused:
@@ -191,7 +191,7 @@ def test_the_mode_changes_only_while_disconnected_or_connected_and_not_from_a_li
         (S.SETTLING, "wait"),
     ],
 )
-def test_a_refused_change_of_mode_says_what_to_do(state: RobotState, remedy: str) -> None:
+def test_a_refused_mode_change_names_the_remedy(state: RobotState, remedy: str) -> None:
     finding = mode_change(Mode.LIVE, Mode.SIM, state, Motion.IDLE)
     assert finding is not None
     assert remedy in finding.message

@@ -62,7 +62,7 @@ def test_torque_that_is_gone_holds_the_others_or_lowers_or_on_a_leg_damps(suppor
 
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("joint", [0, 1])
-def test_what_may_be_limp_holds_the_others_or_lowers(support: str, joint: int) -> None:
+def test_a_limp_joint_holds_a_supported_robot_and_settles_another(support: str, joint: int) -> None:
     expected = HOLD if carried(support) else SETTLE
     age = [0.0] * N
     age[joint] = 0.6
@@ -91,6 +91,6 @@ def test_without_ratings_every_joint_is_a_leg() -> None:
 
 
 @pytest.mark.parametrize("state", [RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
-def test_what_is_carried_and_on_its_way_down_goes_on(state: RobotState) -> None:
+def test_a_supported_robot_on_its_way_down_continues(state: RobotState) -> None:
     found = guard("gantry").judge(facts(state=state, measured=reading(age=[0.6, 0.0, 0.0])))
     assert (found.reaction, found.latches) == (NONE, True)

@@ -38,7 +38,7 @@ def test_latency_is_the_age_of_the_state_and_its_round_trip() -> None:
     assert (health.hops["request"].now, health.hops["reply"].now) == (0.001, 0.002)
 
 
-def test_while_nobody_answers_the_latency_grows_and_then_it_counts_as_disconnected() -> None:
+def test_latency_grows_without_replies_until_the_robot_counts_as_disconnected() -> None:
     health = TimingMonitor(2)
     health.update(reading(1.0), Exchange(), 1.0, live=True)
     health.update(reading(1.5, nan, heard=False), Exchange(), 1.5, live=True)
@@ -87,7 +87,7 @@ def latency_alerts(latencies: list[float]) -> list[LatencyAlert]:
     return health.alerts()
 
 
-def test_a_latency_above_the_threshold_is_told_once_with_its_numbers() -> None:
+def test_a_latency_above_its_threshold_is_reported_once_with_its_values() -> None:
     health = TimingMonitor(2)
     health.update(reading(0.0, 0.0), Exchange(), 0.0, live=True)
     health.update(reading(0.05, 0.0), Exchange(), 0.05, live=True)
@@ -99,7 +99,7 @@ def test_a_latency_above_the_threshold_is_told_once_with_its_numbers() -> None:
 
 
 @pytest.mark.parametrize(("calm", "level", "times"), [(50, 0.01, 1), (110, 0.01, 2), (110, 0.045, 1)])
-def test_it_is_told_again_only_after_it_was_calm_for_a_second(calm: int, level: float, times: int) -> None:
+def test_a_latency_is_reported_again_only_after_a_calm_second(calm: int, level: float, times: int) -> None:
     alerts = latency_alerts([0.01, 0.06, *[level] * calm, 0.06, 0.01])
     assert [alert.calm for alert in alerts] == [False, True, False][: 2 * times - 1]
     assert {alert.hop for alert in alerts} == {"total"}
@@ -112,7 +112,7 @@ def test_a_latency_that_is_not_known_is_too_late() -> None:
     assert health.alerts() == [LatencyAlert("total", inf, 0.05)]
 
 
-def test_each_hop_is_told_by_its_name_and_held_to_its_own_bound() -> None:
+def test_each_hop_is_reported_by_its_name_against_its_own_bound() -> None:
     health = TimingMonitor(1)
     health.hop("reply", 0.06, 1.0)
     health.hop("written", 0.06, 1.0, bound=0.07)
@@ -120,7 +120,7 @@ def test_each_hop_is_told_by_its_name_and_held_to_its_own_bound() -> None:
     assert health.alerts() == [LatencyAlert("reply", 0.06, 0.05), LatencyAlert("received", 0.03, 0.02)]
 
 
-def test_what_nothing_is_too_long_for_is_a_figure_and_no_alarm() -> None:
+def test_a_hop_with_an_infinite_bound_has_figures_and_no_alarm() -> None:
     health = TimingMonitor(1)
     health.hop("received", 0.3, 1.0, bound=inf)  # a long path is long judged
     health.hop("gated", -0.001, 1.0, bound=inf)
@@ -156,7 +156,7 @@ def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> No
     assert health.alerts() == []
 
 
-def test_what_was_told_of_a_robot_is_over_in_sim_and_what_was_told_of_commands_is_not() -> None:
+def test_reading_alerts_end_in_sim_and_command_alerts_do_not() -> None:
     health = TimingMonitor(2)
     for name in ("reply", "written"):
         health.hop(name, 0.06, 1.0)

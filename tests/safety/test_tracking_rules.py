@@ -187,7 +187,7 @@ def test_follow_err_two_joints_are_two_findings_each_by_its_own_time() -> None:
     assert last.here == (0, 2)
 
 
-def test_follow_err_what_was_not_heard_is_not_judged_and_goes_on_counting() -> None:
+def test_follow_err_a_stale_joint_is_not_checked_and_continues_its_count() -> None:
     watch = Watch()
     silent = [False, True, True]
     assert all(watch.tick([1.9, 0.0, 0.0], heard=silent) == FINE for _ in range(30))
@@ -208,7 +208,7 @@ def test_follow_err_a_place_that_is_no_number_is_far() -> None:
     "over",
     [{"torque_expected": False}, {"mode": Mode.MIRROR}, {"previous": None}, {"previous": joints(inf, 0, 0)}],
 )
-def test_follow_err_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None:
+def test_follow_err_a_joint_without_a_goal_has_no_error(over: dict[str, object]) -> None:
     watch = Watch(**over)
     for _ in range(20):
         assert ReasonCode.FOLLOW_ERR not in codes(watch.tick([1.0, 0.0, 0.0]))
@@ -339,7 +339,7 @@ def test_a_joint_that_comes_loose_turns_before_a_count_has_passed(looks: int, tr
 
 
 @pytest.mark.parametrize(("ticks", "trips"), [(20, False), (21, True)])
-def test_it_takes_a_fifth_of_a_second_and_one_look(ticks: int, trips: bool) -> None:
+def test_sense_frozen_needs_a_fifth_of_a_second_and_one_check(ticks: int, trips: bool) -> None:
     assert bool(frozen(ticks, speed=0.5).reaction) is trips
 
 
@@ -371,14 +371,14 @@ def test_the_goal_must_have_moved(far: float, speed: float, load: float, trips: 
     assert bool(last.reaction) is trips
 
 
-def test_one_count_of_flicker_is_no_frozen_encoder_and_who_rests_has_none() -> None:
+def test_sense_frozen_a_flicker_of_one_count_or_a_resting_joint_gives_no_finding() -> None:
     assert frozen(39, speed=0.5, flicker=5).findings == ()
     assert frozen(300, speed=0.5, pace=0.0).findings == ()
     assert frozen(39, speed=0.5, motion=Motion.HOLDING) == FINE
 
 
 @pytest.mark.parametrize("place", [1.0, -1.0])
-def test_who_rests_elsewhere_has_no_frozen_encoder_either(place: float) -> None:
+def test_sense_frozen_a_joint_at_rest_away_from_zero_gives_no_finding(place: float) -> None:
     watch = Watch()
     there = [place] * N
     assert all(watch.tick(there, there, speed=[0.5, 0.5, 0.5]) == FINE for _ in range(60))
@@ -431,7 +431,7 @@ def test_overspeed_too_fast_in_two_readings_holds(side: float, speed: float, tri
         assert finding.bound == pytest.approx(FAST)
 
 
-def test_overspeed_one_fast_reading_between_slow_ones_or_unheard_is_none() -> None:
+def test_overspeed_a_single_fast_or_stale_reading_gives_no_finding() -> None:
     watch = Watch()
     for _ in range(10):
         assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE
@@ -488,7 +488,7 @@ def test_overspeed_a_hand_may_move_a_limp_joint_as_fast_as_it_likes(over: dict[s
     assert watch.tick(speed=[9.0, 0.0, 0.0]).reaction is HOLD
 
 
-def test_overspeed_on_the_way_down_it_is_only_told() -> None:
+def test_overspeed_is_only_reported_while_settling() -> None:
     watch = Watch(state=RobotState.SETTLING, torque_settled=False)
     watch.tick(speed=[9.0, 0.0, 0.0])
     last = watch.tick(speed=[9.0, 0.0, 0.0])
@@ -509,7 +509,7 @@ def test_overspeed_on_the_way_down_it_is_only_told() -> None:
         (1.0, 56, True),
     ],
 )
-def test_mirror_drift_robot_and_simulation_apart_for_half_a_second_is_told_only(
+def test_mirror_drift_a_deviation_for_half_a_second_is_only_reported(
     side: float, apart: float, ticks: int, told: bool
 ) -> None:
     watch = Watch()
@@ -522,7 +522,7 @@ def test_mirror_drift_robot_and_simulation_apart_for_half_a_second_is_told_only(
     )
 
 
-def test_mirror_drift_it_is_told_every_ten_seconds_at_most_and_of_a_simulation_that_is_no_number() -> None:
+def test_mirror_drift_is_reported_at_most_every_ten_seconds_also_for_a_nan_simulation() -> None:
     watch = Watch()
     found = [
         finding for _ in range(2000) for finding in watch.tick(simulated=reading([nan, 0.0, 0.0])).findings
@@ -559,6 +559,6 @@ def test_mirror_drift_where_they_agree_they_agree_anywhere() -> None:
     assert all(watch.tick(place, place) == FINE for _ in range(100))
 
 
-def test_a_goal_at_rest_where_the_robot_is_says_nothing() -> None:
+def test_a_goal_at_rest_at_the_position_gives_no_finding() -> None:
     watch = Watch()
     assert all(watch.tick([1.0, -1.0, 0.5], [1.0, -1.0, 0.5]) == FINE for _ in range(300))

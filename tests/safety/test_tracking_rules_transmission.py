@@ -48,7 +48,7 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
 
 @pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
 @pytest.mark.parametrize("stuck", [0, 1])
-def test_one_encoder_that_stands_still_while_its_motor_turns_is_told_by_its_seat(
+def test_sense_frozen_a_still_encoder_of_a_turning_motor_is_reported_by_its_joint(
     law: Transmission, stuck: int
 ) -> None:
     read = np.ones(2)
@@ -58,7 +58,7 @@ def test_one_encoder_that_stands_still_while_its_motor_turns_is_told_by_its_seat
 
 @pytest.mark.parametrize("law", LAWS, ids=["differential", "table"])
 @given(speeds=st.sampled_from([(0.5, 0.0), (0.0, 0.5), (0.4, 0.4), (0.4, -0.4), (0.0, 0.0)]))
-def test_who_goes_where_it_is_sent_has_none_also_where_one_actuator_rests(
+def test_sense_frozen_a_following_joint_gives_no_finding_although_one_actuator_rests(
     law: Transmission, speeds: tuple[float, float]
 ) -> None:
     assert found(law, np.array(speeds), np.ones(2)) == []

@@ -47,7 +47,7 @@ def test_a_wrong_name_is_answered_with_the_nearest() -> None:
     assert "l_hip, l_knee, r_knee" in finding.message
 
 
-def test_names_that_are_missing_wrong_or_twice_are_all_said() -> None:
+def test_missing_wrong_and_repeated_names_are_all_reported() -> None:
     assert codes([], PointRow(1.0, [])) == [ReasonCode.NO_JOINTS]
     assert codes(["l_hip", "l_hip"], PointRow(1.0, [0.0, 0.0])) == [ReasonCode.DUP_JOINT]
     assert codes(["a", "b", "l_hip", "l_hip"]) == [

@@ -29,17 +29,17 @@ def told(
     return [(finding.code, finding.point, finding.bound) for finding in findings]
 
 
-def test_three_names_that_are_near_are_told() -> None:
+def test_an_unknown_name_is_reported_with_the_three_nearest() -> None:
     [finding] = form(["hip_"], [(0.0, [0.0], None, None)], NAMES)[1]
     assert sum(name in finding.message for name in NAMES) == 3
 
 
-def test_at_most_32_names_are_told() -> None:
+def test_at_most_32_unknown_names_are_reported() -> None:
     found = form([f"no{i}" for i in range(40)], [(0.0, [0.0] * 40, None, None)], NAMES)[1]
     assert len(found) == 32
 
 
-def test_every_point_that_is_no_point_is_told() -> None:
+def test_every_malformed_point_is_reported() -> None:
     assert told((0.0,), (1.0, [0.0])) == [(ReasonCode.BAD_SHAPE, 0, 4), (ReasonCode.BAD_SHAPE, 1, 4)]
 
 
@@ -58,7 +58,7 @@ def test_a_step_may_be_short_by_rounding_and_no_more() -> None:
         assert (not wellformed(path, 1, 2000, 60.0, 0.001)) is passes
 
 
-def test_the_last_stamp_of_a_path_that_is_too_long_is_told() -> None:
+def test_a_path_that_is_too_long_is_reported_with_its_last_time() -> None:
     [finding] = wellformed(w.path([1.0, 61.0], [0.0, 0.0]), 1, 2000, 60.0, 0.001)
     assert (finding.code, finding.point) == (ReasonCode.TOO_MANY_POINTS, 1)
     assert (finding.time, finding.value, finding.bound) == (61.0, 61.0, 60.0)
@@ -70,7 +70,7 @@ def test_a_path_that_begins_in_the_past_is_held_against_zero() -> None:
     assert (finding.value, finding.bound) == (-0.5, 0.0)
 
 
-def test_the_first_number_of_each_joint_that_is_none_is_told() -> None:
+def test_the_first_non_finite_value_of_each_joint_is_reported() -> None:
     path = w.path([1.0, 2.0, 3.0], [[0.0, 0.0], [nan, 0.0], [inf, -inf]])
     found = [(f.code, f.joint, f.point, f.time) for f in wellformed(path, 2, 2000, 60.0, 0.001)]
     assert found == [(ReasonCode.NONFINITE, 0, 1, 2.0), (ReasonCode.NONFINITE, 1, 2, 3.0)]
@@ -81,13 +81,13 @@ def test_a_number_beyond_every_double_is_endless() -> None:
     assert (finding.code, finding.value) == (ReasonCode.NONFINITE, inf)
 
 
-def test_of_times_that_are_no_numbers_the_first_is_told() -> None:
+def test_the_first_non_finite_time_is_reported() -> None:
     found = wellformed(w.path([1.0, nan, nan], [0.0] * 3), 1, 2000, 60.0, 0.001)
     assert [finding.point for finding in found if finding.code is ReasonCode.NONFINITE] == [1]
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_rates_that_are_no_numbers_are_told_too(place: int) -> None:
+def test_a_non_finite_velocity_or_acceleration_is_reported(place: int) -> None:
     rates = [np.zeros((2, 1)), np.zeros((2, 1))]
     rates[place][1] = nan
     path = w.path([1.0, 2.0], [0.0, 0.0], *rates)
@@ -95,7 +95,7 @@ def test_rates_that_are_no_numbers_are_told_too(place: int) -> None:
     assert (finding.code, finding.point) == (ReasonCode.NONFINITE, 1)
 
 
-def test_a_message_that_names_nobody_is_told_so_once() -> None:
+def test_a_message_without_joint_names_has_one_finding() -> None:
     [finding] = form([], [(1.0, [], None, None)], NAMES)[1]
     assert (finding.code, finding.message) == (ReasonCode.NO_JOINTS, "no joint is named")
 
@@ -111,7 +111,7 @@ def test_a_path_without_places_is_empty() -> None:
         assert wellformed(path, 1, 2000, 60.0, 0.001)[0].code is ReasonCode.EMPTY
 
 
-def test_a_name_that_is_said_thrice_is_held_against_once() -> None:
+def test_a_name_given_three_times_has_one_finding() -> None:
     [finding] = form(["hip_b"] * 3, [(1.0, [0.0] * 3, None, None)], NAMES)[1]
     assert (finding.code, finding.joint, finding.value, finding.bound) == (ReasonCode.DUP_JOINT, 1, 3, 1)
 
@@ -152,7 +152,7 @@ def test_a_stretch_to_the_very_longest_is_let_in() -> None:
         assert verdict.accepted is passes
 
 
-def test_who_is_not_moved_needs_no_ramp() -> None:
+def test_an_uncommanded_joint_needs_no_ramp() -> None:
     rows = np.array([[0.0, nan], [0.1, nan]])
     path = Trajectory(np.array([1.0, 2.0]), rows, np.array([True, False]), 0.0 * rows)
     stopped, changes = with_stop(path, w.limits(), w.TH)
@@ -173,7 +173,7 @@ def test_a_stretch_leaves_a_billionth_to_rounding() -> None:
     assert needed([]) == 1.0 + 1e-9
 
 
-def test_where_nothing_is_said_a_stretch_is_the_first_guess() -> None:
+def test_a_stretch_is_by_default_the_first_estimate() -> None:
     hard = [Finding(ReasonCode.ACC_LIMIT, value=40.0, bound=10.0)]
     assert needed(hard) == needed(hard, first=True) == pytest.approx(2.0)
     assert needed(hard, first=False) == pytest.approx(4.0)
@@ -184,7 +184,7 @@ def test_where_nothing_is_said_a_stretch_is_the_first_guess() -> None:
 # ------------------------------------------------------------------------------------------ room to begin
 
 
-def test_what_was_read_just_now_but_is_no_number_was_not_read() -> None:
+def test_a_fresh_nan_reading_counts_as_not_read() -> None:
     ill = w.condition(1, temperature=np.array([nan]))
     [finding] = headroom(ill, np.ones(1, np.bool_), 1.0)
     assert finding.message.startswith("not read yet")

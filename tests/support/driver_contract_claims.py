@@ -65,7 +65,7 @@ class DriverContract:
         ):
             assert getattr(rig.registers, name).shape == (rig.m,), name
 
-    def test_a_silent_device_is_not_heard_and_reads_zero_and_the_others_stay(self, rig: DriverRig) -> None:
+    def test_a_device_without_a_reply_reads_zero_and_the_others_stay_fresh(self, rig: DriverRig) -> None:
         rig.heard()
         rig.faults.silence(rig.reader.ids[1])
         samples = rig.ticks(30)
@@ -76,7 +76,7 @@ class DriverContract:
             assert np.delete(sample.heard, 1).all()
             assert not sample.asked[1], "it is waited for for ever"
 
-    def test_one_that_is_silent_costs_the_others_no_time_out_for_ever(self, rig: DriverRig) -> None:
+    def test_a_device_without_a_reply_costs_the_others_no_permanent_timeout(self, rig: DriverRig) -> None:
         rig.heard()
         begin = rig.clock.now()
         rig.read()
@@ -87,14 +87,14 @@ class DriverContract:
         rig.read()
         assert rig.clock.now() - begin < healthy + 0.001, "it waits for who is not there"
 
-    def test_who_is_plugged_in_again_is_heard_again(self, rig: DriverRig) -> None:
+    def test_a_reconnected_device_is_fresh_again(self, rig: DriverRig) -> None:
         rig.heard()
         rig.faults.silence(rig.reader.ids[1])
         rig.ticks(10)
         rig.faults.silence(rig.reader.ids[1], False)
         assert rig.ticks(30)[-1].heard.all()
 
-    def test_when_all_are_silent_nothing_is_heard_and_nothing_raises(self, rig: DriverRig) -> None:
+    def test_a_bus_without_replies_gives_no_fresh_reading_and_raises_nothing(self, rig: DriverRig) -> None:
         rig.heard()
         rig.faults.silence()
         for sample in rig.ticks(30):
@@ -118,7 +118,7 @@ class DriverContract:
             assert np.delete(off, 1)[np.delete(sample.heard, 1)].max(initial=0) <= 3 * STEP
         assert stale == 0
 
-    def test_what_nobody_asked_for_is_dropped_and_counted(self, rig: DriverRig) -> None:
+    def test_foreign_traffic_is_dropped_and_counted(self, rig: DriverRig) -> None:
         rig.heard()
         rig.faults.foreign(3)
         samples = rig.ticks(20)
@@ -188,7 +188,7 @@ class DriverContract:
         assert (rig.places() == before).all()
         assert not rig.energised().any()
 
-    def test_identify_tells_who_is_there_in_order_of_the_ids(self, rig: DriverRig) -> None:
+    def test_identify_lists_the_present_devices_in_order_of_ids(self, rig: DriverRig) -> None:
         rig.heard()
         found = rig.perform(rig.reader.identify())
         assert [device.id for device in found] == list(rig.reader.ids)
@@ -198,7 +198,7 @@ class DriverContract:
                 assert isinstance(device.settings[name], int), name
             assert device.settings["min_position_limit"] <= device.settings["max_position_limit"]
 
-    def test_who_is_silent_is_not_identified(self, rig: DriverRig) -> None:
+    def test_a_device_without_a_reply_is_not_identified(self, rig: DriverRig) -> None:
         rig.heard()
         rig.faults.silence(rig.reader.ids[0])
         found = rig.perform(rig.reader.identify())
@@ -307,7 +307,7 @@ class DriverContract:
         assert np.isin(rig.registers.watchdog, (5, 100, -1)).all(), rig.registers.watchdog
         assert abs(rig.places() - here).max() <= 2
 
-    def test_what_nobody_feeds_lets_go_or_stops(self, rig: DriverRig) -> None:
+    def test_a_device_without_commands_trips_its_watchdog(self, rig: DriverRig) -> None:
         here = rig.arm()
         rig.ticks(5, here)
         watched = rig.registers.watchdog > 0
@@ -324,7 +324,7 @@ class DriverContract:
         assert not rig.energised().any()
         assert (rig.registers.torque == 0).all()
 
-    def test_torque_that_somebody_does_not_confirm_is_told(self, rig: DriverRig) -> None:
+    def test_an_unconfirmed_torque_off_is_reported(self, rig: DriverRig) -> None:
         here = rig.arm()
         rig.ticks(3, here)
         rig.faults.silence(rig.reader.ids[1])
@@ -333,13 +333,15 @@ class DriverContract:
         assert rig.reader.ids[1] in told.value.ids
         assert not np.delete(rig.energised(), 1).any(), "the others wait for nobody"
 
-    def test_prepare_of_somebody_silent_is_told(self, rig: DriverRig) -> None:
+    def test_an_unconfirmed_preparation_is_reported(self, rig: DriverRig) -> None:
         here = rig.heard()
         rig.faults.silence()
         with pytest.raises(BusError):
             rig.beside(both(rig, here))
 
-    def test_one_that_is_silent_keeps_nobody_else_from_being_prepared(self, rig: DriverRig) -> None:
+    def test_a_device_without_a_reply_does_not_prevent_the_preparation_of_others(
+        self, rig: DriverRig
+    ) -> None:
         here = rig.arm()
         rig.ticks(40, here)
         armed = rig.registers.watchdog[1:].copy()

@@ -74,7 +74,7 @@ ON_ITS_WAY = {"received": 1, "gated": 1, "written": 1, "command": 1}
 WHOLE = {"received": 1, "gated": 1, "written": 1, "moved": 1, "command": 1}
 
 
-def test_every_hop_of_a_command_is_told_once() -> None:
+def test_every_hop_of_a_command_is_measured_once() -> None:
     world = World()
     world.command()
     world.tick([FAR / 4, 0.0])
@@ -92,7 +92,9 @@ def test_every_hop_of_a_command_is_told_once() -> None:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("joint", [0, 1])
-def test_a_joint_has_moved_when_it_went_where_it_was_told_and_far_enough(joint: int, side: float) -> None:
+def test_a_joint_has_moved_when_it_moved_far_enough_in_the_commanded_direction(
+    joint: int, side: float
+) -> None:
     world = World()
     world.command()
     ask = np.zeros(2)
@@ -104,7 +106,7 @@ def test_a_joint_has_moved_when_it_went_where_it_was_told_and_far_enough(joint: 
     assert world.told() == WHOLE
 
 
-def test_who_is_asked_to_move_is_who_is_asked_most_and_nobody_for_less_than_can_be_seen() -> None:
+def test_motion_is_measured_on_the_joint_with_the_largest_visible_command() -> None:
     world = World()
     world.command()
     world.tick([VISIBLE * 0.999999, 0.0], [FAR, 0.0])
@@ -121,14 +123,14 @@ def test_who_is_asked_to_move_is_who_is_asked_most_and_nobody_for_less_than_can_
 # ------------------------------------------------------------------------------------- no figure
 
 
-def test_a_refused_one_has_no_figure_but_of_its_judgement() -> None:
+def test_a_refused_command_has_only_the_figures_of_its_check() -> None:
     world = World()
     world.way.judge(world.way.take(world.now - 0.003, world.now), world.now + 0.001)
     world.tick([FAR, 0.0], [FAR, 0.0])
     assert world.told() == {"received": 1, "gated": 1}
 
 
-def test_one_that_ended_before_its_first_goal_left_has_none_of_it() -> None:
+def test_a_command_ended_before_its_first_goal_has_no_motion_figures() -> None:
     world = World()
     world.command("t")
     world.way.end("another")
@@ -141,7 +143,7 @@ def test_one_that_ended_before_its_first_goal_left_has_none_of_it() -> None:
     assert world.told()["written"] == 1
 
 
-def test_one_that_was_replaced_before_its_first_goal_left_has_none_of_it() -> None:
+def test_a_command_replaced_before_its_first_goal_has_no_motion_figures() -> None:
     world = World()
     world.command("one")
     world.now += 0.5
@@ -171,7 +173,7 @@ def test_a_joint_that_never_moves_has_no_figure_and_later_moves_are_not_its() ->
 
 
 @pytest.mark.parametrize(("late", "moved"), [(0.0, 1), (TICK, 0)])
-def test_one_that_has_not_moved_after_the_patience_is_given_up_and_no_sooner(late: float, moved: int) -> None:
+def test_a_motion_not_seen_within_the_patience_is_given_up(late: float, moved: int) -> None:
     world = World()
     world.command()
     world.tick([FAR, 0.0])
@@ -182,9 +184,7 @@ def test_one_that_has_not_moved_after_the_patience_is_given_up_and_no_sooner(lat
 
 
 @pytest.mark.parametrize(("wait", "moved"), [(PATIENCE, 1), (PATIENCE + TICK, 0)])
-def test_a_command_that_asks_nobody_for_a_visible_move_is_not_waited_for_for_ever(
-    wait: float, moved: int
-) -> None:
+def test_a_command_without_a_visible_motion_is_not_waited_for_indefinitely(wait: float, moved: int) -> None:
     world = World()
     world.command()
     world.tick([0.0, 0.0])
@@ -206,7 +206,7 @@ def test_a_visible_move_is_this_far_and_no_less(side: float) -> None:
         assert world.told().get("moved", 0) == moved
 
 
-def test_one_whose_goals_turn_back_has_no_figure() -> None:
+def test_a_command_whose_goals_reverse_has_no_motion_figure() -> None:
     world = World()
     world.command()
     world.tick([FAR, 0.0])
@@ -215,7 +215,7 @@ def test_one_whose_goals_turn_back_has_no_figure() -> None:
     assert world.told() == ON_ITS_WAY
 
 
-def test_a_joint_that_falls_after_its_torque_went_has_not_moved_as_told() -> None:
+def test_a_joint_that_falls_after_torque_off_has_no_motion_figure() -> None:
     world = World()
     world.command()
     world.tick([FAR, 0.0])
@@ -237,7 +237,7 @@ def test_in_another_mode_it_is_another_robot() -> None:
     assert "moved" not in world.told()
 
 
-def test_one_that_moved_before_it_was_asked_moved_for_another_reason() -> None:
+def test_a_motion_before_its_command_has_no_figure() -> None:
     world = World()
     world.command()
     world.tick([0.0, 0.0], [FAR, 0.0])
@@ -247,7 +247,7 @@ def test_one_that_moved_before_it_was_asked_moved_for_another_reason() -> None:
 
 
 @pytest.mark.parametrize("what", ["reference", "reading", "unheard", "not commanded", "unknown"])
-def test_only_who_stands_and_is_commanded_and_heard_is_looked_at(what: str) -> None:
+def test_only_resting_commanded_and_fresh_joints_are_measured(what: str) -> None:
     world = World()
     fast = np.array([1.000001 * STILL, 0.0])
     if what == "reading":
@@ -266,7 +266,7 @@ def test_only_who_stands_and_is_commanded_and_heard_is_looked_at(what: str) -> N
     assert world.told() == WHOLE
 
 
-def test_standing_has_a_bound_of_its_own_and_nobody_standing_is_nobody_looked_at() -> None:
+def test_motion_is_measured_only_on_joints_below_the_rest_speed() -> None:
     world = World()
     world.state = replace(world.state, velocity=np.array([-STILL, STILL]))
     world.command(speed=-STILL)
@@ -294,7 +294,7 @@ def test_a_trajectory_that_replaces_one_takes_the_look_over() -> None:
     assert world.told()["moved"] == 1
 
 
-def test_of_a_stream_the_start_is_looked_at_and_not_every_setpoint_anew() -> None:
+def test_only_the_start_of_a_setpoint_stream_has_a_motion_figure() -> None:
     world = World()
     for step in range(1, 6):
         world.command(STREAM)
@@ -309,7 +309,7 @@ def test_of_a_stream_the_start_is_looked_at_and_not_every_setpoint_anew() -> Non
 
 
 @pytest.mark.parametrize("received", [None, nan, inf, 11.0])
-def test_a_call_of_which_nobody_knows_when_it_came_is_a_violation_and_in_no_average(
+def test_a_call_with_an_unknown_time_is_a_violation_and_in_no_average(
     received: float | None,
 ) -> None:
     world = World()
@@ -339,7 +339,7 @@ def test_a_long_path_is_judged_long_and_only_a_setpoint_is_late_for_it() -> None
         ]
 
 
-def test_a_goal_that_leaves_late_is_late_whoever_asked_for_it() -> None:
+def test_a_late_goal_is_reported_for_any_command() -> None:
     world = World()
     taken = world.way.take(world.now, world.now, inf)
     world.way.accept(taken, "t", BOTH, Reference(world.begin, np.zeros(2), np.zeros(2)), world.now)
@@ -356,7 +356,7 @@ events = st.sampled_from(
 
 
 @given(st.lists(st.tuples(events, st.floats(-0.03, 0.03), st.floats(-0.03, 0.03)), max_size=60))
-def test_whatever_happens_there_are_no_more_figures_of_a_hop_than_of_the_one_before(happens: list) -> None:
+def test_no_hop_has_more_figures_than_the_hop_before_it(happens: list) -> None:
     world = World()
     gated = 0
     for event, goal, moved in happens:

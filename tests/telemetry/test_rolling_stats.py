@@ -63,7 +63,7 @@ def test_values_beyond_the_histogram_keep_their_own_size(value: float) -> None:
 
 
 @pytest.mark.parametrize("unknown", [nan, -1e-9, -inf, inf])
-def test_what_is_unknown_or_negative_is_too_late_and_in_no_average(unknown: float) -> None:
+def test_an_unknown_or_negative_time_is_a_violation_and_in_no_average(unknown: float) -> None:
     window = RollingStats(0.05)
     window.add(0.01, 1.0)
     window.add(unknown, 1.01)
@@ -127,7 +127,7 @@ def test_violations_leave_the_window_with_their_values() -> None:
     assert window.violations == 0
 
 
-def test_it_knows_when_its_last_value_came() -> None:
+def test_rolling_stats_keep_the_time_of_the_last_value() -> None:
     window = RollingStats()
     assert window.at == -inf
     window.add(0.01, 5.0)

@@ -94,7 +94,7 @@ def test_the_robot_leans_with_its_ankles(free: Binding) -> None:
     assert forward[0] > forward[-1] and forward[-1] < 0.0
 
 
-def test_leaning_too_far_is_told_once_with_first_and_worst_time(free: Binding) -> None:
+def test_excessive_leaning_is_reported_once_with_first_and_worst_time(free: Binding) -> None:
     lean = np.array([pose(free, l_ankle_pitch=a, r_ankle_pitch=a) for a in np.linspace(0.0, 0.3, 31)])
     verdict = judge(free, np.concatenate([lean, lean[::-1]]))
     (found,) = verdict.warnings
@@ -112,7 +112,7 @@ def test_the_edge_of_the_bound() -> None:
     assert unknown.time == 0.0
 
 
-def test_a_robot_with_nothing_to_stand_on_cannot_be_judged_and_says_so(tmp_path: Path) -> None:
+def test_a_robot_without_contacts_is_reported_as_not_checkable(tmp_path: Path) -> None:
     path = free_h24(tmp_path)
     model = tmp_path / "h24.xml"
     bare = model.read_text().replace('contype="1" conaffinity="1"', 'contype="0" conaffinity="0"')

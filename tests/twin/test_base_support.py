@@ -59,13 +59,13 @@ def test_a_limp_body_is_held_upright_on_the_floor_for_as_long_as_it_takes() -> N
     assert muscles.crane is not None and muscles.crane.is_holding
 
 
-def test_nobody_holds_it_and_it_falls() -> None:
+def test_a_robot_without_base_support_or_torque_falls() -> None:
     muscles = body(NEVER)
     run(muscles, 0.0, 3.0)
     assert height(muscles) < 0.3
 
 
-def test_it_is_let_go_after_a_second_of_torque_in_all_legs_and_stands() -> None:
+def test_the_base_support_is_released_after_a_second_of_torque_and_the_robot_stands() -> None:
     muscles = body()
     assert muscles.crane is not None
     run(muscles, 0.0, 0.9, on=1)
@@ -79,7 +79,7 @@ def test_it_is_let_go_after_a_second_of_torque_in_all_legs_and_stands() -> None:
     assert len(sole), "the floor carries it"
 
 
-def test_one_leg_servo_without_torque_keeps_the_hands_on_it() -> None:
+def test_a_leg_servo_without_torque_keeps_the_base_support() -> None:
     muscles = body()
     on = np.ones(len(LEGS))
     on[ROBOT.names.index("l_knee")] = 0.0
@@ -87,7 +87,7 @@ def test_one_leg_servo_without_torque_keeps_the_hands_on_it() -> None:
     assert muscles.crane is not None and muscles.crane.is_holding
 
 
-def test_it_is_caught_where_it_is_when_its_legs_go_limp_and_let_go_again() -> None:
+def test_a_robot_whose_legs_go_limp_is_supported_in_place_and_released_again() -> None:
     muscles = body()
     assert muscles.crane is not None
     run(muscles, 0.0, 2.0, on=1)
@@ -98,7 +98,7 @@ def test_it_is_caught_where_it_is_when_its_legs_go_limp_and_let_go_again() -> No
     assert not muscles.crane.is_holding and height(muscles) == pytest.approx(STANDING, abs=0.01)
 
 
-def test_one_limp_leg_of_a_standing_robot_is_not_caught() -> None:
+def test_a_standing_robot_with_one_limp_leg_is_not_supported() -> None:
     muscles = body()
     assert muscles.crane is not None
     run(muscles, 0.0, 2.0, on=1)
@@ -173,7 +173,7 @@ def test_orders_reach_the_body_without_a_bus() -> None:
         server(muscles).execute_fault_command({"fault": "push", "right": 1.0})
 
 
-def test_a_robot_that_hangs_or_lies_has_nobody_to_let_go_of() -> None:
+def test_a_hanging_or_lying_robot_has_no_base_support() -> None:
     hung = body_of(load_robot("h24"), dict.fromkeys(ROBOT.names, 2048))
     lying = body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), base="back")
     assert hung.crane is None and lying.crane is None and body().crane is not None

@@ -59,7 +59,7 @@ def test_every_joint_meets_its_address_by_name() -> None:
         assert binding.actuators[place] == model.actuator_ctrladr[model.actuator(joint.name).id]
 
 
-def test_the_order_is_that_of_the_file_whatever_the_model_says() -> None:
+def test_the_joint_order_is_that_of_the_robot_file() -> None:
     backwards = replace(H24, joints=H24.joints[::-1])
     binding = bind(backwards, None)
     assert binding.joint_map.names == H24.names[::-1]

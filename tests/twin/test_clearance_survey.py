@@ -66,7 +66,7 @@ def test_the_verb_prints_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "nearest: tip" in capsys.readouterr().out
 
 
-def test_a_motion_of_another_robot_is_told_and_left_out(tmp_path: Path) -> None:
+def test_a_motion_of_another_robot_is_reported_and_left_out(tmp_path: Path) -> None:
     robot = arm_file(tmp_path)
     (tmp_path / "motions").mkdir()
     (tmp_path / "motions" / "wave.json").write_text('{"joint_names": ["l_knee"], "points": []}')

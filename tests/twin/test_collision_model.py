@@ -92,7 +92,7 @@ def test_each_lever_is_reached_by_some_pose(tmp_path: Path) -> None:
     assert bodies.levers[elbow] == pytest.approx([0.2 + 0.15 + 0.02, 0.15 + 0.02, 0.0])
 
 
-def test_what_is_allowed_is_not_judged(tmp_path: Path) -> None:
+def test_an_allowed_pair_is_not_checked(tmp_path: Path) -> None:
     everything = {pair.bodies for pair in CollisionModel(arm(tmp_path)).pairs}
     assert everything == {("base", "upper"), ("base", "middle"), ("base", "tip"), ("upper", "tip")}
     some = {pair.bodies for pair in CollisionModel(arm(tmp_path, "{allow: [[tip, base]]}")).pairs}

@@ -86,7 +86,7 @@ def test_the_floor_has_its_own_name(tmp_path: Path) -> None:
     assert not swept(bodies, line([0.0, 0.0, 0.0], [-0.75, 0.0, 0.0])).refused
 
 
-def test_two_boxes_are_judged_although_contacts_say_nothing_of_them(tmp_path: Path) -> None:
+def test_two_boxes_are_checked_although_contacts_do_not_cover_them(tmp_path: Path) -> None:
     bodies = CollisionModel(arm(tmp_path, OPEN, tip="box"))
     assert len(bodies.boxes)
     found = swept(bodies, line([0.0, 0.0, 0.0], [0.0, 2.85, 0.0]))
@@ -95,7 +95,7 @@ def test_two_boxes_are_judged_although_contacts_say_nothing_of_them(tmp_path: Pa
     assert not clear.refused
 
 
-def test_what_comes_near_is_told_and_not_refused(tmp_path: Path) -> None:
+def test_a_small_clearance_is_reported_and_not_refused(tmp_path: Path) -> None:
     """The tip goes straight at the base's top until 5 mm are left."""
     bodies = CollisionModel(arm(tmp_path, OPEN))
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
@@ -144,7 +144,7 @@ def inside(bodies: CollisionModel, deep: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("deep", [-BAND / 2, BAND, 0.001, 0.005])
-def test_who_stands_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep: float) -> None:
+def test_a_robot_that_starts_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep: float) -> None:
     bodies = CollisionModel(arm(tmp_path, OPEN))
     start = inside(bodies, deep)
     out = swept(bodies, line(start, [0.0, 0.0, 0.0]))
@@ -164,7 +164,7 @@ def test_a_way_that_does_not_move_is_clear() -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e300])
-def test_what_is_no_number_is_never_proved(tmp_path: Path, wrong: float) -> None:
+def test_a_non_finite_path_is_never_proved_clear(tmp_path: Path, wrong: float) -> None:
     bodies = CollisionModel(arm(tmp_path))
     with np.errstate(all="ignore"):
         path = Trajectory(np.ones(1), np.array([[0.0, wrong, 0.0]]), np.ones(3, np.bool_))

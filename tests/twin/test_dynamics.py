@@ -100,7 +100,7 @@ def test_a_path_within_what_the_joints_give_is_silent(pinned: Binding) -> None:
     assert judge(pinned, np.tile(pose(pinned, l_shoulder_roll=1.4), (10, 1))) == Verdict()
 
 
-def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: Binding) -> None:
+def test_an_excess_torque_is_reported_with_its_first_and_worst_time(pinned: Binding) -> None:
     out = pose(pinned, l_shoulder_roll=1.5)
     need = abs(Dynamics(pinned).sample(out, 0 * out, 0 * out)[0][3])
     path = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(0.0, 1.5, 31)])
@@ -128,7 +128,7 @@ def test_acceleration_counts(pinned: Binding) -> None:
     assert (found.joint, found.time) == (2, pytest.approx(2 / 3))
 
 
-def test_what_is_slowed_down_anyway_is_judged_as_slow(pinned: Binding) -> None:
+def test_a_finite_peak_acceleration_gives_no_warning_and_a_nan_gives_one(pinned: Binding) -> None:
     acceleration = np.zeros((4, 24))
     acceleration[2, 2] = 300.0  # rad/s²: fifteen times its limit, so the path is slowed down, or refused
     assert judge(pinned, np.tile(pinned.rest, (4, 1)), acceleration) == Verdict()
@@ -145,7 +145,7 @@ def test_a_robot_file_that_is_strict_refuses(pinned: Binding) -> None:
     ] and not verdict.warnings
 
 
-def test_what_hangs_beyond_its_bound_already_may_come_down_but_not_go_up(pinned: Binding) -> None:
+def test_a_joint_beyond_its_torque_bound_may_come_down_but_not_go_up(pinned: Binding) -> None:
     weak = strict(able(pinned, l_shoulder_roll=0.1))
     down = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(1.0, 0.0, 31)])
     verdict = judge(weak, down)

@@ -88,7 +88,7 @@ def test_the_shared_model_keeps_its_contacts() -> None:
     assert BINDING.model.opt.disableflags == before == 0
 
 
-def test_joints_not_heard_keep_their_last_and_are_not_taken() -> None:
+def test_stale_joints_keep_their_last_position_in_the_mirror() -> None:
     mirror = TwinMirror(BINDING)
     mirror.update(reading(np.full(COUNT, 0.1)))
     heard = np.ones(COUNT, np.bool_)
@@ -101,7 +101,7 @@ def test_joints_not_heard_keep_their_last_and_are_not_taken() -> None:
     assert mirror.refused == 0
 
 
-def test_torque_of_a_joint_never_heard_is_unknown() -> None:
+def test_the_torque_of_a_joint_never_read_is_unknown() -> None:
     mirror = TwinMirror(BINDING)
     assert np.isnan(mirror.effort).all()
     heard = np.zeros(COUNT, np.bool_)
@@ -117,7 +117,7 @@ def test_torque_of_a_joint_never_heard_is_unknown() -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 1e3])
 @pytest.mark.parametrize("where", ["position", "velocity"])
-def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> None:
+def test_a_non_finite_reading_never_enters_the_model(bad: float, where: str) -> None:
     mirror = TwinMirror(BINDING)
     mirror.update(reading(np.full(COUNT, 0.1)))
     position = np.full(COUNT, 0.2)
@@ -137,7 +137,7 @@ def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> No
     arrays(np.float64, COUNT, elements=st.floats(allow_nan=True, allow_infinity=True)),
     arrays(np.bool_, COUNT),
 )
-def test_whatever_arrives_the_model_stays_finite(position: Floats, velocity: Floats, heard: Bools) -> None:
+def test_the_model_stays_finite_for_any_reading(position: Floats, velocity: Floats, heard: Bools) -> None:
     mirror = TwinMirror(BINDING)
     mirror.update(reading(position, velocity, heard))
     assert np.isfinite(mirror.data.xpos).all()
@@ -157,7 +157,7 @@ def test_a_jump_of_the_pose_leaves_no_trace() -> None:
     assert np.array_equal(jumped.effort, direct.effort)
 
 
-def test_whoever_looks_between_two_readings_changes_nothing_for_whoever_looks_later() -> None:
+def test_a_look_between_two_readings_changes_no_later_result() -> None:
     looked = TwinMirror(BINDING)
     unseen = TwinMirror(BINDING)
     for place in (0.3, -0.2, 0.1):

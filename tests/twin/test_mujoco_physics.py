@@ -260,7 +260,7 @@ def test_in_mode_5_braking_from_full_speed_keeps_the_cap_too() -> None:
     st.floats(1, 1193),
     st.floats(0.3, 1.2),
 )
-def test_whatever_is_commanded_stays_finite_and_inside_its_caps(
+def test_any_command_keeps_the_physics_finite_and_inside_its_caps(
     mode: int, goals: list[float], pwm: float, current: float, supply: float
 ) -> None:
     muscles = arms()

@@ -64,7 +64,7 @@ def test_without_a_goal_the_last_is_held() -> None:
     assert np.abs(run(simulation, None, 100) - BENT).max() < 0.05
 
 
-def test_the_state_is_a_reading_of_now_that_nobody_can_change() -> None:
+def test_the_state_is_a_fresh_and_read_only_reading() -> None:
     simulation = Simulation(BINDING, 0.01)
     simulation.step(BENT)
     state = simulation.state(12.5)

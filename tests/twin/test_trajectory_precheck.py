@@ -80,7 +80,7 @@ def test_the_way_to_a_first_point_at_once_is_judged_too(tmp_path: Path) -> None:
     assert (refused[0].time, refused[0].point) == (0.0, 0)
 
 
-def test_where_the_robot_stands_must_be_known(foresight: TrajectoryPrecheck) -> None:
+def test_an_unknown_start_position_is_refused(foresight: TrajectoryPrecheck) -> None:
     path = Trajectory(np.array([1.0]), np.array([[0.5, 0.5, 0.5]]), ALL)
     refused = judged(foresight, path, still([0.0, np.nan, 0.0])).refusals
     assert [finding.joint for finding in refused] == [1]

@@ -104,7 +104,7 @@ def test_an_unknown_effort_of_one_actuator_is_unknown_at_both_joints(bound: Bind
     assert np.isfinite(np.delete(told, rows)).all()
 
 
-def test_what_all_joints_of_a_transmission_may_give_at_once_no_actuator_exceeds(bound: Binding) -> None:
+def test_full_effort_of_all_joints_of_a_transmission_exceeds_no_actuator(bound: Binding) -> None:
     names = bound.robot.names
     effort = bound.limits.effort
     torque = np.array([effort[names.index(name)] for name in WAIST])
@@ -139,9 +139,7 @@ def waved(places: int) -> str:
 
 
 @pytest.mark.parametrize("places", [5, 6, 15])
-def test_where_the_travel_ends_just_at_the_limits_no_accepted_goal_meets_the_last_clamp(
-    tmp_path: Path, places: int
-) -> None:
+def test_an_accepted_goal_at_the_end_of_the_travel_is_not_clamped(tmp_path: Path, places: int) -> None:
     text = linked.ROBOT.replace(
         "ankle_roll: {limits_rad: [-0.2, 0.2]}", "ankle_roll: {limits_rad: [-0.1, 0.25]}"
     )

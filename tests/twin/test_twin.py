@@ -48,7 +48,7 @@ def test_placing_and_halting_are_the_simulations() -> None:
     assert np.abs(held.position).max() < 0.05
 
 
-def test_garbage_in_both_halves_is_no_warning_and_no_reset() -> None:
+def test_non_finite_input_to_mirror_and_simulation_causes_no_warning_and_no_reset() -> None:
     twin = Twin(BINDING, 0.01)
     for bad in (np.nan, np.inf, 1e300):
         twin.update(measured(bad), np.full(24, bad), now=0.0)

@@ -32,7 +32,7 @@ def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
         ("arm:3:XM430-W350:256", "firmware 256"),
     ],
 )
-def test_a_servo_that_is_none_says_what_would_be_right(text: str, says: str) -> None:
+def test_an_invalid_servo_option_is_refused_with_the_expected_form(text: str, says: str) -> None:
     with pytest.raises(InvalidInput, match=says):
         servo(text)
 
@@ -45,7 +45,7 @@ def test_on_a_bench_servos_are_as_from_the_factory() -> None:
     assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [3]
 
 
-def test_the_settings_given_are_in_the_registers_and_the_adapter_is_as_told() -> None:
+def test_given_settings_are_in_the_registers_and_the_adapter_options_apply() -> None:
     made = [
         (bus, ServoSpec(spec.id, spec.model, settings(1_000_000, 20)))
         for bus, spec in [servo("a:1:XM430-W350")]
@@ -58,7 +58,7 @@ def test_the_settings_given_are_in_the_registers_and_the_adapter_is_as_told() ->
 
 
 @pytest.mark.parametrize("register", [(120, 2), (132, 4)])
-def test_two_of_one_id_never_say_the_same_bits_of_tick_and_position(register: tuple[int, int]) -> None:
+def test_two_servos_of_one_id_differ_in_tick_and_position_bits(register: tuple[int, int]) -> None:
     """Else no scan could tell that there are two: where the bits of both agree the line shows just that."""
     for seed in range(20):
         named = [servo("arm:3:XM430-W350"), servo("arm:3:XM430-W350")]
@@ -90,7 +90,7 @@ def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
     assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [7, 7]
 
 
-def test_what_a_robot_cannot_have_beside_it_is_refused() -> None:
+def test_an_extra_servo_that_does_not_fit_the_robot_is_refused() -> None:
     made = specimen(load_robot("h24"))
     with pytest.raises(InvalidInput, match="no bus 'left'; h24 has main"):
         buses(made, physics=False, extra={"left": [ServoSpec(1)]})

@@ -45,7 +45,7 @@ def test_dropped_doubled_and_foreign_frames() -> None:
     assert sorted(heard) == [0x11, 0x12, 0x6F3]
 
 
-def test_a_late_answer_comes_in_the_next_cycle_and_tells_of_the_last() -> None:
+def test_a_late_reply_arrives_in_the_next_cycle_with_the_earlier_reading() -> None:
     host = two()
     host.faults.delay(0.012, 1)
     assert answers(host, wait=0.01) == [0x12]
@@ -54,7 +54,7 @@ def test_a_late_answer_comes_in_the_next_cycle_and_tells_of_the_last() -> None:
     assert sorted(answers(host, wait=0.02)) == [0x11, 0x11, 0x12], "behind its late one"
 
 
-def test_a_twin_answers_too_and_stands_elsewhere() -> None:
+def test_a_duplicate_node_answers_from_another_position() -> None:
     host = two()
     host.faults.twin(1)
     one, other = host.ask((1, LIMP))
@@ -62,7 +62,7 @@ def test_a_twin_answers_too_and_stands_elsewhere() -> None:
     assert one.data != other.data
 
 
-def test_a_silent_node_hears_nothing_and_keeps_its_torque() -> None:
+def test_a_silenced_node_receives_nothing_and_keeps_its_torque() -> None:
     host = two()
     host.ask((1, mit(0xFC)))
     host.faults.silence(1)
@@ -73,7 +73,7 @@ def test_a_silent_node_hears_nothing_and_keeps_its_torque() -> None:
     assert answers(host) == [0x11, 0x12]
 
 
-def test_a_range_that_lies_shows_another_place() -> None:
+def test_a_wrong_range_shows_another_position() -> None:
     host = CanHost([NodeSpec(1, "AK70-10", position=12.5)], start=1.0)
     before = host.ask((1, LIMP))[0].data[1:3]
     host.faults.ranges(1, 25.0, 50.0, 25.0)
@@ -96,7 +96,7 @@ def test_a_lost_zero_and_a_turn_that_comes_with_the_enabling() -> None:
     assert host.truth(1)["position"] == pytest.approx(16384), "once"
 
 
-def test_heat_and_supply_are_told_and_end_torque() -> None:
+def test_heat_and_supply_are_reported_and_end_torque() -> None:
     host = two()
     host.ask((1, mit(0xFC)), (2, mit(0xFC)))
     host.faults.heat(1, 80.0)
@@ -112,7 +112,7 @@ def test_heat_and_supply_are_told_and_end_torque() -> None:
     assert host.ask((2, LIMP))[0].data[0] >> 4 == 0
 
 
-def test_another_master_is_obeyed_and_heard() -> None:
+def test_commands_of_another_master_are_executed_and_visible() -> None:
     host = two()
     host.faults.master(1)
     heard = host.wait(0.105)
@@ -145,7 +145,7 @@ def test_an_adapter_that_echoes_gives_back_what_has_left() -> None:
     assert [each.id for each in host.ask((1, LIMP))] == [1, 0x11]
 
 
-def test_a_broken_frame_is_told_as_an_error_and_takes_its_time() -> None:
+def test_an_error_frame_is_reported_and_takes_wire_time() -> None:
     host = two()
     host.faults.error_frames(3)
     host.wait(0.0)
@@ -153,7 +153,7 @@ def test_a_broken_frame_is_told_as_an_error_and_takes_its_time() -> None:
     assert all(each.id & ERROR for each in host.errors)
 
 
-def test_recorded_places_are_what_the_nodes_told() -> None:
+def test_recorded_positions_equal_those_the_nodes_reported() -> None:
     host = two()
     host.faults.record(100)
     host.ask((1, mit(0xFC)), (1, bytes.fromhex("8A3C7FF1993337FF")), wait=0.1)
@@ -227,7 +227,7 @@ def test_a_kernel_s_queue_survives_purge_and_close_and_is_replayed() -> None:
     assert host.truth()["torque"]
 
 
-def test_bus_off_and_passive_are_told_and_end() -> None:
+def test_bus_off_and_passive_states_are_reported_and_end() -> None:
     host, link = channel()
     for order, line in (
         (host.faults.passive, CanErrorState.PASSIVE),
@@ -241,7 +241,7 @@ def test_bus_off_and_passive_are_told_and_end() -> None:
         assert link.condition.line == CanErrorState.ACTIVE
 
 
-def test_while_the_bus_is_off_nobody_hears_the_host() -> None:
+def test_frames_of_the_host_wait_while_the_bus_is_off() -> None:
     host = two()
     host.faults.bus_off()
     host.ask((1, mit(0xFC)))
@@ -264,7 +264,7 @@ def test_an_unplugged_channel_is_lost() -> None:
 # ------------------------------------------------------------------------------- orders
 
 
-def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten() -> None:
+def test_every_fault_command_matches_a_fault_method_and_its_arguments() -> None:
     inside = {"rows", "strike", "next_command", "commands"}
     methods = {
         name: inspect.signature(method).parameters

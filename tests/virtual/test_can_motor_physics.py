@@ -96,7 +96,7 @@ def test_a_serial_servo_of_the_same_body_is_moved_by_its_own_rules() -> None:
 
 @examples(20)
 @given(st.floats(-3, 3), st.floats(0.5, 500), st.floats(0, 5))
-def test_free_shafts_come_to_rest_where_they_are_told(place: float, kp: float, kd: float) -> None:
+def test_free_shafts_come_to_rest_at_their_goal(place: float, kp: float, kd: float) -> None:
     muscles = FirstOrderCanPhysics(np.zeros(1))
     command(muscles, place, kp=kp, kd=kd)
     muscles.advance(2.0)

@@ -64,7 +64,7 @@ def stuffable(sent: list[int]) -> bool:
 
 
 @given(frames)
-def test_eight_bytes_take_what_the_arithmetic_says(message: CanMessage) -> None:
+def test_the_length_of_a_frame_of_eight_bytes_is_within_the_computed_range(message: CanMessage) -> None:
     """Facts 7: 111 to 135 bits, with 29-bit ids 131 to 160."""
     whole = CanMessage(message.id & ~REMOTE, message.data.ljust(8, b"\0"))
     low, high = (131, 160) if whole.id & EXTENDED else (111, 135)
@@ -162,7 +162,7 @@ def test_another_node_acknowledges_in_place_of_a_silent_one() -> None:
     assert host.bus.controller.backlog() == 1
 
 
-def test_a_controller_at_another_rate_hears_nothing_and_sends_nothing() -> None:
+def test_a_controller_at_another_rate_neither_receives_nor_sends() -> None:
     host = CanHost([NodeSpec(3, "ODrive", settings={"heartbeat": 0.01})])
     host.bus.controller.rate = 500_000
     assert host.ask((3 << 5 | 9, b"")) == []

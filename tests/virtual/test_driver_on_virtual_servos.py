@@ -55,7 +55,7 @@ class Rig:
             self.clock.wait([self.reader.transport], self.reader.deadline)
 
 
-def test_it_identifies_all_of_them_and_their_settings() -> None:
+def test_the_driver_identifies_all_servos_with_their_settings() -> None:
     rig = Rig()
     assert [device.id for device in rig.devices] == list(IDS)
     assert {device.model_name for device in rig.devices} == {"XM430-W350"}
@@ -77,7 +77,7 @@ def test_armed_servos_follow_a_path_and_every_reading_is_fast_and_whole() -> Non
     assert not rig.host.servos.tripped.any()
 
 
-def test_a_silent_servo_is_not_heard_and_the_others_stay() -> None:
+def test_a_servo_without_a_reply_is_not_fresh_and_the_others_are() -> None:
     rig = Rig()
     rig.arm()
     rig.host.bus.faults.silence(12)
@@ -86,7 +86,7 @@ def test_a_silent_servo_is_not_heard_and_the_others_stay() -> None:
     assert all(sample.heard.sum() == 23 for sample in samples[2:]), "by plain reads"
 
 
-def test_after_a_dead_writer_arming_again_does_not_jump_to_the_old_goal() -> None:
+def test_arming_after_a_dead_writer_does_not_jump_to_the_old_goal() -> None:
     rig = Rig()
     rig.arm()
     for _ in range(5):

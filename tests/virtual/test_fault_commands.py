@@ -27,7 +27,7 @@ from twind_drivers.virtual.serial_bus_faults import SerialBusFaults
         ({"fault": ["drop"]}, "no fault"),
     ],
 )
-def test_a_wrong_order_says_what_would_be_right(order: Order, says: str) -> None:
+def test_an_invalid_fault_command_is_refused_with_the_expected_form(order: Order, says: str) -> None:
     with pytest.raises(InvalidInput, match=says):
         arguments(order)
 
@@ -38,7 +38,7 @@ def test_right_orders_give_their_arguments() -> None:
     assert arguments({"fault": "clear"}) == ("clear", {})
 
 
-def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten() -> None:
+def test_every_fault_command_matches_a_fault_method_and_its_arguments() -> None:
     inside = {"rows", "require", "look", "speak"}
     methods = {
         name: inspect.signature(method).parameters
@@ -96,7 +96,7 @@ def test_every_line_is_answered_also_the_bad_ones(tmp_path: Path) -> None:
     assert answers[3]["error"] == "no bus other"
 
 
-def test_a_dead_socket_in_the_way_is_replaced(tmp_path: Path) -> None:
+def test_a_dead_socket_is_replaced(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as old:
         old.bind(str(tmp_path / "s"))
     assert served(tmp_path / "s", b'{"query": "state"}\n')[0]["ok"]

@@ -88,7 +88,7 @@ def test_a_burst_of_noise_fills_its_time_and_ends() -> None:
     assert sound(ask(host, packet.sync_read(IDS, 132, 4))) == IDS
 
 
-def test_what_is_said_while_noise_lasts_is_not_understood() -> None:
+def test_replies_during_noise_are_not_decoded() -> None:
     host = Host(IDS)
     host.bus.faults.noise(0.01)
     assert sound(ask(host, packet.sync_read(IDS, 132, 4), 0.009)) == []
@@ -189,7 +189,7 @@ def test_a_stalled_adapter_keeps_what_it_takes_and_sends_it_when_it_runs_again()
     assert host.bus.backlog == 0
 
 
-def test_what_is_flushed_out_of_a_stalled_adapter_is_never_sent() -> None:
+def test_bytes_flushed_from_a_stalled_adapter_are_never_sent() -> None:
     host = Host(IDS)
     host.bus.faults.stall()
     ask(host, packet.write(1, 65, b"\1"))
@@ -199,7 +199,7 @@ def test_what_is_flushed_out_of_a_stalled_adapter_is_never_sent() -> None:
     assert host.read(1, 65, 1) == 0
 
 
-def test_unplugged_the_adapter_forgets_all_it_held() -> None:
+def test_an_unplugged_adapter_drops_its_buffered_bytes() -> None:
     host = Host(IDS)
     host.bus.faults.stall()
     ask(host, packet.ping(1))

@@ -21,7 +21,7 @@ def cycle(host: Host, request: bytes) -> float:
 @pytest.mark.parametrize("baud_rate", [3, 4, 5])
 @pytest.mark.parametrize("delay_us", [0, 50, 500])
 @pytest.mark.parametrize("fast", [True, False])
-def test_a_cycle_of_24_takes_what_the_arithmetic_says(baud_rate: int, delay_us: int, fast: bool) -> None:
+def test_a_cycle_of_24_servos_takes_the_computed_time(baud_rate: int, delay_us: int, fast: bool) -> None:
     host = Host(IDS, settings={"baud_rate": baud_rate, "return_delay_time": delay_us // 2})
     baud = (1_000_000, 2_000_000, 3_000_000)[baud_rate - 3]
     host.bus.line(baud)
@@ -51,7 +51,7 @@ def test_an_answer_is_not_there_before_its_last_byte() -> None:
     assert len(host.bus.take(whole + 1e-9)) == 14
 
 
-def test_of_an_answer_cut_short_whole_statuses_have_come() -> None:
+def test_a_reply_read_early_contains_only_completed_statuses() -> None:
     host = Host(IDS)
     host.bus.receive(packet.sync_read(IDS, 132, 4), 0.0)
     each = 15 * 10 / 2e6

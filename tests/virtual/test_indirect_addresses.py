@@ -97,7 +97,7 @@ def test_on_the_p_series_an_indirect_address_is_eeprom() -> None:
     assert host.write(1, 168, 512, 2) == 7
 
 
-def test_a_reboot_forgets_the_mapping_of_an_x() -> None:
+def test_a_reboot_clears_the_indirect_mapping_of_an_x_servo() -> None:
     host = Host([1])
     point(host, 1, [132, 133, 134, 135])
     assert host.read(1, 224, 4) == 2048
@@ -138,7 +138,7 @@ def test_any_mapping_reads_like_its_targets_short_way_and_long_way(
         assert plain in packet.unstuff(seen.pop())
 
 
-def test_a_remembered_read_follows_a_mapping_that_changes() -> None:
+def test_a_cached_read_follows_a_changed_mapping() -> None:
     host = Host([1, 2])
     request = packet.sync_read([1, 2], 224, 2)
     for target in (132, 144, 120):

@@ -97,7 +97,7 @@ def test_clear_is_refused_while_it_moves_and_unknown_before_firmware_42() -> Non
 
 
 @pytest.mark.parametrize(("params", "error"), [(TURNS[:4], 5), (b"\x02" + TURNS[1:], 4), (b"\x01" * 5, 4)])
-def test_clear_wants_its_fixed_bytes(params: bytes, error: int) -> None:
+def test_clear_requires_its_fixed_bytes(params: bytes, error: int) -> None:
     host = Host([1], settings={"operating_mode": 4})
     host.muscles.position[0] = 9000.0
     host.wait(0.01)
@@ -108,7 +108,7 @@ def test_clear_wants_its_fixed_bytes(params: bytes, error: int) -> None:
 # ---------------------------------------------------------------------- backup
 
 
-def test_a_backup_is_stored_told_and_restored_by_a_reboot() -> None:
+def test_a_backup_is_stored_reported_and_restored_by_a_reboot() -> None:
     """E-manual "Control Table Backup": 01 store, 02 restore and reboot; register 147: there is one."""
     host = Host([1])
     host.write(1, 20, 500, 4)
@@ -136,7 +136,7 @@ def test_a_backup_needs_torque_off_and_the_firmware_for_it() -> None:
 @pytest.mark.parametrize(
     ("params", "error"), [(b"", 5), (b"\x01", 5), (b"\x03" + TAIL, 4), (b"\x01" + TAIL[::-1], 4)]
 )
-def test_a_backup_wants_its_fixed_bytes(params: bytes, error: int) -> None:
+def test_a_backup_requires_its_fixed_bytes(params: bytes, error: int) -> None:
     host = Host([1])
     assert order(host, 1, Instruction.BACKUP, params) == error
     assert host.read(1, 147, 1) == 0
@@ -155,7 +155,7 @@ def test_a_reg_write_that_would_be_refused_is_refused_at_once(params: str, error
     assert order(host, 1, Instruction.ACTION) == 2
 
 
-def test_one_action_to_all_moves_all_that_have_something_stored() -> None:
+def test_a_broadcast_action_executes_every_stored_write() -> None:
     """E-manual "Action": to every id at once, unanswered; who has stored nothing does nothing."""
     host = Host([1, 2, 3])
     for id, goal in ((1, 1000), (3, 3000)):
@@ -174,7 +174,7 @@ def test_a_stored_write_is_judged_again_when_it_is_carried_out() -> None:
     assert host.read(1, 9, 1) == 0
 
 
-def test_a_reboot_forgets_a_stored_write_asked_for_or_not() -> None:
+def test_a_requested_or_unrequested_reboot_clears_a_stored_write() -> None:
     host = Host([1])
     for reboot in (lambda: host.ask(packet.reboot(1)), lambda: host.bus.faults.brown_out(1)):
         order(host, 1, Instruction.REG_WRITE, bytes.fromhex("7400 C8000000"))
@@ -213,7 +213,7 @@ def test_a_ping_to_all_is_answered_in_the_order_of_ids() -> None:
     assert [each.id for each in host.ask(packet.ping(BROADCAST))] == [0, 2, 9, 252]
 
 
-def test_who_gets_a_new_id_answers_under_the_old_one() -> None:
+def test_a_servo_with_a_new_id_acknowledges_under_the_old_id() -> None:
     """The SDK waits for the id that it asked; people change ids with it."""
     host = Host([1])
     (answer,) = host.ask(packet.write(1, 7, b"\x05"))
@@ -278,7 +278,7 @@ def test_goals_by_sync_write_reach_shadows_too() -> None:
     assert host.servos["goal_position"].tolist() == [2300] * 3, "row by row"
 
 
-def test_set_to_another_protocol_it_hears_nothing_of_this_one() -> None:
+def test_a_servo_set_to_another_protocol_does_not_answer_this_one() -> None:
     """e-manual, "Protocol Type (13)"; Protocol 1.0 itself is not simulated."""
     host = Host([1, 2])
     assert host.write(1, 13, 1, 1) == 0

@@ -41,7 +41,7 @@ def test_a_hand_goes_straight_there_and_stays(to: int, speed: float, looks: int)
     assert host.present(1) == to, "nothing loads these joints"
 
 
-def test_what_a_hand_does_shows_as_speed() -> None:
+def test_a_shaft_moved_by_hand_reports_its_speed_without_current() -> None:
     host = Host([1])
     host.bus.faults.hand(1, to=4000, speed=1.0)
     host.wait(0.1)
@@ -152,7 +152,7 @@ def test_a_hand_ends_at_the_stops_in_both_directions(physics: bool) -> None:
         assert angle(made, virtual, "l_knee", start + 3.0) == pytest.approx(end, abs=2 / PER_RAD)
 
 
-def test_a_limb_falls_when_the_hand_lets_go() -> None:
+def test_a_limb_falls_when_the_hand_is_removed() -> None:
     made, virtual = robot(True)
     faults = virtual["main"].faults
     faults.hand(pose={"l_shoulder_pitch": 1.2}, speed=2.0)
@@ -232,7 +232,7 @@ class Port:
         self.name = self.path = name
 
 
-def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
+def test_a_hand_pose_is_split_among_the_buses_and_off_releases_all() -> None:
     made, virtual = robot(False, "h24-mixed")
     clock = FakeClock()
     ports = {name: Port(name) for name in virtual}
@@ -270,7 +270,7 @@ def test_an_encoder_that_stands_still_within_the_play_shows_no_speed() -> None:
     assert servos.muscles.velocity[row] == 0.0, "arrived"
 
 
-def test_who_is_turned_over_hangs_another_way_and_no_body_no_base_is_said() -> None:
+def test_a_rotated_base_changes_the_hang_and_an_impossible_rotation_is_refused() -> None:
     made, virtual = robot(True)
     bus = virtual["main"]
     upright = angle(made, virtual, "l_shoulder_pitch", 1.0)

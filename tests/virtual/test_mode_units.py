@@ -156,7 +156,7 @@ def test_a_watchdog_stop_in_the_middle_of_a_profile_holds_the_place() -> None:
     ("velocity", "acceleration", "kind"),
     [(0, 0, 0), (0, 30, 0), (60, 0, RECTANGLE), (60, 20, TRAPEZOID), (400, 1, TRIANGLE)],
 )
-def test_moving_status_tells_the_profile_and_its_end(velocity: int, acceleration: int, kind: int) -> None:
+def test_moving_status_reports_the_profile_and_its_end(velocity: int, acceleration: int, kind: int) -> None:
     """e-manual, "Moving Status" (123), "Moving" (122): 1 as long as a profile runs."""
     host = powered(3)
     host.write(1, 112, velocity, 4)
@@ -294,7 +294,7 @@ def test_a_frozen_encoder_repeats_itself_until_it_thaws() -> None:
         max_size=14,
     ),
 )
-def test_whatever_is_written_in_any_mode_nothing_is_out_of_range(
+def test_no_value_is_out_of_range_after_any_writes_in_any_mode(
     mode: int, drive_mode: int, writes: list[tuple[int, int]]
 ) -> None:
     sizes = {64: 1, 98: 1, 104: 4, 108: 4, 112: 4, 116: 4}

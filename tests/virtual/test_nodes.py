@@ -27,7 +27,7 @@ SPANS = (12.5, 30.0, 10.0)
         ("5F D4 95 43 33 7F F5 32", (-3.14159265, 5.0, 100.0, 2.5, -3.5)),
     ],
 )
-def test_golden_commands_mean_what_they_say(text: str, meant: tuple[float, ...]) -> None:
+def test_golden_commands_decode_to_their_documented_values(text: str, meant: tuple[float, ...]) -> None:
     """Facts 2: computed, ranges 12.5 / 30 / 10. Each is cut off by less than one step of its field."""
     found = mit_command(bytes.fromhex(text), SPANS)
     steps = (25 / 65535, 60 / 4095, 500 / 4095, 5 / 4095, 20 / 4095)
@@ -91,7 +91,7 @@ def test_a_damiao_answers_registers_on_its_master_id_and_they_look_like_feedback
 @pytest.mark.parametrize(
     ("number", "held"), [(7, 0x11), (8, 1), (9, 0), (10, 1), (21, 12.5), (22, 30.0), (23, 10.0), (35, 4)]
 )
-def test_a_damiao_tells_its_scaling_and_settings(number: int, held: float) -> None:
+def test_a_damiao_reports_its_scaling_and_settings(number: int, held: float) -> None:
     [told] = damiao().ask(register(0x33, number))
     assert struct.unpack("<f" if number in (21, 22, 23) else "<I", told.data[4:])[0] == held
 
@@ -117,7 +117,7 @@ def test_a_damiao_reads_its_fields_by_the_ranges_in_its_registers() -> None:
         (1 | REMOTE, b""),
     ],
 )
-def test_a_damiao_says_nothing_to_what_is_not_for_it(sent: tuple[int, bytes]) -> None:
+def test_a_damiao_does_not_answer_foreign_or_invalid_frames(sent: tuple[int, bytes]) -> None:
     assert damiao().ask(sent) == []
 
 
@@ -141,7 +141,7 @@ def test_a_damiao_watchdog_is_off_as_delivered() -> None:
 
 
 @pytest.mark.parametrize("ticks", [200, 2000, 4321])
-def test_a_damiao_trips_by_its_own_clock_and_says_so(ticks: int) -> None:
+def test_a_damiao_trips_by_its_own_timeout_and_reports_it(ticks: int) -> None:
     host = damiao(timeout=ticks)
     host.ask((1, mit(0xFC)))
     host.wait(ticks * 50e-6 - 0.006)
@@ -166,7 +166,7 @@ def test_any_frame_to_a_damiao_feeds_its_watchdog_and_those_to_others_do_not() -
     assert [host.truth(row)["tripped"] for row in (0, 1)] == [False, True]
 
 
-def test_a_damiao_forgets_what_was_not_stored() -> None:
+def test_a_damiao_loses_unsaved_settings_at_a_reboot() -> None:
     host = damiao()
     host.ask(register(0x55, 9, (2000).to_bytes(4, "little")))
     host.faults.brown_out(1)
@@ -199,7 +199,7 @@ def test_in_another_mode_a_damiao_takes_no_mit_commands() -> None:
 # --------------------------------------------------------------------------------------- CubeMars
 
 
-def test_a_cubemars_answers_with_its_own_id_and_tells_its_error() -> None:
+def test_a_cubemars_answers_with_its_own_id_and_reports_its_error() -> None:
     """Facts 2.1: id, place, speed, current, temperature, error."""
     host = CanHost([NodeSpec(3, "AK70-10", position=12.5, velocity=50.0, torque=25.0)])
     [told] = host.ask((3, LIMP))
@@ -313,7 +313,7 @@ def test_a_cybergear_loses_its_zero_with_its_power(forgets: bool) -> None:
     assert host.truth()["position"] == pytest.approx(lost if forgets else 0.0)
 
 
-def test_a_robstride_reports_by_itself_when_it_is_told_to() -> None:
+def test_a_robstride_sends_periodic_reports_when_enabled() -> None:
     host = robstride()
     assert host.ask(private("1800FD7F", "0102030405060108"), wait=0.0949)
     assert len(host.wait(0.1)) == 10
@@ -337,7 +337,7 @@ def odrive(**more: float) -> CanHost:
     return CanHost([NodeSpec(3, "ODrive", torque=20.0, settings=more)])
 
 
-def test_an_odrive_tells_of_itself_all_the_time() -> None:
+def test_an_odrive_sends_heartbeats_and_estimates_periodically() -> None:
     """Facts 4: heartbeat every 100 ms, estimates every 10 ms."""
     host = odrive()
     heard = host.wait(10.0)
@@ -412,7 +412,7 @@ def test_an_odrive_restarts_on_order() -> None:
     assert not host.truth()["torque"]
 
 
-def test_a_later_board_has_another_heartbeat_and_tells_why_it_was_disarmed() -> None:
+def test_a_later_board_has_another_heartbeat_and_reports_its_disarm_reason() -> None:
     host = CanHost([NodeSpec(3, "ODrive-S1", settings=SLOW)])
     host.wait(0.5)
     host.ask((0x062, b""))

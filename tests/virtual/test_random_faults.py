@@ -68,7 +68,7 @@ def listen(host: Host, until: float) -> bytes:
 @examples(60)
 @example([("noise", {"seconds": 0.05, "count": 1}), ("split", {"bytes": 1}), (REQUESTS[4], 0.01)], False)
 @given(st.lists(steps, max_size=12), st.booleans())
-def test_whatever_goes_wrong_ends_and_leaves_no_trace(run: list[tuple], timing: bool) -> None:
+def test_the_bus_recovers_completely_after_any_sequence_of_faults(run: list[tuple], timing: bool) -> None:
     host = Host(IDS, wire_timing=timing)
     clean = [host.raw(request) for request in REQUESTS[:3]]
     for what, more in run:

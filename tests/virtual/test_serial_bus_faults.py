@@ -47,7 +47,7 @@ def test_delay_makes_every_answer_late_until_it_is_taken_back() -> None:
     assert host.bus.next_output_time() == pytest.approx(1.0 + prompt + 0.02)
 
 
-def test_a_silenced_servo_hears_nothing_and_its_watchdog_trips() -> None:
+def test_a_silenced_servo_receives_nothing_and_its_watchdog_trips() -> None:
     host = Host(IDS)
     for id in IDS:
         host.write(id, 98, 5, 1)
@@ -59,7 +59,7 @@ def test_a_silenced_servo_hears_nothing_and_its_watchdog_trips() -> None:
     assert host.servos.tripped.tolist() == [False, True, False, False]
 
 
-def test_a_brown_out_is_a_reboot_that_nobody_asked_for() -> None:
+def test_a_brown_out_acts_as_an_unrequested_reboot() -> None:
     host = Host(IDS)
     host.torque(3)
     host.wait(1.0)
@@ -88,7 +88,7 @@ def test_a_doubled_answer_comes_twice() -> None:
     assert [each.id for each in host.ask(packet.sync_read(IDS, 132, 4))] == [1, 2, 2, 3, 4]
 
 
-def test_a_slow_servo_answers_into_the_next_exchange_and_holds_up_nobody() -> None:
+def test_a_slow_servo_answers_into_the_next_exchange_and_delays_no_other() -> None:
     host = Host(IDS)
     request = packet.sync_read(IDS, 132, 4)
     host.bus.faults.delay(0.01, id=2)
@@ -135,7 +135,7 @@ def test_with_a_fault_ordered_the_sound_answers_take_as_long_as_without() -> Non
         assert took[0][1].startswith(took[1][1])
 
 
-def test_without_power_nobody_answers_and_with_it_all_have_booted() -> None:
+def test_servos_without_power_do_not_answer_and_reboot_with_it() -> None:
     """e-manual, "Operating Mode" note: torque, RAM and turns are lost."""
     host = Host(IDS)
     host.torque(3)
@@ -153,7 +153,7 @@ def test_without_power_nobody_answers_and_with_it_all_have_booted() -> None:
     assert host.read(3, 64, 1) == 0
 
 
-def test_what_was_under_way_when_the_adapter_was_pulled_out_never_comes() -> None:
+def test_a_reply_under_way_at_an_unplug_never_arrives() -> None:
     host = Host(IDS)
     host.bus.receive(packet.ping(2), host.clock.now())
     host.bus.faults.unplug()
@@ -237,7 +237,7 @@ def test_the_record_holds_every_value_that_a_position_register_showed() -> None:
     assert (times[1:] >= times[:-1]).all()
 
 
-def test_the_record_keeps_the_last_and_forgets_the_oldest() -> None:
+def test_the_history_keeps_the_newest_readings() -> None:
     history = ReadingHistory(1, 3)
     for at in range(5):
         history.note(float(at), np.array([at * 10]))
@@ -246,7 +246,7 @@ def test_the_record_keeps_the_last_and_forgets_the_oldest() -> None:
     assert places.ravel().tolist() == [20, 30, 40]
 
 
-def test_what_cannot_be_ordered_says_why() -> None:
+def test_an_impossible_fault_command_raises_an_error_with_the_cause() -> None:
     faults = Host(IDS).bus.faults
     with pytest.raises(KeyError, match=r"no servo with id 9; ids are \[1, 2, 3, 4\]"):
         faults.silence(9)
@@ -272,7 +272,7 @@ def test_mangle_breaks_exactly_that_many_writes_and_only_their_beginning() -> No
     assert [each.id for each in host.ask(ping + packet.ping(2))] == [1, 2]
 
 
-def test_a_spike_is_shown_for_so_long_and_warms_nobody() -> None:
+def test_a_temperature_spike_is_shown_for_its_duration_and_warms_no_servo() -> None:
     host = Host(IDS)
     host.bus.faults.spike(3, 120.0, 0.2)
     host.wait(0.01)

@@ -39,7 +39,7 @@ def test_drain_throws_away_what_has_come_only() -> None:
     assert port.fileno() == -1
 
 
-def test_what_a_stalled_adapter_holds_is_the_backlog_and_is_bounded() -> None:
+def test_the_backlog_of_a_stalled_adapter_is_reported_and_bounded() -> None:
     host = Host([1])
     port = Loopback(host.bus, host.clock)
     port.write(packet.ping(1))
@@ -59,7 +59,7 @@ def test_what_a_stalled_adapter_holds_is_the_backlog_and_is_bounded() -> None:
             use()
 
 
-def test_unplugged_it_wakes_its_reader_and_is_lost() -> None:
+def test_an_unplugged_loopback_wakes_its_reader_and_is_lost() -> None:
     host = Host([1])
     port = Loopback(host.bus, host.clock)
     port.write(packet.ping(1))

@@ -42,7 +42,7 @@ def powered(start: float = 0.0, **how: float) -> FirstOrderPhysics:
     st.floats(-3000, 3000),
     st.lists(st.floats(1e-4, 0.5), min_size=1, max_size=8),
 )
-def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, steps: list[float]) -> None:
+def test_a_single_long_step_equals_many_short_ones(mode: int, goal: float, steps: list[float]) -> None:
     many = powered(mode=mode)
     once = powered(mode=mode)
     many.set_goals(np.array([goal]))
@@ -56,7 +56,7 @@ def test_one_long_step_is_the_same_as_many_short_ones(mode: int, goal: float, st
 
 @examples(60)
 @given(st.floats(-3000, 3000), st.floats(1e-3, 1.0))
-def test_it_never_overshoots_and_never_exceeds_its_speed(goal: float, dt: float) -> None:
+def test_the_physics_never_overshoots_the_goal_nor_exceeds_its_speed(goal: float, dt: float) -> None:
     muscles = powered()
     muscles.set_goals(np.array([goal]))
     muscles.advance(dt)
@@ -191,7 +191,7 @@ def test_a_blocked_shaft_turns_its_output_into_current() -> None:
         max_size=6,
     )
 )
-def test_whatever_is_commanded_stays_finite_and_inside_its_caps(changes: list[tuple]) -> None:
+def test_any_command_keeps_the_physics_finite_and_inside_its_caps(changes: list[tuple]) -> None:
     muscles = FirstOrderPhysics(np.zeros(1))
     now = 0.0
     for mode, on, pwm, current, supply, goal, dt, held in changes:

@@ -91,7 +91,9 @@ def test_the_ramp_takes_64_v_over_a_milliseconds() -> None:
     ("velocity", "acceleration", "goal", "kind"),
     [(0, 20, 900, NONE), (50, 0, 900, RECTANGLE), (50, 20, 900, TRAPEZOID), (300, 5, 900, TRIANGLE)],
 )
-def test_the_type_of_the_profile_is_told(velocity: int, acceleration: int, goal: float, kind: int) -> None:
+def test_the_type_of_the_profile_is_reported(
+    velocity: int, acceleration: int, goal: float, kind: int
+) -> None:
     """e-manual, "Moving Status": bits 4 and 5."""
     profile = made(velocity, acceleration)
     profile.set_targets(np.array([float(goal)]), 0.0)

@@ -64,7 +64,7 @@ def test_warmth_does_not_depend_on_how_often_one_looks(steps: list[float], curre
     assert 25.0 <= once.celsius[0] <= 25.0 + 20.0 * (current * 0.00269) ** 2 + 1e-6
 
 
-def test_it_warms_by_the_square_of_the_current_and_cools_again() -> None:
+def test_a_servo_warms_with_the_square_of_the_current_and_cools_again() -> None:
     protection = on_its_own()
     protection.step(3600.0, np.array([1.0 / 0.00269]))
     assert protection.celsius[0] == pytest.approx(45.0, abs=0.01)
@@ -120,7 +120,7 @@ def test_a_blocked_shaft_ends_in_an_overload_shutdown_that_only_a_reboot_ends() 
     assert status(host) == (0, 0, 1)
 
 
-def test_a_boot_forgets_how_tired_the_servo_was() -> None:
+def test_a_reboot_resets_the_overload_of_a_servo() -> None:
     """Assumed: else a blocked joint would be shut down again the moment that it is armed."""
     host = Host([1])
     host.servos.block(0, True)
@@ -158,7 +158,7 @@ def test_a_goal_current_that_it_can_bear_is_never_an_overload() -> None:
     assert status(host) == (0, 0, 1)
 
 
-def test_at_the_temperature_limit_it_shuts_down_told_late_or_not() -> None:
+def test_a_servo_at_its_temperature_limit_shuts_down() -> None:
     """e-manual, "Temperature Limit" (31): beyond it, overheating error."""
     host = Host([1], settings={"temperature_limit": 60})
     host.torque(1)
@@ -189,7 +189,7 @@ def test_a_supply_outside_the_limits_is_an_error_that_only_the_x330_shuts_down_f
         assert status(host) == (ALERT, VOLTAGE, torque)
 
 
-def test_a_brown_out_reboots_unasked_and_without_supply_nobody_comes_back() -> None:
+def test_a_brown_out_reboots_a_servo_and_without_supply_it_stays_off() -> None:
     """As a reboot: silence, RAM defaults, torque off, turns lost."""
     host = Host([1, 2], settings={"operating_mode": 4})
     for id in (1, 2):

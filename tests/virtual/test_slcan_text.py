@@ -83,7 +83,7 @@ def test_while_closed_frames_are_dropped_in_both_directions() -> None:
     assert host.ask(b"", wait=1.0) == b""
 
 
-def test_listening_only_it_hears_and_refuses_to_send() -> None:
+def test_in_listen_only_mode_the_adapter_receives_and_refuses_to_send() -> None:
     host = Adapter(NodeSpec(3, "ODrive"), NodeSpec(4, "ODrive"))
     assert b"t061" in host.ask(b"L\r", wait=0.3)
     assert host.ask(b"t0670\r", wait=0.0) == b"\a"
@@ -125,7 +125,7 @@ frames = st.builds(
 
 
 @given(frames, st.booleans())
-def test_what_is_printed_is_read_back(message: CanMessage, remote: bool) -> None:
+def test_a_printed_frame_is_parsed_back_unchanged(message: CanMessage, remote: bool) -> None:
     if remote:
         message = CanMessage(message.id | REMOTE, bytes(len(message.data)))
     line = Adapter().bus.text.print([message])
@@ -196,7 +196,7 @@ def test_the_loopback_serves_it_as_a_serial_port() -> None:
         port.write(ENABLE)
 
 
-def test_what_a_stalled_adapter_left_goes_out_when_it_goes_on() -> None:
+def test_a_stalled_adapter_sends_its_backlog_when_it_resumes() -> None:
     host = opened()
     host.host.faults.stall()
     assert host.ask(ENABLE, wait=0.5) == b""
@@ -204,7 +204,7 @@ def test_what_a_stalled_adapter_left_goes_out_when_it_goes_on() -> None:
     assert host.ask(b"") == b"z\r" + TOLD
 
 
-def test_an_adapter_that_comes_back_is_closed_and_has_forgotten() -> None:
+def test_a_replugged_adapter_is_closed_and_empty() -> None:
     host = opened()
     host.bus.receive(ENABLE, 0.0)
     host.host.faults.unplug()

@@ -47,7 +47,7 @@ def load(tmp_path: Path, text: str) -> Truth:
     return load_truth(tmp_path / "truth.yaml", H24)
 
 
-def test_a_file_says_what_the_dataclass_says(tmp_path: Path) -> None:
+def test_a_ground_truth_file_gives_the_fields_of_the_dataclass(tmp_path: Path) -> None:
     said = {
         "zero_ticks": 4020,
         "sign": -1,
@@ -106,13 +106,13 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: st
         ({"l_knee": JointTruth(tag=5000)}, "moving_threshold 5000 is outside 0..1023"),
     ],
 )
-def test_a_truth_that_cannot_be_is_refused(joints: dict[str, JointTruth], words: str) -> None:
+def test_an_impossible_ground_truth_is_refused(joints: dict[str, JointTruth], words: str) -> None:
     with pytest.raises(InvalidInput) as refused:
         specimen(H24, truth=Truth(joints))
     assert words in str(refused.value)
 
 
-def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
+def test_a_servo_only_ground_truth_is_refused_for_a_can_actuator() -> None:
     mixed = load_robot("h24-mixed")
     specimen(mixed, truth=Truth({"l_knee": JointTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}))
     with pytest.raises(
@@ -124,7 +124,7 @@ def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
 # ---------------------------------------------------------------------------------------- what follows
 
 
-def test_an_empty_truth_changes_nothing_but_that_joints_end() -> None:
+def test_an_empty_ground_truth_changes_only_the_stops() -> None:
     plain = specimen(H24)
     told = specimen(H24, truth=Truth())
     assert plain.zeros == told.zeros == plain.shown == told.shown
@@ -151,7 +151,7 @@ def test_shown_is_what_the_register_shows_at_angle_0(
     assert least <= shows(made, "l_knee") < least + 4096, "one turn and the offset, after a boot"
 
 
-def test_the_count_starts_turns_off_and_the_calibration_does_not_know() -> None:
+def test_a_turn_offset_changes_the_count_and_not_the_calibration() -> None:
     off = made_with(turns=-2)
     right = made_with()
     assert shows(off, "l_knee") == shows(right, "l_knee") - 2 * 4096
@@ -171,7 +171,7 @@ def test_servos_with_exchanged_ids_sit_where_they_were() -> None:
     assert found["l_knee"].id == H24.joints[left].id
 
 
-def test_registers_and_firmware_are_as_told() -> None:
+def test_registers_and_firmware_follow_the_ground_truth() -> None:
     made = made_with(tag=613, startup_configuration=1, firmware=46, registers={"shutdown": 53})
     servos, row = servo(made, "l_knee")
     memory = servos.memory
@@ -201,7 +201,7 @@ def test_a_wrong_sign_is_not_in_the_calibration() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_body_is_wired_as_told(sign: int) -> None:
+def test_the_wiring_of_the_body_follows_the_ground_truth(sign: int) -> None:
     """The joint stands where it rests whatever counts it, and its encoder counts the way it is wired."""
     made = made_with(sign=sign)
     servos, row = servo(made, "l_knee", physics=True)
@@ -215,7 +215,7 @@ def test_the_body_is_wired_as_told(sign: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["h24", "h24-mixed"])
-def test_a_drawn_truth_is_the_same_for_the_same_seed_and_another_for_another(name: str) -> None:
+def test_a_drawn_ground_truth_is_determined_by_its_seed(name: str) -> None:
     robot = load_robot(name)
     assert random_truth(robot, 7) == random_truth(robot, 7) != random_truth(robot, 8)
     assert set(random_truth(robot, 7).joints) == set(robot.names)
@@ -223,7 +223,7 @@ def test_a_drawn_truth_is_the_same_for_the_same_seed_and_another_for_another(nam
 
 @examples(10)
 @given(st.integers(0, 10_000))
-def test_every_drawn_specimen_can_be_used_as_its_calibration_says(seed: int) -> None:
+def test_every_drawn_virtual_robot_is_usable_with_its_calibration(seed: int) -> None:
     made = specimen(H24, truth=random_truth(H24, seed))
     for entry, joint in zip(calibration(made).joints, H24.joints, strict=True):
         low, high = entry.sweep_ticks

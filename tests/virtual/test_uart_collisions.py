@@ -43,12 +43,12 @@ def test_twins_that_overlap_in_part_are_sound_up_to_there(slower: int) -> None:
     assert heard[:alone] == whole[:alone]
 
 
-def test_twins_far_apart_in_time_are_heard_one_after_the_other() -> None:
+def test_replies_of_duplicate_ids_far_apart_in_time_are_received_one_after_the_other() -> None:
     found = Framer(status=True).feed(twins(0, 100).raw(packet.read(2, 132, 4)))
     assert [(each.id, int.from_bytes(each.data, "little")) for each in found] == [(2, 2048), (2, 2548)]
 
 
-def test_in_a_sync_read_the_others_are_heard() -> None:
+def test_in_a_sync_read_with_duplicate_ids_the_other_servos_are_received() -> None:
     assert ids(twins().raw(packet.sync_read([1, 2, 3], 132, 4))) == [1, 3]
     assert ids(twins(0, 100).raw(packet.sync_read([1, 2, 3], 132, 4))) == [1, 2, 2, 3]
 
@@ -65,7 +65,7 @@ def test_in_a_joint_answer_twins_break_their_own_block() -> None:
     assert host.raw(packet.fast_sync_read([1, 2, 3], 132, 4)) == alone
 
 
-def test_a_host_that_talks_into_an_answer_is_served_after_it_unless_collisions_are_on() -> None:
+def test_a_request_during_a_reply_is_served_after_it_unless_collisions_are_on() -> None:
     request = packet.sync_read([1, 2, 3], 126, 10)
     middle = (len(request) + 30) * BYTE
     for on, expected in ((False, [1, 2, 3, 1]), (True, [1, 3])):
@@ -96,7 +96,7 @@ def test_an_answer_that_is_late_meets_the_next_one() -> None:
     assert ids(host.bus.take(3.0)) == [2]
 
 
-def test_at_a_wrong_rate_there_is_silence_or_on_order_garbage() -> None:
+def test_at_a_wrong_rate_a_servo_sends_nothing_or_noise_on_request() -> None:
     """The e-manual does not say what servos do at a rate that is not theirs."""
     host = Host([1, 2], settings=FAST | {"baud_rate": 3})  # 1 Mbaud
     assert host.bus.servos.baud == 2_000_000
@@ -109,7 +109,7 @@ def test_at_a_wrong_rate_there_is_silence_or_on_order_garbage() -> None:
     assert ids(host.raw(packet.ping(1))) == [1]
 
 
-def test_twins_hear_the_same_goal_and_both_move() -> None:
+def test_servos_with_duplicate_ids_receive_the_same_goal_and_both_move() -> None:
     host = twins()
     for _ in range(2):
         host.raw(packet.instruction(254, Instruction.SYNC_WRITE, bytes((64, 0, 1, 0, 2, 1))))

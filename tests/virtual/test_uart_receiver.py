@@ -10,25 +10,25 @@ BYTE = 10 / MBAUD  # s
 
 
 @given(st.binary(min_size=1, max_size=40), st.floats(0.0, 10.0))
-def test_one_sender_is_heard_as_it_speaks(data: bytes, start: float) -> None:
+def test_bytes_of_a_single_sender_are_received_unchanged(data: bytes, start: float) -> None:
     assert clash([(start, data)], MBAUD) == data
 
 
 @given(st.binary(min_size=1, max_size=20), st.binary(min_size=1, max_size=20), st.floats(0.0, 1e-3))
-def test_two_that_do_not_meet_are_both_heard(first: bytes, second: bytes, gap: float) -> None:
+def test_two_transmissions_without_overlap_are_both_received(first: bytes, second: bytes, gap: float) -> None:
     start = len(first) * BYTE + gap
     assert clash([(start, second), (0.0, first)], MBAUD) == first + second
 
 
 @given(st.binary(min_size=1, max_size=20), st.binary(min_size=1, max_size=20))
-def test_two_that_talk_bit_for_bit_together_are_heard_as_the_lower_level(first: bytes, second: bytes) -> None:
+def test_two_synchronous_senders_are_received_as_the_bitwise_and(first: bytes, second: bytes) -> None:
     """A UART line idles high and a sender pulls it low: where they meet, 0 wins."""
     both = bytes(a & b for a, b in zip(first, second, strict=False))
     longer = max(first, second, key=len)
     assert clash([(0.0, first), (0.0, second)], MBAUD) == both + longer[len(both) :]
 
 
-def test_what_overlaps_in_part_is_sound_before_and_garbage_after() -> None:
+def test_a_partial_overlap_is_valid_before_and_corrupt_after_its_start() -> None:
     heard = clash([(0.0, b"hello world"), (5.43 * BYTE, b"HELLO")], MBAUD)
     assert heard[:5] == b"hello"
     assert heard[5:] not in (b" world", b"HELLO", b" worldHELLO")

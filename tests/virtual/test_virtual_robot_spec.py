@@ -26,7 +26,7 @@ def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:
 
 @pytest.mark.parametrize("name", ["h24", "h24-split"])
 @pytest.mark.parametrize("physics", [True, False])
-def test_every_servo_rests_where_the_robot_file_says(name: str, physics: bool) -> None:
+def test_every_servo_rests_at_the_rest_pose_of_the_robot_file(name: str, physics: bool) -> None:
     robot = load_robot(name)
     made = specimen(robot)
     for bus, virtual in buses(made, physics=physics).items():
@@ -38,7 +38,7 @@ def test_every_servo_rests_where_the_robot_file_says(name: str, physics: bool) -
             assert virtual.servos.registers.id_of(row) == joint.id
 
 
-def test_the_calibration_that_fits_is_read_back_and_says_the_same(tmp_path) -> None:
+def test_the_fitting_calibration_is_read_back_unchanged(tmp_path) -> None:
     robot = load_robot("h24")
     made = specimen(robot)
     save(made, tmp_path / "one.yaml")
@@ -63,7 +63,7 @@ def test_baud_and_return_delay_go_into_the_registers() -> None:
 @pytest.mark.parametrize(
     ("baud", "delay"), [(1_234_567, 0), (1_000_000, 3), (1_000_000, 510), (1_000_000, -2)]
 )
-def test_what_servos_cannot_do_is_refused(baud: int, delay: int) -> None:
+def test_an_impossible_servo_setting_is_refused(baud: int, delay: int) -> None:
     with pytest.raises(InvalidInput, match=r"9600|508"):
         specimen(load_robot("h24"), baud=baud, return_delay_us=delay)
 
@@ -76,7 +76,7 @@ def test_a_travel_that_does_not_fit_one_turn_is_refused() -> None:
 
 
 @pytest.mark.parametrize("physics", [True, False])
-def test_the_legs_of_the_mixed_robot_rest_where_its_file_says(physics: bool) -> None:
+def test_the_legs_of_the_mixed_robot_rest_at_the_rest_pose_of_the_robot_file(physics: bool) -> None:
     robot = load_robot("h24-mixed")
     made = specimen(robot)
     virtual = buses(made, physics=physics)
@@ -94,7 +94,7 @@ def test_the_legs_of_the_mixed_robot_rest_where_its_file_says(physics: bool) -> 
             assert not told["torque"]
 
 
-def test_can_zeros_keep_the_travel_on_the_turn_that_an_actuator_wakes_up_in() -> None:
+def test_can_zeros_keep_the_travel_on_the_turn_of_the_start() -> None:
     robot = load_robot("h24-mixed")
     zeros = specimen(robot).zeros
     legs = [joint for joint in robot.joints if joint.bus != "upper"]

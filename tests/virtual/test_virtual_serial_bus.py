@@ -135,7 +135,7 @@ def test_a_reg_write_waits_for_its_action() -> None:
     assert (host.read(1, 69, 1), host.read(1, 116, 4)) == (0, 200)
 
 
-def test_an_id_can_be_changed_and_two_with_one_id_talk_over_each_other() -> None:
+def test_an_id_can_be_changed_and_duplicate_ids_collide() -> None:
     host = Host([1, 2])
     assert host.write(2, 7, 5, 1) == 0
     assert host.ask(packet.ping(2)) == []
@@ -185,7 +185,7 @@ def test_noise_and_split_chunks_never_cost_more_than_the_packet_they_hit(
     st.lists(st.sampled_from([-1, -3, 0, 5, -131073]), min_size=24, max_size=24),
     st.booleans(),
 )
-def test_the_short_way_says_the_same_as_packet_by_packet(
+def test_a_group_read_equals_its_packet_by_packet_replies(
     ids: list[int], positions: list[int], velocities: list[int], alert: bool
 ) -> None:
     """Plain rows stuffed where they must be, fast ones never, CRCs cumulative."""
@@ -235,7 +235,7 @@ def test_fast_reads_need_the_firmware_for_them(model: str, firmware: int, answer
     assert bool(host.raw(packet.fast_sync_read([1], 132, 4))) is answers
 
 
-def test_who_answers_no_reads_ends_a_joint_answer_as_a_missing_one_does() -> None:
+def test_a_servo_that_answers_no_reads_ends_a_common_reply_like_a_missing_one() -> None:
     """Status Return Level (68) 0: ping only. Those behind it have nothing to go on with."""
     ids = [4, 5, 6]
     host = Host(ids)
@@ -246,7 +246,7 @@ def test_who_answers_no_reads_ends_a_joint_answer_as_a_missing_one_does() -> Non
         assert [each.id for each in host.ask(packet.sync_read(ids, 132, 4))] == [4, 6]
 
 
-def test_goals_by_sync_write_reach_everyone_also_when_one_is_silent() -> None:
+def test_sync_write_goals_reach_all_servos_although_one_is_silenced() -> None:
     host = Host([1, 2, 3])
     for id in (1, 2, 3):
         host.torque(id)
@@ -268,7 +268,7 @@ def test_a_sync_write_with_a_wrong_crc_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("ask", [packet.fast_sync_read, packet.sync_read])
-def test_a_remembered_read_that_comes_too_late_does_not_save_a_servo_from_its_watchdog(ask) -> None:
+def test_a_late_cached_read_does_not_prevent_a_watchdog_trip(ask) -> None:
     """e-manual, "Bus Watchdog": it trips by itself, though nobody looks before the next packet."""
     host = Host([1])
     host.write(1, 98, 5, 1)
@@ -288,7 +288,7 @@ def test_goals_beyond_a_limit_are_dropped_one_by_one() -> None:
 
 
 @pytest.mark.parametrize(("address", "size"), [(120, 4), (124, 2), (136, 8), (120, 16)])
-def test_what_is_read_rarely_is_as_fresh_as_position_and_velocity(address: int, size: int) -> None:
+def test_rarely_read_registers_are_as_fresh_as_position_and_velocity(address: int, size: int) -> None:
     """Within the same millisecond as a read of 126..135: tick, moving, PWM, trajectories."""
     block = packet.fast_sync_read([1, 2], 126, 10)
     rare = packet.fast_sync_read([1, 2], address, size)

@@ -50,7 +50,7 @@ def test_orders_reach_the_bus_they_name() -> None:
         made.execute_fault_command({"query": "weather"})
 
 
-def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -> None:
+def test_with_a_single_bus_its_name_is_optional_and_replug_reports_the_new_path() -> None:
     made, hosts, said = server("main")
     made.execute_fault_command({"fault": "unplug"})
     assert not hosts["main"].bus.is_plugged
@@ -69,7 +69,7 @@ def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
     port.close()
 
 
-def test_a_link_that_somebody_serves_is_refused_untouched_also_while_it_is_unplugged(tmp_path: Path) -> None:
+def test_a_link_served_by_another_process_is_refused_even_while_unplugged(tmp_path: Path) -> None:
     link = tmp_path / "main"
     first = VirtualPtyPort("main", link)
     with pytest.raises(OSError, match=f"{link}: another twind-virtual serves it; end it"):
@@ -82,7 +82,7 @@ def test_a_link_that_somebody_serves_is_refused_untouched_also_while_it_is_unplu
     VirtualPtyPort("main", link).close()
 
 
-def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path: Path) -> None:
+def test_a_stale_link_is_replaced_and_a_foreign_one_is_left(tmp_path: Path) -> None:
     link = tmp_path / "main"
     link.symlink_to("/dev/pts/none")
     port = VirtualPtyPort("main", link)
@@ -93,7 +93,7 @@ def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path:
     assert os.readlink(link) == "/dev/null"
 
 
-def test_what_was_recorded_is_given_page_by_page() -> None:
+def test_a_recorded_history_is_returned_page_by_page() -> None:
     made, hosts, _ = server("main")
     with pytest.raises(InvalidInput, match='"record"'):
         made.execute_fault_command({"query": "history"})
@@ -112,7 +112,7 @@ def test_what_was_recorded_is_given_page_by_page() -> None:
     json.dumps(first)
 
 
-def test_the_state_tells_the_truth_of_every_servo() -> None:
+def test_the_state_query_returns_the_true_state_of_every_servo() -> None:
     made, hosts, _ = server("main")
     host = hosts["main"]
     host.torque(1)

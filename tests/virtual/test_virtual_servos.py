@@ -32,7 +32,7 @@ ALERT = 0x80
         (116, 2000, 4, 0, "fine"),
     ],
 )
-def test_a_write_is_answered_as_the_manual_says(
+def test_a_write_is_answered_with_the_documented_error(
     address: int, value: int, size: int, error: int, why: str
 ) -> None:
     host = Host([1])
@@ -89,7 +89,7 @@ def test_reading_nothing_or_past_the_end_is_an_access_error_and_gaps_read_zero()
 # ---------------------------------------------------------------------- goals and torque
 
 
-def test_a_goal_without_torque_moves_nothing_but_is_remembered() -> None:
+def test_a_goal_without_torque_is_stored_and_moves_nothing() -> None:
     host = Host([1])
     assert host.goal(1, 3000) == 0
     host.wait(1.0)
@@ -231,7 +231,7 @@ def armed(ids: tuple[int, ...] = (1, 2), units: int = 5) -> Host:
 
 @examples(30)
 @given(st.integers(1, 127))
-def test_it_trips_exactly_units_times_20_ms_after_the_last_packet(units: int) -> None:
+def test_the_watchdog_trips_exactly_its_units_times_20_ms_after_the_last_packet(units: int) -> None:
     """e-manual, Bus Watchdog (98): 20 ms a unit, any instruction packet feeds it."""
     host = armed((1,), units)
     fed = float(host.servos.heard_at[0])
@@ -242,7 +242,7 @@ def test_it_trips_exactly_units_times_20_ms_after_the_last_packet(units: int) ->
     assert host.servos.trip_delay[0] == pytest.approx(units * 0.02)
 
 
-def test_any_packet_on_the_bus_feeds_every_servo_and_garbage_feeds_none() -> None:
+def test_any_valid_packet_resets_every_watchdog_and_a_corrupt_one_none() -> None:
     host = armed()
     for _ in range(20):
         host.wait(0.09)
@@ -254,7 +254,7 @@ def test_any_packet_on_the_bus_feeds_every_servo_and_garbage_feeds_none() -> Non
     assert host.servos.tripped.all()
 
 
-def test_it_sleeps_while_torque_is_off() -> None:
+def test_the_watchdog_is_inactive_while_torque_is_off() -> None:
     host = armed()
     host.torque(1, False)
     host.wait(1.0)

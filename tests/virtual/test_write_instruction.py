@@ -101,7 +101,7 @@ def test_bit_3_lets_the_goal_of_the_mode_switch_torque_on_and_no_other(
 
 
 @pytest.mark.parametrize("mode", [0, 1, 3, 4, 5, 16])
-def test_bit_3_knows_the_goal_of_the_mode_by_sync_write_too(mode: int) -> None:
+def test_bit_3_switches_torque_on_by_the_goal_of_the_mode_also_by_sync_write(mode: int) -> None:
     host = Host([1], settings={"drive_mode": 8, "operating_mode": mode})
     for goal in (2100, 2200):  # the first and the remembered one
         host.raw(packet.sync_write(116, {1: goal.to_bytes(4, "little")}))

@@ -101,7 +101,7 @@ def test_both_sockets_are_served_by_their_names_and_outlive_front_and_daemon(
 
 
 @needs_activate
-def test_the_socket_that_was_not_handed_over_is_made_and_an_unknown_one_is_told(tmp_path: Path) -> None:
+def test_a_missing_inherited_socket_is_created_and_an_unknown_one_is_reported(tmp_path: Path) -> None:
     with activated(tmp_path, "control:varlink", "a", "b") as daemon:
         assert mode_of(Waiting(tmp_path / "a", "GetStatus").answer()) == "sim"
         assert sorted(path.name for path in (tmp_path / "own").iterdir()) == ["observe.sock"]
@@ -148,7 +148,7 @@ class Manager:
         return daemon
 
 
-def test_whoever_calls_once_the_daemon_is_dead_is_served_by_the_next_e_stops_too(
+def test_a_call_sent_after_the_daemon_died_is_served_by_the_next_daemon(
     tmp_path: Path,
 ) -> None:
     manager = Manager(tmp_path)

@@ -152,11 +152,11 @@ def offline(message: Message, name: str = "rest") -> Any:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_daemon_and_the_file_alone_say_the_same(asking: Asking, name: str) -> None:
+def test_check_trajectory_offline_and_the_daemon_agree_on_each_case(asking: Asking, name: str) -> None:
     assert offline(CASES[name]) == asking.check(CASES[name])
 
 
-def test_they_say_the_same_of_many_more(asking: Asking) -> None:
+def test_check_trajectory_offline_and_the_daemon_agree_on_random_cases(asking: Asking) -> None:
     many = random_cases(40)
     said = {name: asking.check(message) for name, message in many.items()}
     assert {name: offline(message) for name, message in many.items()} == said
@@ -164,7 +164,7 @@ def test_they_say_the_same_of_many_more(asking: Asking) -> None:
     assert 8 < len(refused) < 32
 
 
-def test_they_say_the_same_in_another_pose(asking: Asking) -> None:
+def test_check_trajectory_offline_and_the_daemon_agree_in_another_pose(asking: Asking) -> None:
     asking.stand("arms_out")
     some = [CASES["good"], CASES["into itself"], CASES["jumps"], *random_cases(8).values()]
     try:
@@ -231,7 +231,7 @@ def test_a_pose_moves_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (["--robot", "h24", "--calibration", "/nowhere.yaml"], 1, "nowhere"),
     ],
 )
-def test_what_makes_no_sense_is_said(
+def test_an_invalid_argument_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, word: str
 ) -> None:
     assert main(["check", "trajectory", file(tmp_path, "good"), *arguments]) == code

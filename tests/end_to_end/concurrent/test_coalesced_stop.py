@@ -56,7 +56,7 @@ def test_all_who_wait_are_answered_by_one_call_and_who_comes_meanwhile_by_the_ne
     assert calls == [{"reason": "first"}, {"reason": "0"}] and together.full == 0
 
 
-def test_of_too_many_the_oldest_are_let_go_and_the_stop_is_made_all_the_same() -> None:
+def test_excess_stop_requests_drop_the_oldest_waiters_and_the_stop_is_still_made() -> None:
     together = CoalescedStop("settling", lambda asked: {"state": "estop"})
     many = [Asked() for _ in range(WAITING + 3)]
     assert all(together.put(each) for each in many)  # type: ignore[arg-type]
@@ -67,7 +67,7 @@ def test_of_too_many_the_oldest_are_let_go_and_the_stop_is_made_all_the_same() -
     assert together.full == 3 and many[-1].replies == [{"state": "estop"}]
 
 
-def test_a_call_that_fails_is_told_to_all_and_the_next_is_made() -> None:
+def test_a_failed_stop_call_is_reported_to_all_waiters_and_the_next_is_made() -> None:
     answers = iter([NoDaemon("away"), {"state": "estop"}])
 
     def stop(asked: dict[str, Any]) -> dict[str, Any]:

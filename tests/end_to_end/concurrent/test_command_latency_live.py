@@ -46,7 +46,7 @@ def hops(running: Daemon) -> dict[str, dict[str, Any]]:
     return {hop["hop"]: hop for hop in message["latency"]}
 
 
-def test_a_motion_is_told_as_a_verdict_as_it_is_followed_and_hop_by_hop(running: Daemon) -> None:
+def test_a_motion_is_published_as_verdict_trajectory_and_latency_per_hop(running: Daemon) -> None:
     with running.client() as watcher, running.client() as client:
         news = watcher.stream("Monitor", topics=["verdicts", "trajectories", "state"], rate=10.0)
         next_of(news, "state")
@@ -94,7 +94,7 @@ def counted(running: Daemon, before: int) -> int | None:
     return count if count > before + 20 else None
 
 
-def test_a_mark_by_hand_is_heard_by_whoever_watches_and_stands_in_the_log(running: Daemon) -> None:
+def test_a_mark_is_published_to_subscribers_and_logged(running: Daemon) -> None:
     def mark(*words: str) -> subprocess.CompletedProcess[str]:
         command = [
             sys.executable,

@@ -79,7 +79,7 @@ def test_a_short_verb_imports_the_standard_library_alone(loop: StandIn, verb: st
     assert done.stdout.splitlines()[-1] == "heavy [] 0", done.stderr
 
 
-def test_status_is_text_for_people_and_json_for_programs(loop: StandIn) -> None:
+def test_status_prints_text_and_with_json_a_json_object(loop: StandIn) -> None:
     done = ctl(loop, "status", "--joints")
     assert done.returncode == 0
     lines = done.stdout.splitlines()
@@ -266,14 +266,14 @@ def test_watch_prints_events(loop: StandIn) -> None:
         (["status", "--fast"], "unrecognized"),
     ],
 )
-def test_what_makes_no_sense_exits_with_two(loop: StandIn, arguments: list[str], text: str) -> None:
+def test_an_invalid_command_line_exits_with_two(loop: StandIn, arguments: list[str], text: str) -> None:
     done = ctl(loop, *arguments)
     assert done.returncode == 2
     assert text in done.stderr
     assert not [name for name in asked(loop) if name != "ReleaseLease" and name != "AcquireLease"]
 
 
-def test_no_daemon_exits_with_three_and_says_how_to_start_one(tmp_path: Path) -> None:
+def test_an_absent_daemon_exits_with_three_and_the_start_command(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "status"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3
@@ -306,7 +306,7 @@ def test_a_robot_file_is_checked_without_a_daemon(loop: StandIn, tmp_path: Path)
     assert f"{wrong}:" in done.stderr
 
 
-def test_a_restart_is_told_with_what_was_restored_and_what_differs(loop: StandIn) -> None:
+def test_a_reboot_reports_restored_and_differing_registers(loop: StandIn) -> None:
     parameters = {
         "state": "connected",
         "restored": ["Position P Gain = 640"],

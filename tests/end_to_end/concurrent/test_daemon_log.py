@@ -36,21 +36,21 @@ def test_the_journal_gets_a_level_and_json() -> None:
     assert json.loads(line[3:]) == {"event": "LATE", "level": "warning", "message": "slow", "ms": 1.5}
 
 
-def test_people_get_one_readable_line() -> None:
+def test_a_log_event_is_one_readable_line() -> None:
     (line,) = lines(
         journal=False, said=[("info", "ARMED", {"message": "all joints", "holder": "uid 0, pid 1"})]
     )
     assert line[8:] == " info    ARMED: all joints holder='uid 0, pid 1'"
 
 
-def test_below_the_level_nothing_is_said() -> None:
+def test_events_below_the_log_level_are_not_logged() -> None:
     assert lines(journal=True, level="warning", said=[("info", "A", {}), ("error", "B", {})]) == [
         '<3>{"event": "B", "level": "error"}'
     ]
 
 
 @pytest.mark.parametrize("journal", [True, False])
-def test_nothing_a_client_says_breaks_a_line_or_steers_a_terminal(journal: bool) -> None:
+def test_client_text_neither_breaks_a_log_line_nor_controls_a_terminal(journal: bool) -> None:
     evil = "x\n<0>forged\x1b[2J\x07\u202e"
     (line,) = lines(journal=journal, said=[("info", "E", {"message": evil, "reason": evil})])
     assert line.isprintable()
@@ -70,7 +70,7 @@ def test_a_flood_is_cut_and_counted() -> None:
     assert json.loads(said[-1][3:])["lines_left_out"] == 5
 
 
-def test_a_standard_error_that_nobody_reads_blocks_nobody_and_the_loss_is_counted() -> None:
+def test_a_blocked_standard_error_blocks_no_thread_and_lost_lines_are_counted() -> None:
     reader, writer = os.pipe()
     sink = LogWriter(writer)
     began = time.monotonic()
@@ -157,7 +157,7 @@ def test_an_entry_has_fields_that_can_be_searched_for(tmp_path: Path, journal: s
     }
 
 
-def test_nothing_that_is_said_forges_a_field() -> None:
+def test_log_text_forges_no_journal_field() -> None:
     fields = {
         "MESSAGE": "a\nPRIORITY=0\n",
         "bad name": 1,
@@ -204,7 +204,7 @@ def test_the_level_may_change() -> None:
 # ------------------------------------------------------------------------------- nobody takes lines
 
 
-def test_a_full_disk_costs_lines_that_are_counted_and_told_when_there_is_room(tmp_path: Path) -> None:
+def test_lines_lost_to_a_full_disk_are_counted_and_reported_when_there_is_room(tmp_path: Path) -> None:
     file = tmp_path / "log"
     full = os.open("/dev/full", os.O_WRONLY)
     fd = os.dup(full)

@@ -124,7 +124,7 @@ def paced(send: Callable[[int], None], count: int, rate: float) -> None:
 
 
 @pytest.mark.parametrize(("rate", "count"), [(100.0, 100), (500.0, 1000)])
-def test_two_vendors_hear_every_joint_state(
+def test_fast_dds_and_cyclone_receive_every_joint_state(
     node: Node, fast: dds_peers.FastDds, cyclone: ros_dds_peer.Peer, rate: float, count: int
 ) -> None:
     send = joint_states(node)
@@ -142,7 +142,7 @@ def test_two_vendors_hear_every_joint_state(
     assert node.dropped == 0 and not node.told
 
 
-def test_who_comes_late_has_the_latched_status(
+def test_a_late_subscriber_receives_the_latched_status(
     node: Node, domain: int, fast_dds: Path, tmp_path: Path
 ) -> None:
     for text in ("first", "last"):
@@ -218,7 +218,7 @@ def test_a_text_of_any_length_arrives_unchanged(node: Node, cyclone: ros_dds_pee
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
-def test_a_reader_that_stands_still_or_dies_holds_up_no_write(
+def test_a_stopped_or_killed_reader_delays_no_write(
     node: Node, fast: dds_peers.FastDds, cyclone: ros_dds_peer.Peer, number: signal.Signals
 ) -> None:
     send = joint_states(node)
@@ -270,7 +270,7 @@ print(json.dumps(told), flush=True)
 """
 
 
-def test_a_real_node_of_ros_hears_ours_and_finds_no_subscription_and_no_service(
+def test_an_rclpy_node_receives_our_topics_and_finds_no_subscription_and_no_service(
     node: Node, domain: int, tmp_path: Path
 ) -> None:
     count = 100

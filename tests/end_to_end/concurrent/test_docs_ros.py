@@ -20,7 +20,7 @@ TRIES = 6
 LATE = "ticks missed in a row"  # of LOOP_LATE: the machine was too busy for the loop, and the motion held
 
 
-def test_the_client_of_the_page_moves_the_robot_and_hears_that_it_did(tmp_path: Path) -> None:
+def test_the_client_program_of_the_page_moves_the_robot_and_receives_the_result(tmp_path: Path) -> None:
     with closing(Graph(REAL, tmp_path)) as graph, simulated(tmp_path / "run") as daemon:
         bridge = graph.bridge(daemon.sockets)
         for _ in range(TRIES):

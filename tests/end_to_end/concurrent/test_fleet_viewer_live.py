@@ -62,7 +62,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
         yield World(here, far, router, uplink, viewer, page)
 
 
-def test_one_press_stops_whoever_moves_here_and_elsewhere(world: World) -> None:
+def test_a_stop_button_press_stops_every_moving_robot_local_and_remote(world: World) -> None:
     for _ in range(TRIES):
         both = []
         for daemon in (world.here, world.far):
@@ -91,7 +91,7 @@ def test_an_estop_stops_the_robot_that_it_names_and_no_other(world: World) -> No
         client.call("Reset")
 
 
-def test_who_cannot_be_reached_is_lost_until_it_can_and_holds_up_nobodys_estop(world: World) -> None:
+def test_an_unreachable_robot_is_lost_until_it_returns_and_delays_no_e_stop(world: World) -> None:
     world.router.kill()
     world.reads("1 lost, 1 well")
     world.press("E-STOP all robots")
@@ -106,7 +106,7 @@ def test_who_cannot_be_reached_is_lost_until_it_can_and_holds_up_nobodys_estop(w
     assert world.far.status()["motion"] == "holding"
 
 
-def test_the_page_asks_nothing_of_any_other_host_and_its_server_ends_when_told(world: World) -> None:
+def test_the_page_contacts_only_its_own_server_and_the_server_ends_on_sigterm(world: World) -> None:
     port = world.page.url.split("/")[2]
     own = (f"http://{port}/", f"ws://{port}/", f"blob:http://{port}/", "data:")
     assert len(world.page.asked) >= 2

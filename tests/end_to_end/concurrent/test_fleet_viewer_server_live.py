@@ -82,7 +82,7 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
     assert (total.title, total.text) == ("e-stop: 1 of 2 robots", "not hangs")
 
 
-def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> None:
+def test_a_lost_robot_stays_listed_and_a_later_one_is_added(folders: Folders) -> None:
     folders.robot("first", speaking().get)
     found: list[Mapping[Whose, RobotConnections]] = [{("first", "here"): folders.ways["first"]}]
 
@@ -104,7 +104,7 @@ def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> Non
     assert not [each.name for each in threading.enumerate() if each.name.startswith("news of")]
 
 
-def test_who_is_called_as_another_takes_nobodys_place() -> None:
+def test_a_robot_with_a_used_name_does_not_replace_the_first() -> None:
     """A stop that goes to somebody else than its name says would be worse than none."""
     unused = local("nowhere")
     found = {("h24", "/run/b"): unused, ("h24-mixed", "uplink"): unused}
@@ -116,7 +116,7 @@ def test_who_is_called_as_another_takes_nobodys_place() -> None:
     assert [each.name for each in company.members] == ["h24", "h24-mixed", "h24 (/run/a)"]
 
 
-def test_a_page_has_room_for_so_many_robots_and_says_that_there_are_more(
+def test_a_page_lists_a_bounded_number_of_robots_and_reports_the_excess(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(company_module, "MOST", 2)
@@ -166,7 +166,7 @@ def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is
     assert solid.visible and [each for each in marks if each.visible] == red and len(red) == 1
 
 
-def test_another_model_takes_the_place_of_the_first_and_one_that_is_none_is_said(server: Any) -> None:
+def test_a_new_model_replaces_the_first_and_an_invalid_one_is_reported(server: Any) -> None:
     stand = RobotPlate(server.scene, 1, "two")
     robot = known(status(), state(h24()))
     stand.draw(robot.now(), standing(robot.now()))
@@ -216,7 +216,9 @@ def fleet(
     return FleetViewer(server, dict), pages[0], well
 
 
-def test_one_odd_robot_changes_no_word_of_the_others(fleet: tuple[FleetViewer, Said, ViewerState]) -> None:
+def test_a_robot_with_invalid_messages_changes_no_text_of_the_others(
+    fleet: tuple[FleetViewer, Said, ViewerState],
+) -> None:
     shown, page_of, well = fleet
     for _ in range(4):
         shown.draw()

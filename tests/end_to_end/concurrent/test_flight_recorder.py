@@ -32,7 +32,7 @@ def files(tmp_path: Path) -> list[Path]:
     return sorted((tmp_path / "flight" / "sim").glob("flight-*.flight"))
 
 
-def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
+def test_dump_prints_the_path_of_a_file_that_contains_the_events(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     twind = daemon(tmp_path)
@@ -100,7 +100,7 @@ def test_the_front_of_a_loop_that_was_killed_writes_it_down_before_it_ends(tmp_p
     assert [tick.sequence for tick in ticks] == list(range(ticks[0].sequence, ticks[-1].sequence + 1))
 
 
-def test_where_it_cannot_be_written_that_is_told_and_the_daemon_goes_on(tmp_path: Path) -> None:
+def test_an_unwritable_flight_recorder_folder_is_reported_and_the_daemon_continues(tmp_path: Path) -> None:
     (tmp_path / "flight").write_text("no folder")
     twind = daemon(tmp_path)
     try:
@@ -116,7 +116,7 @@ def test_where_it_cannot_be_written_that_is_told_and_the_daemon_goes_on(tmp_path
 
 
 @pytest.mark.parametrize("stuck", [False, True])
-def test_the_manager_lets_go_of_the_recorder_when_the_front_has_done_its_work(
+def test_the_service_manager_drops_the_recorder_after_the_front_process_has_ended(
     tmp_path: Path, stuck: bool
 ) -> None:
     """A front that had to be killed at the end may have had a file to write."""

@@ -16,7 +16,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
     assert stand_in.close() == 0
 
 
-def test_it_goes_to_the_loop_by_the_joints_place_and_its_phases_come_back(loop: StandIn) -> None:
+def test_find_stop_reaches_the_loop_by_joint_index_and_its_phases_return(loop: StandIn) -> None:
     def answer(command: link.Command) -> list[link.Reply]:
         told = [
             {"phase": "approaching", "progress": 0.5},
@@ -42,7 +42,7 @@ def test_it_goes_to_the_loop_by_the_joints_place_and_its_phases_come_back(loop: 
     ("how", "what"),
     [({"joint": "nobody", "side": "lower"}, "joint"), ({"joint": NAMES[0], "side": "left"}, "side")],
 )
-def test_a_joint_or_side_that_is_not_there_is_told_with_those_that_are(
+def test_an_unknown_joint_or_side_is_reported_with_the_valid_ones(
     loop: StandIn,
     how: dict[str, str],
     what: str,

@@ -66,7 +66,7 @@ def test_answers_that_are_read_too_slowly_cost_no_memory_and_the_reader_its_conn
 
 
 @pytest.mark.parametrize("half", [False, True])
-def test_who_sends_many_calls_before_it_reads_gets_every_answer(own: StandIn, half: bool) -> None:
+def test_many_calls_sent_before_a_read_all_receive_replies(own: StandIn, half: bool) -> None:
     with Raw(own) as client:
 
         def send() -> None:
@@ -165,7 +165,7 @@ def test_a_monitor_that_is_never_answered_is_not_kept(own: StandIn) -> None:
         assert resident(own) < before + 8.0
 
 
-def test_a_client_that_is_gone_when_its_one_message_comes_hurts_nobody(own: StandIn) -> None:
+def test_a_subscriber_gone_before_its_first_message_does_not_affect_others(own: StandIn) -> None:
     with Raw(own, "observe") as gone, Raw(own, "observe") as other:
         for client in (gone, other):
             assert "error" not in client.call("GetStatus")  # the front is up

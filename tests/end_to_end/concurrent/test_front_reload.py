@@ -97,7 +97,9 @@ def test_without_the_loop_s_word_the_front_goes_by_the_old_values(loop: StandIn,
     assert submit.generation == 0
 
 
-def test_a_bad_file_is_told_to_the_loop_and_to_who_asked(loop: StandIn, tmp_path: Path) -> None:
+def test_a_refused_settings_file_is_reported_to_the_loop_and_to_the_caller(
+    loop: StandIn, tmp_path: Path
+) -> None:
     files(tmp_path, "mode: fast\n")
     with Raw(loop) as client:
         answer = client.call("Reload")
@@ -111,7 +113,7 @@ def test_a_bad_file_is_told_to_the_loop_and_to_who_asked(loop: StandIn, tmp_path
 
 
 @pytest.mark.slow
-def test_a_loop_that_says_nothing_gets_another_front(tmp_path: Path) -> None:
+def test_a_loop_without_a_reply_to_new_values_gets_another_front_process(tmp_path: Path) -> None:
     """It may have taken the values: a front that does not know goes; the next is told what is in force."""
     stand_in = StandIn(tmp_path, told=briefed(files(tmp_path)))
     stand_in.answers[link.ApplyChanges] = lambda _: []

@@ -73,7 +73,7 @@ def test_varlink_understands_our_errors(loop: StandIn) -> None:
     ("method", "parameters"),
     [("GetStatus", {}), ("GetStatus", {"joints": True}), ("GetRobot", {}), ("GetParameters", {})],
 )
-def test_reading_methods_answer_as_the_interface_says(
+def test_reading_methods_reply_as_the_interface_defines(
     loop: StandIn, name: str, method: str, parameters: dict[str, Any]
 ) -> None:
     with Raw(loop, name) as client:
@@ -83,7 +83,7 @@ def test_reading_methods_answer_as_the_interface_says(
     assert not [command for command in loop.commands if isinstance(command, link.Command)]
 
 
-def test_what_is_not_known_is_null_and_never_a_number(loop: StandIn) -> None:
+def test_an_unknown_value_is_null(loop: StandIn) -> None:
     with Raw(loop) as client:
         answer = client.call("GetStatus", joints=True)["parameters"]
     last = answer["joints"][-1]
@@ -96,7 +96,7 @@ def test_what_is_not_known_is_null_and_never_a_number(loop: StandIn) -> None:
 
 
 @pytest.mark.parametrize("topic", ["state", "latency", "status", "raw"])
-def test_a_topic_comes_at_its_rate_and_as_the_interface_says(loop: StandIn, topic: str) -> None:
+def test_a_topic_arrives_at_its_rate_as_the_interface_defines(loop: StandIn, topic: str) -> None:
     with Raw(loop) as client:
         client.send("Monitor", parameters={"topics": [topic], "rate": 10.0}, more=True)
         times = []
@@ -313,7 +313,7 @@ def test_no_parameters_come_in_three_shapes(loop: StandIn, parameters: bytes) ->
         (b'{"method":"a.B","upgrade":true}', "BAD_SCHEMA"),
     ],
 )
-def test_what_is_no_call_is_refused_and_the_next_call_answered(
+def test_an_invalid_message_is_refused_and_the_next_call_answered(
     loop: StandIn, message: bytes, expected: str
 ) -> None:
     with Raw(loop) as client:
@@ -323,7 +323,7 @@ def test_what_is_no_call_is_refused_and_the_next_call_answered(
     assert not [command for command in loop.commands if isinstance(command, link.Command)]
 
 
-def test_who_never_sends_a_call_is_closed(loop: StandIn) -> None:
+def test_a_client_that_sends_only_invalid_messages_is_disconnected(loop: StandIn) -> None:
     with Raw(loop) as client:
         client.bytes(b"?\0" * 10)
         assert [code(client.receive()) for _ in range(10)] == ["BAD_JSON"] * 10
@@ -351,7 +351,7 @@ def test_a_wrong_parameter_is_named(
     assert answer["parameters"]["message"]
 
 
-def test_unknown_methods_and_interfaces_are_told(loop: StandIn) -> None:
+def test_unknown_methods_and_interfaces_are_reported(loop: StandIn) -> None:
     with Raw(loop) as client:
         assert client.call("Fly") == {
             "error": f"{SERVICE}.MethodNotFound",
@@ -378,7 +378,7 @@ def test_a_message_too_large_is_refused_and_the_connection_closed(
         assert client.ended()
 
 
-def test_who_has_said_all_it_has_to_say_is_still_answered(loop: StandIn) -> None:
+def test_a_client_that_closed_its_sending_side_still_receives_the_reply(loop: StandIn) -> None:
     loop.answers[link.Disarm] = lambda c: [link.Reply(ticket=c.ticket, parameters={"state": "connected"})]
     with Raw(loop, end=b"\n") as client:
         client.send("Disarm")
@@ -390,7 +390,7 @@ def test_who_has_said_all_it_has_to_say_is_still_answered(loop: StandIn) -> None
 # --------------------------------------------------------------------------- many, slow and broken clients
 
 
-def test_a_slow_reader_loses_the_oldest_telemetry_and_is_told_how_much(loop: StandIn) -> None:
+def test_a_slow_subscriber_loses_the_oldest_telemetry_and_receives_the_count(loop: StandIn) -> None:
     with Raw(loop) as client:
         client.send("Monitor", parameters={"topics": ["state"], "rate": 100.0}, more=True)
         time.sleep(1.3)  # more than the kernel and the queue keep, less than the front's patience
@@ -432,7 +432,7 @@ def test_when_all_places_are_taken_an_estop_still_gets_through(loop: StandIn) ->
         loop.await_command(link.EStop)
 
 
-def test_a_connection_that_closes_in_the_middle_of_everything_hurts_nobody(loop: StandIn) -> None:
+def test_a_connection_closed_in_mid_message_affects_no_other_client(loop: StandIn) -> None:
     loop.answers[link.Arm] = lambda c: []
     for message in (
         b"",
@@ -456,7 +456,7 @@ def own(tmp_path: Path) -> Iterator[StandIn]:
     stand_in.close()
 
 
-def test_a_full_link_is_busy_for_commands_and_owed_for_stops(own: StandIn) -> None:
+def test_a_full_link_replies_busy_to_commands_and_delivers_stops_later(own: StandIn) -> None:
     with Raw(own) as client:
         assert "error" not in client.call("GetStatus")
         own.deaf = True

@@ -59,7 +59,9 @@ def next_report(watcher: Raw) -> dict[str, Any]:
     ],
     ids=["no JSON", "bad schema", "too large", "setpoint", "trajectory"],
 )
-def test_what_the_front_refuses_by_itself_is_a_verdict(loop: StandIn, data: bytes, code: str) -> None:
+def test_a_refusal_by_the_front_process_is_published_as_a_verdict(
+    loop: StandIn, data: bytes, code: str
+) -> None:
     with watching(loop, "verdicts") as watcher, Raw(loop) as client:
         client.bytes(data + b"\0")
         assert client.receive()["error"] == f"{CONTROL}.Refused"
@@ -113,7 +115,7 @@ PATH = {
 }
 
 
-def test_a_trajectory_that_is_followed_is_told_as_it_is_followed(loop: StandIn) -> None:
+def test_an_accepted_trajectory_is_published_as_it_is_followed(loop: StandIn) -> None:
     judging(loop, [], [{"code": "RETIMED", "joint": None, "value": 1.5, "bound": 1.0, "message": ""}])
     with watching(loop, "verdicts", "trajectories") as watcher, Raw(loop) as client:
         name = client.call("SubmitTrajectory", trajectory=PATH)["parameters"]["id"]
@@ -134,7 +136,7 @@ def test_a_trajectory_that_is_followed_is_told_as_it_is_followed(loop: StandIn) 
     )  # can be sent again
 
 
-def test_one_that_is_refused_is_no_trajectory(loop: StandIn) -> None:
+def test_a_refused_trajectory_is_not_published_as_a_trajectory(loop: StandIn) -> None:
     judging(loop, [{"code": "POS_LIMIT", "joint": 0, "message": ""}], [])
     with watching(loop, "verdicts", "trajectories") as watcher, Raw(loop) as client:
         client.call("SubmitTrajectory", trajectory=PATH)
@@ -159,7 +161,7 @@ def test_histograms_come_with_the_first_message_and_once_a_second(loop: StandIn)
     assert hops[1]["histogram_sum_ms"] is None
 
 
-def test_who_asks_seldom_gets_histograms_every_time(loop: StandIn) -> None:
+def test_a_slow_subscriber_rate_still_receives_histograms_each_time(loop: StandIn) -> None:
     with Raw(loop, "observe") as watcher:
         watcher.send("Monitor", parameters={"topics": ["latency"], "rate": 0.9}, more=True)
         assert all(next_report(watcher)["latency"][0]["histogram"] for _ in range(3))
@@ -177,7 +179,7 @@ def test_lateness_is_in_every_status(loop: StandIn) -> None:
 # ------------------------------------------------------------------------------------- marks
 
 
-def test_a_mark_is_forwarded_as_it_was_said_and_the_event_shows_it(loop: StandIn) -> None:
+def test_a_mark_is_forwarded_unchanged_and_shown_by_its_event(loop: StandIn) -> None:
     loop.commands.clear()
     with watching(loop, "events") as watcher, Raw(loop) as client:
         assert "error" not in client.call("Mark", kind="end", task="pick", success=True, text=None)
@@ -218,7 +220,7 @@ def test_a_mark_of_bad_form_never_reaches_the_loop(loop: StandIn) -> None:
 # ------------------------------------------------------------------------------------- when it was called
 
 
-def test_a_command_says_when_it_came(loop: StandIn) -> None:
+def test_a_command_carries_its_time_of_reception(loop: StandIn) -> None:
     loop.commands.clear()
     with Raw(loop) as client:
         before = time.monotonic()

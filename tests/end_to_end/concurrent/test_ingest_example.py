@@ -57,7 +57,7 @@ def test_two_do_not_write_into_one_folder(tmp_path: Path) -> None:
         ingest.IngestStore(tmp_path)
 
 
-def test_what_fails_fails_by_the_seed_and_ends() -> None:
+def test_an_injected_failure_depends_on_the_seed_and_ends() -> None:
     faults = ingest.IngestFaults(fail=0.5, seed=3)
     drawn = [[faults.draw(f"a-{n}", attempt) for attempt in range(1, 40)] for n in range(30)]
     assert drawn == [
@@ -79,12 +79,12 @@ def test_what_fails_fails_by_the_seed_and_ends() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "8000", "x:1", "127.0.0.1:x", "127.0.0.1:99999", "1.2.3:1"])
-def test_what_is_no_address_is_told(text: str) -> None:
+def test_an_invalid_listen_address_is_refused(text: str) -> None:
     with pytest.raises(ValueError):
         ingest.address(text)
 
 
-def test_who_can_reach_an_address_is_known() -> None:
+def test_an_address_is_classified_as_local_or_public() -> None:
     assert ingest.address("localhost:8000") == ingest.ListenAddress("127.0.0.1", 8000, local=True)
     assert ingest.address("[::1]:1") == ingest.ListenAddress("::1", 1, local=True)
     assert not ingest.address("0.0.0.0:1").local
@@ -119,7 +119,7 @@ def post(port: int, body: bytes, **headers: str) -> tuple[int, str]:
         connection.close()
 
 
-def test_it_takes_a_message_once_whole_or_compressed_and_no_rubbish(tmp_path: Path) -> None:
+def test_a_message_is_stored_once_plain_or_compressed_and_invalid_bytes_are_refused(tmp_path: Path) -> None:
     with serving(tmp_path) as port:
         plain = {"Content_Type": "application/json"}
         assert post(port, BODY, Idempotency_Key="a-1", **plain)[0] == 201

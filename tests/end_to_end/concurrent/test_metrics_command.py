@@ -95,7 +95,7 @@ def wait(what: Callable[[], object], said: str) -> None:
     until(lambda: bool(what()), SINCE, said)
 
 
-def test_a_real_daemon_is_told_of_from_its_start_to_its_end_and_again(tmp_path: Path) -> None:
+def test_metrics_follow_a_daemon_from_start_to_end_and_restart(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with simulated(folder) as daemon, exporter(folder, "--listen", "127.0.0.1:0") as (_, address):
         found = re.fullmatch(r"metrics +http://127\.0\.0\.1:(\d+)/metrics", address)
@@ -224,7 +224,7 @@ def test_a_hundred_at_once_get_the_same_whole_answer() -> None:
     assert len(kept) == 1 and kept.pop().endswith(b"# EOF\n")
 
 
-def test_who_hangs_keeps_nobody_and_is_cut_off() -> None:
+def test_a_hanging_http_client_delays_no_other_and_is_disconnected() -> None:
     with door(patience=1.0) as port:
         begun = time.monotonic()
         hanging = [socket.create_connection(("127.0.0.1", port), 20.0) for _ in range(50)]
@@ -250,7 +250,7 @@ def test_who_hangs_keeps_nobody_and_is_cut_off() -> None:
         (b"GET / HTTP/1.1\r\n\r\n", b"200"),
     ],
 )
-def test_rubbish_is_answered_with_what_is_wrong_and_harms_nobody(data: bytes, code: bytes) -> None:
+def test_an_invalid_http_request_gets_its_error_code_and_harms_no_other(data: bytes, code: bytes) -> None:
     with door() as port:
         assert http_reply(port, data).split()[1] == code
         assert get(port)[0] == 200

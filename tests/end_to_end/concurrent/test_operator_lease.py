@@ -45,7 +45,9 @@ def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path
     assert {"AcquireLease", "RenewLease"} <= set(daemon.asked)
 
 
-def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemons, tmp_path: Path) -> None:
+def test_a_request_during_a_running_call_is_refused_and_never_run_later(
+    daemons: Daemons, tmp_path: Path
+) -> None:
     going_on = threading.Event()
     begun = threading.Event()
 
@@ -97,7 +99,7 @@ def test_a_lease_that_was_lost_is_not_taken_again_by_itself(daemons: Daemons, tm
     assert daemon.asked == ["AcquireLease", "RenewLease"]
 
 
-def test_what_was_done_is_said_also_where_the_lease_is_gone_afterwards(
+def test_a_completed_call_is_reported_even_if_the_lease_is_lost_afterwards(
     daemons: Daemons, tmp_path: Path
 ) -> None:
     armed = threading.Event()
@@ -122,9 +124,7 @@ def test_what_was_done_is_said_also_where_the_lease_is_gone_afterwards(
     assert [holders.get(timeout=5.0), holders.get(timeout=5.0)] == [1, None]
 
 
-def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(
-    daemons: Daemons, tmp_path: Path
-) -> None:
+def test_an_invalid_reply_fails_only_its_own_call(daemons: Daemons, tmp_path: Path) -> None:
     daemons("control", lambda method: {"parameters": {}})  # Arm says no joints
     operator = OperatorThread(str(tmp_path), lambda tab: None)
     outcomes = queue.Queue()

@@ -131,7 +131,7 @@ def test_an_e_stop_ends_it(daemon: Daemon, runs: Any, bends: Path) -> None:
     assert code == 1 and "ESTOP" in told["why"]
 
 
-def test_who_is_robbed_of_the_lease_leaves_the_motion_of_the_robber_alone(
+def test_a_policy_that_loses_the_lease_leaves_the_new_holders_motion_alone(
     daemon: Daemon, runs: Any, bends: Path
 ) -> None:
     run = runs(bends)

@@ -13,16 +13,16 @@ TESTS = (
     "bridge/test_motion_session.py",
     "bridge/test_lease_keeper.py",
     "bridge/test_trajectory_dispatcher.py",
-    "end_to_end/concurrent/test_ros_command_zenoh.py::test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_told",
+    "end_to_end/concurrent/test_ros_command_zenoh.py::test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_published",
     "end_to_end/concurrent/test_ros_command_zenoh.py::test_a_stop_by_service_ends_a_motion",
-    "end_to_end/concurrent/test_uplink_command_live.py::test_a_goal_runs_once_however_often_it_is_asked_and_says_what_became_of_it",
-    "end_to_end/concurrent/test_uplink_command_live.py::test_who_has_no_lease_stops_it_all_the_same",
-    "end_to_end/concurrent/test_uplink_losses.py::test_a_sender_that_is_killed_lets_go",
+    "end_to_end/concurrent/test_uplink_command_live.py::test_a_repeated_goal_runs_once_and_reports_its_outcome",
+    "end_to_end/concurrent/test_uplink_command_live.py::test_a_client_without_the_lease_can_stop_the_motion",
+    "end_to_end/concurrent/test_uplink_losses.py::test_a_killed_sender_releases_the_motion",
     "end_to_end/concurrent/test_uplink_losses.py::test_a_goal_that_waits_while_the_robot_is_stopped_does_not_begin_after_the_stop",
 )
 
 
-def test_without_a_word_bridge_and_uplink_stop_and_tell_how_a_motion_ended() -> None:
+def test_bridge_and_uplink_handle_stops_and_motion_ends_without_message_texts() -> None:
     tests = [str(HERE / each) for each in TESTS]
     options = ["-p", "no:cacheprovider", "-p", "no:xdist", "--blank-messages", "-m", "not slow", "--tb=short"]
     done = subprocess.run(

@@ -75,7 +75,7 @@ def test_eeprom_is_written_in_a_calibration_of_its_own(daemon: Eeprom, capsys: A
     assert not daemon.on
 
 
-def test_it_is_ended_though_the_write_is_refused(daemon: Eeprom) -> None:
+def test_the_calibrating_state_ends_after_a_refused_write(daemon: Eeprom) -> None:
     refused = {"bus": "main", "message": "id 7: Homing Offset: Access Error"}
     first = daemon.answers[link.WriteRegister]
 
@@ -92,7 +92,9 @@ def test_it_is_ended_though_the_write_is_refused(daemon: Eeprom) -> None:
 
 
 @pytest.mark.parametrize("allowed", ["disarmed", "mode live, to write a register"])
-def test_another_wrong_state_is_told_and_nothing_is_tried(daemon: Eeprom, allowed: str) -> None:
+def test_a_wrong_state_that_cannot_calibrate_is_reported_without_a_retry(
+    daemon: Eeprom, allowed: str
+) -> None:
     state = {"state": "armed, torque on", "allowed": [allowed]}
     daemon.answers[link.WriteRegister] = lambda c: [
         link.Reply(ticket=c.ticket, error="WrongState", parameters=state)
@@ -102,7 +104,7 @@ def test_another_wrong_state_is_told_and_nothing_is_tried(daemon: Eeprom, allowe
     assert daemon.asked == ["WriteRegister"]
 
 
-def test_a_lease_is_taken_from_another_only_when_told_to(daemon: Eeprom) -> None:
+def test_a_lease_of_another_client_is_taken_only_with_take(daemon: Eeprom) -> None:
     held = {"lease": LEASE}
 
     def lease(command: Any) -> list[link.Reply]:

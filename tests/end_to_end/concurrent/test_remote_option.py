@@ -145,7 +145,7 @@ def test_a_goal_moves_the_robot_and_a_refusal_has_its_findings(world: World) -> 
     assert abs(world.joint("l_knee") - 0.3) < 0.05
 
 
-def test_who_arms_stands_beside_the_robot_and_what_asks_none_is_told_so(world: World) -> None:
+def test_commands_not_allowed_remotely_are_refused_and_a_mode_query_works(world: World) -> None:
     for words, said in (
         (("arm",), "arm: not with --remote"),
         (("doctor",), "doctor: not with --remote"),
@@ -159,7 +159,7 @@ def test_who_arms_stands_beside_the_robot_and_what_asks_none_is_told_so(world: W
     assert world.run("mode").stdout == "sim\n"
 
 
-def test_somebody_who_is_not_there_and_a_network_that_is_not_are_no_daemon() -> None:
+def test_an_absent_robot_and_an_absent_network_exit_as_no_daemon() -> None:
     for robot, said in (("afar@tcp/127.0.0.1:1", "named by --remote"), ("a b", "must be 1 to 64")):
         done = subprocess.run(
             ctl("--remote", robot, "status"), capture_output=True, text=True, timeout=PATIENCE
@@ -168,7 +168,7 @@ def test_somebody_who_is_not_there_and_a_network_that_is_not_are_no_daemon() -> 
 
 
 @pytest.mark.parametrize("words", [("--remote", "afar", "status"), ("--remote", "afar@", "status")])
-def test_without_zenoh_and_without_a_place_it_says_what_to_do(words: tuple[str, ...]) -> None:
+def test_without_zenoh_or_an_address_the_error_gives_the_remedy(words: tuple[str, ...]) -> None:
     code = (
         "import sys; sys.modules['zenoh'] = None; from twind.ctl.ctl_main import main; "
         f"sys.exit(main({words!r}))"
@@ -219,7 +219,7 @@ def test_a_sender_that_is_killed_leaves_a_robot_that_holds_and_a_loop_that_notic
     assert abs(world.joint("l_knee") - held) < 0.05
 
 
-def test_a_second_sender_waits_or_takes_and_the_first_is_told(world: World) -> None:
+def test_a_second_sender_waits_or_takes_the_lease_and_the_first_receives_the_end(world: World) -> None:
     mover = moving(world)
     refused = world.run("move", "l_knee=0.4")
     assert refused.returncode == 1 and "the lease is held by" in refused.stderr
@@ -229,7 +229,7 @@ def test_a_second_sender_waits_or_takes_and_the_first_is_told(world: World) -> N
     assert code == 1 and json.loads(said.splitlines()[-1])["phase"] in ("aborted", "cancelled", "replaced")
 
 
-def test_an_e_stop_from_afar_latches_until_somebody_at_the_robot_resets_it(world: World) -> None:
+def test_a_remote_e_stop_latches_until_a_local_reset(world: World) -> None:
     done = world.run("--json", "estop", "--reason", "seen from afar")
     assert done.returncode == 0 and json.loads(done.stdout)["state"] == "estop"
     assert world.daemon.status()["state"] == "estop"

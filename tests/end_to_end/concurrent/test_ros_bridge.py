@@ -130,7 +130,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
     stand_in.close()
 
 
-def test_what_the_daemon_says_goes_out_by_its_topics(loop: StandIn) -> None:
+def test_daemon_data_is_published_on_its_topics(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         measured = run.graph.last(HW_JOINTS)
         assert len(measured["name"]) == 23  # of 24, whose last was not heard
@@ -177,7 +177,9 @@ def test_a_graph_that_cannot_be_joined_at_first_is_tried_again(loop: StandIn) ->
         run.graph.last(HW_JOINTS)
 
 
-def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop: StandIn) -> None:
+def test_a_bridge_without_commands_executes_e_stops_and_refuses_all_else_with_the_reason(
+    loop: StandIn,
+) -> None:
     with Run(loop.directory, commands=False) as run:
         run.graph.last(HW_JOINTS)
         assert run.graph.words(STATUS)["bridge"]["commands"] is False
@@ -188,7 +190,7 @@ def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop
         assert run.outcome(E_STOP, b"")["phase"] == "done"
 
 
-def test_over_a_back_end_without_commands_the_status_says_why(loop: StandIn) -> None:
+def test_a_back_end_without_commands_states_the_reason_in_the_status(loop: StandIn) -> None:
     run = Run(loop.directory)
     run.graph.refuses = "this middleware loses commands"
     run.course = RosBridge(run.graph, str(loop.directory), tell=run.lines.append, stop=run.stop)
@@ -219,7 +221,7 @@ def test_without_the_right_to_command_it_takes_nothing_that_does(loop: StandIn, 
         assert "commands are taken from ROS" in run.lines
 
 
-def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
+def test_a_message_that_cannot_be_decoded_is_reported_and_the_rest_continues(
     loop: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("twind.bridge.ros.ros_bridge.latencies", lambda hops: hops["none"])
@@ -230,7 +232,7 @@ def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
         run.graph.last(HW_JOINTS)
 
 
-def test_no_daemon_is_told_and_the_status_says_so(tmp_path: Path) -> None:
+def test_an_absent_daemon_is_reported_in_log_and_status(tmp_path: Path) -> None:
     with Run(tmp_path) as run:
         until(lambda: run.lines, 10.0, "it is told")
         until(lambda: run.graph.words(STATUS)["bridge"]["error"], 10.0, "so is the graph")
@@ -249,7 +251,7 @@ def test_a_back_end_that_hangs_at_the_end_is_left_behind(loop: StandIn) -> None:
     run.graph.hang.set()
 
 
-def test_whatever_a_command_breaks_the_next_one_is_taken(loop: StandIn) -> None:
+def test_a_command_that_raises_an_error_does_not_prevent_the_next(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         run.graph.last(HW_JOINTS)
 
@@ -266,7 +268,7 @@ def test_whatever_a_command_breaks_the_next_one_is_taken(loop: StandIn) -> None:
         assert decode(STRING, run.graph.said[RESULTS.name][0])
 
 
-def test_a_loop_that_stands_still_is_not_said_to_be_well(tmp_path: Path) -> None:
+def test_a_stalled_loop_is_not_reported_as_healthy(tmp_path: Path) -> None:
     stand_in = StandIn(tmp_path)
     try:
         with Run(tmp_path) as run:
@@ -297,14 +299,14 @@ def test_a_status_that_is_not_understood_costs_the_diagnostics_and_no_more(
         run.graph.last(HW_JOINTS)
 
 
-def test_its_last_word_is_that_nobody_is_here_any_more(loop: StandIn) -> None:
+def test_the_last_status_of_a_bridge_states_that_daemon_and_commands_are_gone(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         until(lambda: "mode" in run.graph.words(STATUS), 20.0, "a status")
     told = run.graph.words(STATUS)
     assert list(told) == ["bridge"] and not told["bridge"]["daemon"] and not told["bridge"]["commands"]
 
 
-def test_what_no_reader_takes_is_told(loop: StandIn) -> None:
+def test_messages_without_a_reader_are_counted_in_the_status(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         run.graph.dropped = 7
         until(lambda: run.graph.words(STATUS)["bridge"]["undelivered"] == 7, 10.0, "it is told")
@@ -327,7 +329,7 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
         assert time.monotonic() - begun < 15.0  # and not the 35 s that an answer may take
 
 
-def test_of_two_bridges_that_take_commands_neither_moves_anything_until_one_is_gone(loop: StandIn) -> None:
+def test_two_bridges_with_commands_move_nothing_until_one_is_gone(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         until(lambda: "mode" in run.graph.words(STATUS), 20.0, "a status")
         ours = run.graph.said[STATUS.name][-1]
@@ -348,7 +350,7 @@ def test_of_two_bridges_that_take_commands_neither_moves_anything_until_one_is_g
         until(lambda: any("is gone" in each for each in run.lines), 10.0, "it is told")
 
 
-def test_what_became_of_a_command_is_written_down(loop: StandIn) -> None:
+def test_the_result_of_a_command_is_logged(loop: StandIn) -> None:
     with Run(loop.directory) as run:
         run.graph.last(HW_JOINTS)
         run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(7))

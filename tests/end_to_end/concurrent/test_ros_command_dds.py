@@ -43,7 +43,7 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
         daemon.kill()
 
 
-def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph: Graph) -> None:
+def test_a_subscriber_receives_every_current_joint_and_no_measured_state_in_sim(graph: Graph) -> None:
     time.sleep(0.5)
     states = graph.states()
     wall = time.time()
@@ -57,7 +57,7 @@ def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph
     assert "may move the robot" in graph.log()
 
 
-def test_a_trajectory_moves_the_robot_and_its_sender_is_told(graph: Graph) -> None:
+def test_a_trajectory_moves_the_robot_and_its_result_is_published(graph: Graph) -> None:
     graph.command(0.3, 1, "first")
     accepted = graph.told(frame_id="first", phase="accepted")
     assert graph.told(frame_id="first", phase="succeeded")["id"] == accepted["id"]
@@ -91,7 +91,7 @@ def test_nothing_that_is_refused_disturbs_what_runs(graph: Graph) -> None:
     graph.undisturbed(before)
 
 
-def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_the_loop_nothing_and_end_with_them(
+def test_a_flood_from_a_peer_that_dies_or_hangs_does_not_disturb_the_loop(
     graph: Graph,
 ) -> None:
     before = graph.loop("before")
@@ -129,7 +129,7 @@ def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_the_loop_nothing_an
     assert graph.bridge.poll() is None
 
 
-def test_who_finds_the_lease_with_another_is_told_whose_it_is(graph: Graph) -> None:
+def test_a_client_without_the_lease_receives_the_name_of_its_holder(graph: Graph) -> None:
     until(lambda: graph.daemon.status()["lease"] is None, 10.0, "the lease given back")
     with graph.daemon.client() as holder:
         holder.call("AcquireLease")
@@ -144,7 +144,7 @@ def test_who_finds_the_lease_with_another_is_told_whose_it_is(graph: Graph) -> N
     assert refused["phase"] == "refused" and f"pid {os.getpid()}" in refused["message"]
 
 
-def test_a_stop_and_an_e_stop_come_through_and_who_comes_later_is_told_the_state(graph: Graph) -> None:
+def test_a_stop_and_an_e_stop_are_executed_and_a_late_subscriber_receives_the_state(graph: Graph) -> None:
     graph.command(1.2, 8, "slow")
     graph.told(frame_id="slow", phase="accepted")
     graph.peer.ask("send", topic="/bridge/stop_cmd", message={"data": ""})
@@ -178,7 +178,7 @@ def test_the_mode_is_changed_by_a_topic_and_what_is_simulated_is_called_otherwis
     graph.states("/sim/joint_states")
 
 
-def test_a_bridge_that_ends_or_dies_lets_go_of_the_motion(graph: Graph) -> None:
+def test_a_bridge_that_ends_or_dies_releases_the_motion(graph: Graph) -> None:
     for number in (signal.SIGTERM, signal.SIGKILL):
         graph.command(0.1, 1, f"there {number}")
         graph.told(frame_id=f"there {number}", phase="succeeded")
@@ -212,7 +212,7 @@ def test_a_clock_a_day_off_shows_in_stamps_and_in_refusals_and_in_nothing_else(
         assert other.told(frame_id="now", phase="succeeded")
 
 
-def test_a_daemon_that_dies_is_said_to_be_away_and_the_next_one_is_found(graph: Graph) -> None:
+def test_a_dead_daemon_is_reported_as_absent_and_the_next_one_is_found(graph: Graph) -> None:
     graph.daemon.kill()
     until(lambda: graph.status().get("bridge", {}).get("daemon") is False, 30.0, "it is told")
     graph.command(0.1, 1, "nobody")

@@ -118,7 +118,7 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
         daemon.kill()
 
 
-def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_told(graph: Graph) -> None:
+def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_published(graph: Graph) -> None:
     before = graph.place()
     command = graph.command(before + 0.1, seconds=1.0)
     end = graph.ended(**command)
@@ -127,7 +127,7 @@ def test_a_trajectory_of_a_peer_moves_the_robot_and_its_end_is_told(graph: Graph
     until(lambda: abs(graph.place() - before - 0.1) < 0.01, PATIENCE, "the joint is there")
 
 
-def test_what_the_gate_refuses_is_told_with_its_reasons_and_nothing_moves(graph: Graph) -> None:
+def test_a_refused_trajectory_is_reported_with_its_findings_and_moves_nothing(graph: Graph) -> None:
     before = graph.place()
     end = graph.ended(**graph.command(50.0))
     assert end["phase"] == "refused" and end["findings"], end
@@ -151,7 +151,7 @@ def test_a_stop_by_service_ends_a_motion(graph: Graph) -> None:
     assert graph.ended(**command)["phase"] == "cancelled"
 
 
-def test_a_router_that_dies_costs_the_loop_nothing_and_the_graph_comes_back(graph: Graph) -> None:
+def test_a_dead_router_does_not_disturb_the_loop_and_the_graph_recovers(graph: Graph) -> None:
     before = graph.daemon.status()["loop"]
     graph.router.kill()
     time.sleep(1.0)

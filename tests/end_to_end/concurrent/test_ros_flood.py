@@ -82,7 +82,7 @@ def test_while_a_peer_floods_what_runs_goes_on_and_an_e_stop_is_not_held_up(
     assert took < 5.0  # of 12 and more, when all of a message was read before it was measured
 
 
-def test_a_flood_takes_the_place_of_others_is_told_and_ends_with_its_sender(
+def test_a_flood_displaces_other_commands_is_reported_and_ends_with_its_sender(
     graph: Graph, tmp_path: Path
 ) -> None:
     with flooded(graph, tmp_path, "far", 0.0):
@@ -99,7 +99,7 @@ def test_a_flood_takes_the_place_of_others_is_told_and_ends_with_its_sender(
     graph.told(frame_id="after", phase="succeeded")
 
 
-def test_after_a_stop_of_somebody_else_nothing_begins_that_was_asked_for_before_it(graph: Graph) -> None:
+def test_a_foreign_stop_prevents_every_trajectory_submitted_before_it(graph: Graph) -> None:
     joints = graph.states()[-1]["name"][:8]
     with graph.daemon.client() as client:
         client.call("GetStatus")

@@ -18,7 +18,7 @@ def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]
     manager.socket.close()
 
 
-def test_a_daemon_is_ready_once_it_answers_and_says_that_it_stops(tmp_path: Path) -> None:
+def test_a_daemon_notifies_readiness_once_it_answers_and_its_stop(tmp_path: Path) -> None:
     manager = Manager(str(tmp_path / "notify"))
     told: list[str] = []
 

@@ -104,7 +104,7 @@ def check_all_arrive(spool: Spool, made: SpoolSender, endpoint: Odd) -> None:
         (says(b"HTTP/1.1 401 Who\r\nContent-Length: 5\r\n\r\nare u"), "401 Who: are u"),
     ],
 )
-def test_whatever_it_answers_each_message_arrives_in_its_order(behaviour: Behaviour, told: str) -> None:
+def test_a_misbehaving_endpoint_still_receives_each_message_in_order(behaviour: Behaviour, told: str) -> None:
     endpoint = Odd(behaviour, behaviour)
     with sender(endpoint) as (spool, made, lines):
         check_all_arrive(spool, made, endpoint)
@@ -114,7 +114,7 @@ def test_whatever_it_answers_each_message_arrives_in_its_order(behaviour: Behavi
         assert "takes messages again" in last
 
 
-def test_one_that_never_answers_and_one_that_dribbles_are_left_in_time(
+def test_an_endpoint_without_or_with_a_slow_reply_is_abandoned_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sending, "LONGEST", 0.8)
@@ -126,7 +126,7 @@ def test_one_that_never_answers_and_one_that_dribbles_are_left_in_time(
         assert time.monotonic() - begun < 10.0
 
 
-def test_who_answers_without_an_end_is_hung_up_on_and_has_taken_the_message() -> None:
+def test_an_endless_reply_is_cut_off_and_its_message_counts_as_sent() -> None:
     endpoint = Odd(talks_for_ever)
     with sender(endpoint) as (spool, made, _):
         check_all_arrive(spool, made, endpoint)
@@ -160,7 +160,7 @@ def test_no_more_than_thirty_a_second() -> None:
         assert times[-1] - times[0] >= 22 / 30.0 - 0.05
 
 
-def test_what_will_never_be_taken_is_a_dead_letter_and_holds_nobody_up() -> None:
+def test_a_permanently_refused_message_is_a_dead_letter_and_delays_no_other() -> None:
     endpoint = Odd(says(b"HTTP/1.1 422 No\r\nContent-Length: 8\r\n\r\nno robot"))
     with sender(endpoint) as (spool, made, lines):
         until(lambda: spool.tally.waiting == 0, 10.0, "the others arrive")
@@ -205,7 +205,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("trusted", [True, False])
-def test_https_is_spoken_with_whom_the_machine_trusts_alone(
+def test_https_is_used_only_with_a_trusted_certificate(
     trusted: bool, certificate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if trusted:
@@ -222,7 +222,7 @@ def test_https_is_spoken_with_whom_the_machine_trusts_alone(
             assert (endpoint.seen, spool.tally.waiting) == ([], 3)
 
 
-def test_nobody_listens(tmp_path: Path) -> None:
+def test_a_refused_connection_keeps_the_messages_and_is_reported_once(tmp_path: Path) -> None:
     endpoint = Odd()
     endpoint.close()
     with sender(endpoint) as (spool, made, lines):

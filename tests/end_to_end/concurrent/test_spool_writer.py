@@ -30,7 +30,7 @@ def numbers(spool: Spool) -> list[int]:
     return found
 
 
-def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -> None:
+def test_a_full_disk_drops_the_oldest_samples_in_memory_and_is_reported_once(spool: Spool) -> None:
     lines: list[str] = []
     basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
     keeping = SpoolWriter(basket, spool, lambda: None, lines.append, patience=0.02)
@@ -54,7 +54,7 @@ def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -
     assert numbers(spool) == list(range(1, spool.tally.waiting + 1))
 
 
-def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> None:
+def test_samples_that_a_full_disk_rejects_at_the_end_are_kept_in_memory(spool: Spool) -> None:
     basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
     keeping = SpoolWriter(basket, spool, lambda: None, lambda line: None, patience=0.02)
     pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
@@ -70,7 +70,7 @@ def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> 
     assert (basket.untaken_count, spool.tally.waiting, spool.tally.dropped) == (0, 2, 0)
 
 
-def test_what_is_open_at_the_end_is_written(spool: Spool) -> None:
+def test_an_open_batch_is_written_at_the_end(spool: Spool) -> None:
     woken: list[None] = []
     basket = SampleBatcher(32, 60.0, time.monotonic, clocks)
     keeping = SpoolWriter(basket, spool, lambda: woken.append(None), lambda line: None, patience=0.02)

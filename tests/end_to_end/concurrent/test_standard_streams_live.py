@@ -51,7 +51,7 @@ def test_a_daemon_without_standard_streams_runs_and_nothing_else_gets_their_numb
 
 
 @pytest.mark.parametrize("reader", ["gone", "asleep"])
-def test_whoever_reads_standard_error_may_go_or_sleep(tmp_path: Path, reader: str) -> None:
+def test_a_daemon_survives_a_closed_or_blocked_standard_error_reader(tmp_path: Path, reader: str) -> None:
     inner, outer = os.pipe()
     if reader == "asleep":
         os.set_blocking(outer, False)

@@ -33,7 +33,7 @@ def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path)
     assert "no answer from the daemon within 1 s" in late.text
 
 
-def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
+def test_an_e_stop_uses_any_available_socket_and_reports_when_there_is_none(
     daemons: Daemons, tmp_path: Path
 ) -> None:
     stops = StopThreads(local(str(tmp_path)), bound=1.0)
@@ -48,7 +48,7 @@ def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
 
 
 @pytest.mark.parametrize("observe", [{"parameters": {}}, {"error": 7}, {"error": "x.y.Busy"}, [1]])
-def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
+def test_an_e_stop_uses_the_other_socket_after_an_invalid_reply(
     daemons: Daemons, tmp_path: Path, observe: Any
 ) -> None:
     daemons("observe", lambda method: observe)
@@ -58,7 +58,7 @@ def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
     assert told(outcomes) == StopOutcome(True, "e-stop", "state estop, torque is on")
 
 
-def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
+def test_a_stop_button_survives_invalid_replies_and_unreachable_tabs(
     daemons: Daemons, tmp_path: Path
 ) -> None:
     answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
@@ -81,7 +81,7 @@ def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
         assert told(outcomes).done
 
 
-def test_who_may_not_stop_is_told_what_may(daemons: Daemons, tmp_path: Path) -> None:
+def test_a_refused_stop_names_the_e_stop_as_alternative(daemons: Daemons, tmp_path: Path) -> None:
     refusal = {
         "error": "io.twind.Control.NotAllowed",
         "parameters": {"role": "observer", "method": "Cancel"},

@@ -117,7 +117,7 @@ def test_a_streamer_that_is_killed_goes_on_and_no_key_comes_back_for_other_data(
     assert len(ticks) == len(set(ticks)), "a sample in two messages"
 
 
-def test_a_daemon_that_restarts_a_second_streamer_and_what_people_are_told(tmp_path: Path) -> None:
+def test_a_streamer_survives_a_daemon_restart_and_excludes_a_second_streamer(tmp_path: Path) -> None:
     run = tmp_path / "run"
     spool = tmp_path / "spool"
     endpoint = Odd()
@@ -150,7 +150,7 @@ def test_a_daemon_that_restarts_a_second_streamer_and_what_people_are_told(tmp_p
     endpoint.close()
 
 
-def test_dead_letters_are_listed_and_sent_again_when_somebody_asks(run: Path, tmp_path: Path) -> None:
+def test_dead_letters_are_listed_and_sent_again_on_request(run: Path, tmp_path: Path) -> None:
     spool = tmp_path / "spool"
     out = tmp_path / "in"
     ingest, url = begun(out, "--refuse", "1")
@@ -183,7 +183,7 @@ def test_dead_letters_are_listed_and_sent_again_when_somebody_asks(run: Path, tm
         (("--token-file", "/nowhere"), "No such file"),
     ],
 )
-def test_wrong_words_are_told_before_anything_is_made(
+def test_an_invalid_stream_option_is_refused_before_any_file_is_made(
     tmp_path: Path, words: tuple[str, str], said: str
 ) -> None:
     parser = argparse.ArgumentParser()

@@ -65,7 +65,7 @@ def test_the_last_word_of_each_connection_counts() -> None:
     assert [(each["name"], each["sent"]) for each in watchers.streams] == [("a1b2", 13), ("other", 12)]
 
 
-def test_who_hangs_up_and_who_hangs_is_told_of_once_more_and_no_longer_there() -> None:
+def test_a_streamer_that_disconnects_or_hangs_is_reported_once_more_and_removed() -> None:
     kept, watchers = streams()
     kept.take(1, REPORT, 0.0)
     kept.take(2, REPORT, 5.0)
@@ -97,7 +97,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
     assert stand_in.close() == 0
 
 
-def test_an_observer_reports_and_everybody_is_told_but_the_loop(loop: StandIn) -> None:
+def test_a_stream_report_of_an_observer_reaches_subscribers_but_not_the_loop(loop: StandIn) -> None:
     loop.commands.clear()
     with Raw(loop, "observe") as watcher, Raw(loop, "observe") as streamer:
         watcher.send("Monitor", parameters={"topics": ["stream"]}, more=True)
@@ -116,7 +116,7 @@ def test_an_observer_reports_and_everybody_is_told_but_the_loop(loop: StandIn) -
     assert not loop.commands
 
 
-def test_who_reports_without_pause_is_refused_and_then_hung_up_on(loop: StandIn) -> None:
+def test_a_flood_of_stream_reports_is_refused_and_then_disconnected(loop: StandIn) -> None:
     with Raw(loop, "observe") as client:
         answers = []
         with suppress(EOFError, OSError):
@@ -133,9 +133,7 @@ def test_who_reports_without_pause_is_refused_and_then_hung_up_on(loop: StandIn)
     st.sampled_from(COUNTS),
     st.integers(-2, 2) | st.integers(MOST - 1, MOST + 1) | st.integers(),
 )
-def test_a_number_that_nobody_can_have_measured_or_counted_is_named(
-    rate: float, key: str, count: int
-) -> None:
+def test_an_impossible_rate_or_count_is_named(rate: float, key: str, count: int) -> None:
     found = find_invalid_number({**REPORT, "rate_hz": rate, key: count})
     if 0.0 <= rate <= MOST_HZ:
         assert (found and found[0]) == (None if 0 <= count <= MOST else key)
@@ -144,7 +142,7 @@ def test_a_number_that_nobody_can_have_measured_or_counted_is_named(
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.25, 99.97, MOST_HZ])
-def test_what_may_be_reported_fits_a_line(rate: float) -> None:
+def test_a_valid_stream_report_fits_a_line(rate: float) -> None:
     text = stream_text(
         {**REPORT, "rate_hz": rate, **dict.fromkeys(COUNTS, MOST), "endpoint": "", "error": ""}
     )
@@ -163,6 +161,6 @@ def test_a_report_with_such_a_number_is_refused_by_its_name(loop: StandIn, wrong
 @pytest.mark.parametrize(
     "wrong", [{}, {"stream": {}}, {"stream": {**REPORT, "sent": 1.5}}, {"stream": {**REPORT, "x": 1}}]
 )
-def test_what_is_no_report_is_refused(loop: StandIn, wrong: dict[str, Any]) -> None:
+def test_an_invalid_stream_report_is_refused(loop: StandIn, wrong: dict[str, Any]) -> None:
     with Raw(loop, "observe") as client:
         assert client.call("ReportStream", **wrong)["error"].endswith("InvalidParameter")

@@ -58,7 +58,7 @@ def test_a_drop_in_gives_the_uplink_the_right_to_take_goals(uplink: Unit) -> Non
     uplink.machine.until(lambda: afar(uplink, "move", "head_yaw=0.2")[0] == 0, 40.0, "a motion from afar")
 
 
-def test_a_ros_peer_hears_the_joints(simulated: Service) -> None:
+def test_a_ros_peer_receives_the_joints(simulated: Service) -> None:
     pytest.importorskip("cyclonedds", reason="no cyclonedds here")
     machine = simulated.machine
     machine.inside("/etc/twind/ros-sim.env").write_text(f"ROS_DOMAIN_ID={DOMAIN}\nOPTIONS=--backend dds\n")

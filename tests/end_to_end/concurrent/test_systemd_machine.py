@@ -53,7 +53,7 @@ def test_nothing_is_left_of_it_however_the_tests_end(machine: Machine, number: s
     assert folder not in Path("/proc/mounts").read_text()
 
 
-def test_where_it_cannot_be_had_the_reason_is_told(machine: Machine) -> None:
+def test_an_unavailable_test_machine_reports_the_reason(machine: Machine) -> None:
     asked = [sys.executable, "-c", "from tests.support.systemd import machine; print(machine.why_not())"]
     for without, said in (
         (["--reuid", "65534", "--clear-groups"], "a private systemd needs root"),

@@ -40,11 +40,11 @@ def test_without_settings_it_mirrors_and_moves_nothing(first: Json) -> None:
     assert [bus["port"] for bus in first["buses"]] == [""]
 
 
-def test_the_status_line_says_mode_state_joints_and_rate(plain: Service) -> None:
+def test_the_status_line_gives_mode_state_joints_and_rate(plain: Service) -> None:
     assert re.match(r"mirror, disconnected, 0 of 24 joints fresh, \d+ Hz", plain.show("StatusText"))
 
 
-def test_it_runs_with_mujoco_and_without_any_right(plain: Service) -> None:
+def test_the_service_runs_with_mujoco_and_without_privileges(plain: Service) -> None:
     main = plain.main()
     front = plain.front()
     assert front is not None
@@ -56,7 +56,7 @@ def test_it_runs_with_mujoco_and_without_any_right(plain: Service) -> None:
     assert "libmujoco" in Path(f"/proc/{main}/maps").read_text()
 
 
-def test_its_view_of_the_machine_is_read_only_but_for_its_own_folders(plain: Service) -> None:
+def test_the_service_sees_a_read_only_machine_except_for_its_own_folders(plain: Service) -> None:
     seen = Path(f"/proc/{plain.main()}/root")  # we are root: what refuses us is no file mode
     for refused in ("etc/x", "usr/x", "opt/twind/x", "var/x", "sys/kernel/x", "proc/sys/kernel/hostname"):
         with pytest.raises(OSError) as told:
@@ -69,7 +69,7 @@ def test_its_view_of_the_machine_is_read_only_but_for_its_own_folders(plain: Ser
     assert not list((seen / "home").iterdir())
 
 
-def test_it_may_open_pseudo_terminals_and_no_other_device(plain: Service) -> None:
+def test_the_service_may_open_pseudo_terminals_and_no_other_device(plain: Service) -> None:
     machine = plain.machine
     node = machine.inside("/dev/ttyOTHER")
     if not node.exists():
@@ -103,14 +103,14 @@ def exposure(machine: Machine, unit: str) -> float:
     return float(told[1])
 
 
-def test_the_exposure_score_is_what_is_promised(machine: Machine) -> None:
+def test_the_exposure_score_is_within_the_documented_bound(machine: Machine) -> None:
     assert exposure(machine, "twind.service") <= 2.0
     assert exposure(machine, "twind@any.service") <= 2.0
     assert exposure(machine, "twind-failsafe@any.service") <= 2.0
     assert exposure(machine, "twind-sim.service") <= 1.0
 
 
-def test_figures_are_served_to_this_machine_by_nobody_that_owns_anything(plain: Service) -> None:
+def test_metrics_are_served_locally_by_a_user_without_files(plain: Service) -> None:
     machine = plain.machine
     unit = Unit(machine, "twind-metrics.service")
     scrape = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9797/metrics').read().decode())"
@@ -134,7 +134,7 @@ def test_figures_are_served_to_this_machine_by_nobody_that_owns_anything(plain: 
     assert exposure(machine, "twind-metrics.service") <= 1.0
 
 
-def test_readings_are_sent_by_nobody_that_owns_anything(plain: Service) -> None:
+def test_readings_are_streamed_by_a_user_without_files(plain: Service) -> None:
     machine = plain.machine
     unit = Unit(machine, "twind-stream.service")
     out = machine.inside("/tmp/ingest/messages.ndjson")
@@ -193,7 +193,7 @@ def test_an_observer_may_look_and_stop_but_not_command(plain: Service) -> None:
     assert plain.status()["faults"] == []
 
 
-def test_who_is_in_no_group_is_told_which(plain: Service) -> None:
+def test_a_user_without_a_group_receives_the_names_of_the_groups(plain: Service) -> None:
     refused = plain.machine.try_run("twindctl", "status", user="stranger")
     assert refused.returncode == 3
     assert "twind-operator" in refused.stderr and "twind-observe" in refused.stderr

@@ -88,7 +88,7 @@ def silent(far: Far, *parts: str, **asked: Any) -> bool:
     return True
 
 
-def test_who_is_listed_as_an_observer_sees_everything_and_commands_nothing(
+def test_a_certificate_listed_as_observer_reads_everything_and_commands_nothing(
     ground: Ground, robot: Uplink
 ) -> None:
     with closing(Far(ground.place("observer"), ROBOT)) as far:
@@ -104,7 +104,7 @@ def test_who_is_listed_as_an_observer_sees_everything_and_commands_nothing(
         assert far.ask("stop", "EStop", level=3)["parameters"]["parameter"] == "level", "it gets there"
 
 
-def test_who_is_listed_as_an_operator_moves_the_robot(ground: Ground, robot: Uplink) -> None:
+def test_a_certificate_listed_as_operator_moves_the_robot(ground: Ground, robot: Uplink) -> None:
     with closing(Far(ground.place("operator"), ROBOT)) as far:
         told = far.listen("goals", "*")
         with far.holding() as lease:
@@ -113,7 +113,9 @@ def test_who_is_listed_as_an_operator_moves_the_robot(ground: Ground, robot: Upl
         assert far.ask("stop", "Cancel")["state"] == "disconnected"
 
 
-def test_a_robot_speaks_for_no_other(ground: Ground, daemon: Daemon, robot: Uplink) -> None:
+def test_a_robot_certificate_publishes_for_no_other_robot(
+    ground: Ground, daemon: Daemon, robot: Uplink
+) -> None:
     with closing(Far(ground.place("operator"), ROBOT)) as far, ended() as brief:
         false = brief(ground.uplink(daemon.sockets, OTHER, ROBOT))
         until(lambda: "is up" in false.said, PATIENCE, "for itself it is up")
@@ -136,7 +138,9 @@ TOLD_AT = ("state/10", "news/events", "goals/mine")
 
 
 @pytest.mark.parametrize("subject", ["operator", "observer", OTHER])
-def test_nobody_but_the_robot_answers_or_tells_for_it(ground: Ground, robot: Uplink, subject: str) -> None:
+def test_only_the_robot_itself_answers_and_publishes_for_it(
+    ground: Ground, robot: Uplink, subject: str
+) -> None:
     """The liar says that it has all the answers, which a router prefers to who does not say so."""
     seen: list[str] = []
 
@@ -182,7 +186,7 @@ def test_an_observer_asks_for_nothing_that_he_may_not_by_whatever_key(ground: Gr
             assert answered == set(), key
 
 
-def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Ground, tmp_path: Path) -> None:
+def test_a_certificate_of_another_authority_or_none_is_refused(ground: Ground, tmp_path: Path) -> None:
     stranger = ground.file("operator", Authority(tmp_path / "strangers"))
     plain = tmp_path / "plain.json5"
     plain.write_text(
@@ -195,7 +199,7 @@ def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Groun
         open_now(NetworkConfig(connect=(ground.endpoint.replace("tls/", "tcp/"),)), 2.0)
 
 
-def test_a_router_with_a_strangers_certificate_is_not_talked_to(ground: Ground, tmp_path: Path) -> None:
+def test_a_router_with_a_certificate_of_another_authority_is_refused(ground: Ground, tmp_path: Path) -> None:
     strangers = Authority(tmp_path / "strangers")
     certificate, key = strangers.sign("router")
     said = (ground.folder / "router.json5").read_text()

@@ -78,9 +78,7 @@ def findings(answer: dict[str, Any]) -> set[str]:
     return {each["code"] for each in answer["parameters"]["findings"]}
 
 
-def test_state_goes_out_as_the_daemon_sent_it_where_somebody_listens_and_nowhere_else(
-    here: Site, far: Far
-) -> None:
+def test_state_is_published_unchanged_and_only_with_a_remote_subscriber(here: Site, far: Far) -> None:
     run = here.daemon.sockets
     until(lambda: watchers(run) == 1, PATIENCE, "the news alone are followed")
     heard = far.listen("state", "10")
@@ -109,7 +107,7 @@ def test_news_go_out_by_topic(here: Site, far: Far) -> None:
     assert {json.loads(each)["parameters"]["topic"] for each in latency} == {"latency"}
 
 
-def test_what_may_be_asked_is_answered_by_the_daemon_and_nothing_else_is(far: Far) -> None:
+def test_allowed_queries_are_answered_by_the_daemon_and_others_get_no_reply(far: Far) -> None:
     assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
     assert far.ask("ask", "GetRobot")["robot"]["name"] == "h24"
     point = {"positions": [30.0], "time_from_start": 1.0}
@@ -121,7 +119,7 @@ def test_what_may_be_asked_is_answered_by_the_daemon_and_nothing_else_is(far: Fa
         assert far.ask("ask", method) == far.ask("stop", method) == {}, method
 
 
-def test_what_is_no_question_gets_an_answer_that_names_what_is_wrong(far: Far) -> None:
+def test_an_invalid_query_gets_a_reply_that_names_the_error(far: Far) -> None:
     wrong = far.ask("ask", "GetStatus", data=b"{")
     assert wrong["error"].endswith("InvalidParameter")
     assert far.ask("ask", "GetStatus", joint=True)["parameters"]["parameter"] == "joint"
@@ -131,7 +129,7 @@ def test_what_is_no_question_gets_an_answer_that_names_what_is_wrong(far: Far) -
     assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
 
 
-def test_one_at_a_time_has_the_lease_here_or_there(here: Site, far: Far) -> None:
+def test_the_lease_has_one_holder_local_or_remote(here: Site, far: Far) -> None:
     first = far.lease("first")
     assert first["holder"] == "first" and abs(first["now"] - time.monotonic()) < PATIENCE
     refused = far.lease("second")
@@ -148,7 +146,7 @@ def test_one_at_a_time_has_the_lease_here_or_there(here: Site, far: Far) -> None
         assert taken["error"].endswith("LeaseHeld"), "and nobody wrests it from him out of sight"
 
 
-def test_a_goal_runs_once_however_often_it_is_asked_and_says_what_became_of_it(far: Far) -> None:
+def test_a_repeated_goal_runs_once_and_reports_its_outcome(far: Far) -> None:
     accepted = far.listen("news", "trajectories")
     told = far.listen("goals", "*")
     with far.holding() as lease:
@@ -167,7 +165,7 @@ def test_a_goal_runs_once_however_often_it_is_asked_and_says_what_became_of_it(f
     assert "used once" in stranger["parameters"]["message"]
 
 
-def test_what_the_gate_refuses_is_refused_with_its_findings_and_stays_so(far: Far) -> None:
+def test_a_goal_refused_by_the_gate_has_its_findings_and_stays_refused(far: Far) -> None:
     with far.holding() as lease:
         for _ in range(2):
             assert "POS_LIMIT" in findings(far.goal("break", lease, 30.0, 60.0))
@@ -185,7 +183,7 @@ def test_a_newer_goal_takes_the_place_of_the_one_that_runs(far: Far) -> None:
         until(lambda: far.goal("newer", lease, 0, 0)["phase"] == "succeeded", PATIENCE, "the newer one")
 
 
-def test_whose_lease_is_not_renewed_lets_go_of_the_motion_and_hears_so(far: Far) -> None:
+def test_a_lease_without_renewal_aborts_the_motion_and_reports_it(far: Far) -> None:
     told = far.listen("goals", "slow")
     lease = far.lease()["lease"]
     assert far.goal("slow", lease, far.knee() + 0.5, 15.0)["phase"] == "accepted"
@@ -196,7 +194,7 @@ def test_whose_lease_is_not_renewed_lets_go_of_the_motion_and_hears_so(far: Far)
     assert far.ask("ask", "GetStatus")["status"]["motion"] != "active"
 
 
-def test_who_has_no_lease_stops_it_all_the_same(far: Far) -> None:
+def test_a_client_without_the_lease_can_stop_the_motion(far: Far) -> None:
     told = far.listen("goals", "stopped")
     with far.holding() as lease:
         far.goal("stopped", lease, 0.1, 20.0)
@@ -246,9 +244,7 @@ GARBAGE = b'{"level":"nonsense","op":"steal"}'
         (b"{}", "ask/GetStatus"),
     ],
 )
-def test_no_flood_keeps_a_stop_from_the_robot_and_no_stop_is_told_to_come_later(
-    here: Site, far: Far, data: bytes, key: str
-) -> None:
+def test_a_flood_neither_blocks_nor_defers_a_stop(here: Site, far: Far, data: bytes, key: str) -> None:
     try:
         with flood(here, data, *key.split("/")):
             for level in ("settle", "cut") * 3:
@@ -259,7 +255,7 @@ def test_no_flood_keeps_a_stop_from_the_robot_and_no_stop_is_told_to_come_later(
             client.call("Reset")
 
 
-def test_no_flood_of_garbage_keeps_anybody_from_renewing_his_lease(here: Site, far: Far) -> None:
+def test_a_flood_of_invalid_bytes_does_not_prevent_a_lease_renewal(here: Site, far: Far) -> None:
     told = far.listen("goals", "unhurried")
     with flood(here, GARBAGE, "lease"), far.holding() as lease:
         assert far.goal("unhurried", lease, 0.25, 4.0).get("phase") == "accepted"
@@ -267,7 +263,7 @@ def test_no_flood_of_garbage_keeps_anybody_from_renewing_his_lease(here: Site, f
     assert phases(told)[-1] == "succeeded"
 
 
-def test_a_flood_of_questions_is_told_that_it_is_one(far: Far) -> None:
+def test_a_flood_of_queries_is_answered_with_refusals(far: Far) -> None:
     answers: list[Any] = []
     get = far.session.get
     key = far.key("ask", "GetStatus")
@@ -277,7 +273,7 @@ def test_a_flood_of_questions_is_told_that_it_is_one(far: Far) -> None:
     assert answers.count(False) > 100 and answers.count(True) >= 64
 
 
-def test_what_is_too_large_is_refused_before_it_takes_our_memory(here: Site, far: Far) -> None:
+def test_an_oversized_query_is_refused_before_it_takes_memory(here: Site, far: Far) -> None:
     before = memory(here.uplink)
     for key, size in (("check", MOST + 1), ("ask/GetStatus", MOST), ("stop/EStop", MOST)):
         for _ in range(20):
@@ -299,7 +295,7 @@ def memory(uplink: Uplink) -> int:
     return 1024 * int(said.partition("VmHWM:")[2].split()[0])
 
 
-def test_who_asks_for_checks_flat_out_uses_up_no_goals_turn(far: Far) -> None:
+def test_a_flood_of_checks_does_not_use_up_the_rate_of_goals(far: Far) -> None:
     """The daemon takes twenty trajectories a second of one peer, checks and goals alike: 20 checks flat out
     would have had the goals behind them refused."""
     answers: list[bool] = []
@@ -339,7 +335,7 @@ def test_without_a_name_it_has_the_robots_own_and_ends_with_its_token(here: Site
     print(f"ended within {took:.2f} s")
 
 
-def test_who_may_not_command_here_lets_nobody_command_from_afar(here: Site, brief: Brief) -> None:
+def test_an_uplink_without_command_permission_grants_no_remote_commands(here: Site, brief: Brief) -> None:
     if os.geteuid() != 0:
         pytest.skip("root alone can be somebody else")
     run = here.daemon.sockets

@@ -131,7 +131,7 @@ def alive_again(here: Site) -> None:
         until(lambda: phases(told)[-1:] == ["succeeded"], PATIENCE, f"it moves again: {told}")
 
 
-def test_a_router_that_dies_takes_the_goal_with_it_and_the_next_one_finds_the_robot(here: Site) -> None:
+def test_a_dead_router_ends_the_goal_and_the_next_router_finds_the_robot(here: Site) -> None:
     heard = here.far.listen("state", "10")
     until(lambda: heard, PATIENCE, "the state")
     watched = Watched(here)
@@ -159,7 +159,7 @@ def test_a_link_that_freezes_holds_up_nothing_and_the_goal_lapses(here: Site) ->
     alive_again(here)
 
 
-def test_a_sender_that_is_killed_lets_go(here: Site) -> None:
+def test_a_killed_sender_releases_the_motion(here: Site) -> None:
     watched = Watched(here)
     words = ["--remote", "robot", "move", f"{JOINT}={here.far.knee() + 0.5}", "--time", str(LONG)]
     sender = subprocess.Popen(
@@ -199,7 +199,7 @@ def test_a_goal_that_waits_while_the_robot_is_stopped_does_not_begin_after_the_s
             time.sleep(0.05)
 
 
-def test_an_uplink_that_hangs_lets_go_all_the_same(here: Site) -> None:
+def test_a_stopped_uplink_process_releases_the_motion(here: Site) -> None:
     watched = Watched(here)
     before = moving(here)
     fault = time.monotonic()
@@ -241,7 +241,7 @@ def test_a_daemon_that_restarts_is_waited_for_and_what_was_granted_before_is_voi
     assert said.count("waiting for the daemon") == said.count("the daemon is there again") == 1, said
 
 
-def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: Site, brief: Brief) -> None:
+def test_an_uplink_ends_on_sigterm_though_router_and_daemon_hang(here: Site, brief: Brief) -> None:
     other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "other"))
     elsewhere = Far(NetworkConfig(connect=(here.router.endpoint,)), "other")
     up(elsewhere, other)
@@ -262,7 +262,7 @@ def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: S
     assert took < 10.0
 
 
-def test_of_two_of_one_name_that_begin_at_once_one_ends_in_words(here: Site, brief: Brief) -> None:
+def test_two_uplinks_of_one_name_leave_one_that_runs_and_one_that_exits(here: Site, brief: Brief) -> None:
     twins = [
         brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "twin"))
         for _ in range(2)

@@ -27,7 +27,7 @@ def single() -> Any:
     return gymnasium.make(ID, max_episode_steps=EPISODE)
 
 
-def test_it_says_what_a_dummy_vec_env_of_single_environments_says() -> None:
+def test_the_batch_environment_equals_a_dummy_vec_env_of_single_environments() -> None:
     one = batch()
     other = DummyVecEnv([single] * COUNT)
     assert (one.observation_space, one.action_space) == (other.observation_space, other.action_space)
@@ -77,7 +77,7 @@ def test_seeds_and_options_are_used_once() -> None:
         env.reset()
 
 
-def test_what_the_robots_share_can_be_asked_and_nothing_can_be_set() -> None:
+def test_shared_attributes_can_be_read_and_none_can_be_set() -> None:
     env = batch()
     assert env.get_attr("render_mode") == [None] * COUNT
     assert env.get_attr("episode_steps", indices=[0, 2]) == [EPISODE] * 2

@@ -87,7 +87,7 @@ def test_a_name_that_was_bound_anew_is_another_host(site: ViewerSite) -> None:
     assert asked(site, Host="localhost:9000")[0] == 200  # by ssh -L 9000:127.0.0.1:PORT
 
 
-def test_what_asks_for_another_protocol_is_no_way_round(site: ViewerSite) -> None:
+def test_an_upgrade_header_does_not_bypass_the_origin_check(site: ViewerSite) -> None:
     assert asked(site, Upgrade="WebSocket", Origin="http://evil.example")[0] == 403
     assert asked(site, Upgrade="WebSocket")[0] == 403
 
@@ -110,7 +110,7 @@ def test_no_page_can_have_it_published(site: ViewerSite) -> None:
     assert _messages.GuiUpdateMessage in handlers  # the table is the one that counts
 
 
-def test_it_listens_on_this_machine_alone_and_no_variable_moves_it(site: ViewerSite) -> None:
+def test_the_viewer_listens_only_on_loopback_whatever_the_environment(site: ViewerSite) -> None:
     port = urlsplit(site.url).port
     assert port != 1
 
@@ -122,7 +122,7 @@ def test_it_listens_on_this_machine_alone_and_no_variable_moves_it(site: ViewerS
     assert not Path("/proc/net/tcp6").exists() or listening("/proc/net/tcp6") == []
 
 
-def test_a_port_that_is_taken_is_said(site: ViewerSite) -> None:
+def test_a_port_in_use_is_reported(site: ViewerSite) -> None:
     with pytest.raises(OperationFailed, match="is taken"), opened(urlsplit(site.url).port, "second"):
         pass
 

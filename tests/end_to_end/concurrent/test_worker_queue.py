@@ -7,7 +7,7 @@ from tests.support.processes import until
 from twind.bridge.uplink.worker_queue import WorkerQueue
 
 
-def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_counted() -> None:
+def test_jobs_run_in_order_and_those_without_room_are_refused_and_counted() -> None:
     lane = WorkerQueue("asking", length=3)
     done = list[int]()
     gate = threading.Event()
@@ -22,7 +22,7 @@ def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_
     assert done == [0, 1]
 
 
-def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
+def test_the_maintenance_callback_runs_after_each_job_and_when_idle() -> None:
     tended = list[float]()
     lane = WorkerQueue("goals", tend=lambda: tended.append(time.monotonic()), period=0.02)
     lane.start()
@@ -33,7 +33,7 @@ def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
     assert len(tended) == count, "after the end it tends no more"
 
 
-def test_a_lane_that_hangs_does_not_keep_the_end_of_the_process() -> None:
+def test_a_blocked_worker_queue_does_not_prevent_the_end_of_the_process() -> None:
     gate = threading.Event()
     last = list[str]()
     lane = WorkerQueue("settling", last=lambda: last.append(threading.current_thread().name))

@@ -56,7 +56,7 @@ def test_a_question_is_asked_and_its_answer_and_its_error_come_as_beside_the_rob
 
 
 @pytest.mark.parametrize("method", ["Arm", "Disarm", "SetMode", "WriteRegister", "Setpoint", "Reset", "Mark"])
-def test_what_is_done_beside_the_robot_is_never_sent(robot: FarRobot, method: str) -> None:
+def test_a_method_reserved_for_local_clients_is_never_sent(robot: FarRobot, method: str) -> None:
     with robot.client() as client, pytest.raises(NotCarried, match=f"{method}: not from afar"):
         client.call(method)
     assert robot.asked == []
@@ -71,7 +71,9 @@ def test_a_goal_needs_a_lease_and_a_topic_that_is_sent(robot: FarRobot) -> None:
     assert robot.asked == []
 
 
-def test_nobody_by_that_name_no_network_and_a_name_that_is_none_are_told_apart(robot: FarRobot) -> None:
+def test_an_absent_robot_an_absent_network_and_an_invalid_name_raise_different_errors(
+    robot: FarRobot,
+) -> None:
     robot.alive.undeclare()
     with pytest.raises(NoDaemon, match=r"robot r1 by tcp/.*: not there; `twindctl fleet` lists who is"):
         robot.client(timeout=0.6).call("GetStatus")
@@ -106,7 +108,7 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
             list(events)
 
 
-def test_a_stop_is_sent_to_a_robot_that_nobody_sees_and_again_until_somebody_answers(robot: FarRobot) -> None:
+def test_a_stop_is_sent_to_an_invisible_robot_until_a_reply_arrives(robot: FarRobot) -> None:
     robot.alive.undeclare()
     unheard = [None, None]
     robot.answers["stop/EStop"] = lambda asked: unheard.pop() if unheard else {"state": "estop", **asked}
@@ -149,7 +151,7 @@ def test_a_stop_that_will_never_be_done_is_asked_once(robot: FarRobot, error: st
     assert len(robot.times("stop/Cancel")) == 1
 
 
-def test_who_answers_in_a_robots_place_keeps_no_stop_from_it() -> None:
+def test_an_impostor_that_answers_for_a_robot_does_not_intercept_a_stop() -> None:
     with Router() as router, ExitStack() as stack:
         place = NetworkConfig(connect=(router.endpoint,))
         true, false = (stack.enter_context(open_now(place, 5.0)) for _ in range(2))
@@ -188,7 +190,7 @@ def test_a_lease_that_another_has_is_taken_by_the_robots_clock_and_asked_for_fir
     assert (third["take"], third["deadline"]) == (True, 1000.0 + LEASE_S)
 
 
-def test_a_renewal_that_is_not_answered_well_is_asked_again_until_the_lease_is_said_to_be_missing(
+def test_a_failed_renewal_is_repeated_until_the_lease_is_reported_missing(
     robot: FarRobot,
 ) -> None:
     missing = {"findings": [{"code": "LEASE_MISSING", "message": "not held"}]}
@@ -261,7 +263,7 @@ def test_a_goal_is_asked_once_its_answer_comes_first_and_its_end_last(robot: Far
     assert robot.times("lease")[-1] == {"op": "release", "lease": "L1"}
 
 
-def test_an_end_that_nobody_heard_is_asked_after_with_the_same_goal(robot: FarRobot) -> None:
+def test_a_missing_motion_end_is_queried_with_the_same_goal(robot: FarRobot) -> None:
     asked: list[dict[str, Any]] = []
 
     def answer(question: dict[str, Any]) -> dict[str, Any]:
@@ -302,7 +304,7 @@ def test_the_lease_is_renewed_in_time_however_slowly_the_robot_answers(robot: Fa
     assert len(renewed) >= 5 and max(gaps) < LEASE_S, gaps
 
 
-def test_who_takes_no_reports_any_more_lets_the_lease_lapse(robot: FarRobot) -> None:
+def test_a_client_that_stops_reading_reports_lets_the_lease_lapse(robot: FarRobot) -> None:
     robot.answers["goal"] = accepted
     client = robot.client()
     client.call("AcquireLease")
@@ -315,7 +317,7 @@ def test_who_takes_no_reports_any_more_lets_the_lease_lapse(robot: FarRobot) -> 
     client.close()
 
 
-def test_a_goal_for_which_nobody_answers_any_more_is_given_up(
+def test_a_goal_without_replies_is_given_up_after_a_timeout(
     robot: FarRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(goal_module, "GONE", 1.5)
@@ -366,7 +368,7 @@ def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> N
         client("r1", way).call("GetStatus")
 
 
-def test_rubbish_from_the_network_ends_a_connection_and_no_process(robot: FarRobot) -> None:
+def test_invalid_bytes_from_the_network_end_a_stream_and_not_the_process(robot: FarRobot) -> None:
     with robot.client() as client:
         stream = client.stream("Monitor", topics=["events"])
         time.sleep(0.3)

@@ -42,7 +42,7 @@ def us(router: Router, peer: Peer) -> Iterator[Us]:
         yield us
 
 
-def test_services_answer_with_what_is_said(us: Us, peer: Peer) -> None:
+def test_services_reply_with_the_result_of_the_request(us: Us, peer: Peer) -> None:
     for data in (True, False):
         answer = peer.ask("call", service=SET_LIVE.name, kind=SET_BOOL, request={"data": data})
         assert (answer["success"], answer["message"]) == (data, f"/bridge/set_mode: {data}")
@@ -52,7 +52,7 @@ def test_services_answer_with_what_is_said(us: Us, peer: Peer) -> None:
 
 
 @pytest.mark.parametrize("labelled", [False, True])
-def test_a_reply_says_whose_request_it_answers_in_the_form_of_the_request(
+def test_a_reply_carries_the_attachment_of_its_request_in_the_same_form(
     us: Us, peer: Peer, labelled: bool
 ) -> None:
     asked = ZenohAttachment(77, 5, bytes(range(16)), labelled)
@@ -115,7 +115,7 @@ def test_a_second_e_stop_does_not_wait_behind_one_that_hangs(us: Us, router: Rou
         us.held = SET_LIVE
 
 
-def test_a_fault_at_one_message_or_request_is_told_and_the_next_is_heard(us: Us, peer: Peer) -> None:
+def test_a_fault_in_one_message_or_request_is_reported_and_the_next_is_handled(us: Us, peer: Peer) -> None:
     stop = {"service": TO_STOP.name, "kind": TRIGGER, "data": "", "attachment": None}
     message = {"topic": TRAJECTORY.name, "kind": JOINT_TRAJECTORY, "data": "00010000", "attachment": None}
     for fails in (True, False):

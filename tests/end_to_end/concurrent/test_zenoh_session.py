@@ -31,7 +31,7 @@ def test_options_go_before_the_variable_which_holds_endpoints_or_a_file() -> Non
     assert given("--listen", "tcp/d:4", TWIND_ZENOH="tcp/a:1") == NetworkConfig(listen=("tcp/d:4",))
 
 
-def test_what_others_on_the_way_can_read_is_named() -> None:
+def test_unencrypted_endpoints_beyond_this_machine_are_named() -> None:
     place = NetworkConfig(
         connect=("tcp/localhost:1", "tcp/127.0.0.9:1", "tcp/[::1]:1", "tls/far:1", "quic/far:1", "tcp/far:1"),
         listen=("udp/0.0.0.0:2", "tcp/[::]:2"),
@@ -39,7 +39,7 @@ def test_what_others_on_the_way_can_read_is_named() -> None:
     assert zenoh_session.readable(place) == ["tcp/far:1", "udp/0.0.0.0:2", "tcp/[::]:2"]
 
 
-def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> None:
+def test_unencrypted_endpoints_in_a_file_are_named(tmp_path: Path) -> None:
     said = tmp_path / "z.json5"
     said.write_text(
         '{mode: "peer", connect: {endpoints: ["tcp/203.0.113.5:1", "tls/far:1"]},'
@@ -59,7 +59,7 @@ def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> 
         zenoh_session.readable(NetworkConfig(file=said))
 
 
-def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_path: Path) -> None:
+def test_a_session_neither_scouts_nor_listens_unless_a_file_enables_it(tmp_path: Path) -> None:
     said = tmp_path / "z.json5"
     said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')
     for place in (NetworkConfig(connect=("tcp/a:1",)), NetworkConfig(file=said)):
@@ -80,13 +80,13 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
 @pytest.mark.parametrize(
     "place", [NetworkConfig(connect=("nonsense",)), NetworkConfig(file=Path("/nowhere.json5"))]
 )
-def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: NetworkConfig) -> None:
+def test_an_invalid_endpoint_raises_an_error_at_once_without_a_retry(place: NetworkConfig) -> None:
     with pytest.raises(ClientError, match=r"nonsense|nowhere") as told:
         zenoh_session.open_session(place, threading.Event(), lambda line: None)
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
 
-def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> None:
+def test_an_unreachable_endpoint_is_reported_once_and_retried_until_stopped() -> None:
     place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))
     stop = threading.Event()
     lines = list[str]()
@@ -97,7 +97,7 @@ def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> 
     assert len(lines) == 1 and place.connect[0] in lines[0]
 
 
-def test_who_listens_waits_for_nobody() -> None:
+def test_a_listening_session_opens_without_waiting_for_peers() -> None:
     place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",), listen=(f"tcp/127.0.0.1:{free_port()}",))
     begun = time.monotonic()
     with zenoh_session.open_now(place, 30.0):
@@ -106,7 +106,7 @@ def test_who_listens_waits_for_nobody() -> None:
         socket.create_connection((host, int(port)), 5.0).close()
 
 
-def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
+def test_a_closed_session_calls_no_callback_in_any_thread() -> None:
     """A callback that a daemon thread declared has a daemon thread: one that comes back from compiled code
     while the interpreter ends would abort the process."""
     joined = zenoh_session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0)

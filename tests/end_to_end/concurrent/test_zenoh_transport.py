@@ -104,7 +104,7 @@ def test_a_peer_finds_every_endpoint_with_its_name_type_and_quality(us: Us, peer
     assert {name for name, each in found.items() if each["kind"] == "SS"} == {each.name for each in SERVICES}
 
 
-def test_what_is_published_comes_as_it_was(us: Us, peer: Peer) -> None:
+def test_a_published_message_arrives_unchanged(us: Us, peer: Peer) -> None:
     for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS):
         peer.ask("hear", topic=topic.name, kind=topic.kind)
     columns = [[place + 0.5 for place in range(24)], [0.25] * 24, [-1.0] * 24]
@@ -132,7 +132,7 @@ def test_what_is_published_comes_as_it_was(us: Us, peer: Peer) -> None:
     assert peer.ask("heard", topic=DIAGNOSTICS.name)[0]["status"][0]["values"][0]["value"] == "3"
 
 
-def test_who_comes_later_has_the_last_of_a_latched_topic(us: Us, peer: Peer) -> None:
+def test_a_late_subscriber_receives_the_last_latched_message(us: Us, peer: Peer) -> None:
     for text in ("first", "last"):
         us.say(STATUS, text)
     peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
@@ -171,14 +171,16 @@ def test_a_trajectory_of_the_peer_comes_with_its_nested_points(us: Us, peer: Pee
 
 @pytest.mark.parametrize("data", ["", "ff", "00010000", "00010000ffffff7f", "00" * 5000])
 @pytest.mark.parametrize("beside", [None, "00"])
-def test_whatever_bytes_come_are_handed_on(us: Us, peer: Peer, data: str, beside: str | None) -> None:
+def test_any_received_bytes_are_passed_on_unchanged(
+    us: Us, peer: Peer, data: str, beside: str | None
+) -> None:
     us.heard.clear()
     peer.ask("raw", topic=TRAJECTORY.name, kind=JOINT_TRAJECTORY, data=data, attachment=beside)
     until(lambda: us.heard, PATIENCE, "the bytes come")
     assert us.heard == [(TRAJECTORY, bytes.fromhex(data))]
 
 
-def test_what_is_too_long_gets_no_farther_and_what_follows_comes(us: Us, peer: Peer) -> None:
+def test_an_oversized_message_is_cut_and_the_next_arrives(us: Us, peer: Peer) -> None:
     us.heard.clear()
     for length in (LONGEST + 1, 20 * LONGEST, 4):
         peer.ask("raw", topic=STOP.name, kind=STRING, data="00" * length, attachment=None)
@@ -243,7 +245,7 @@ def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publisher
 
 
 @pytest.mark.parametrize("rate", [100, 500])
-def test_of_24_joints_none_is_lost_at(rate: int, us: Us, router: Router) -> None:
+def test_no_joint_state_of_24_joints_is_lost_at_the_given_rate(rate: int, us: Us, router: Router) -> None:
     buffer = JointStateBuffer(JOINTS, velocity=True, effort=True)
     count = rate * 2
     with Peer(router.endpoint) as peer:
@@ -304,7 +306,7 @@ def test_a_router_that_comes_later_is_found() -> None:
                 hears(us, peer, RESULTS)
 
 
-def test_who_leaves_is_gone_at_once_and_may_come_back(router: Router, peer: Peer) -> None:
+def test_a_closed_node_leaves_the_graph_at_once_and_can_rejoin(router: Router, peer: Peer) -> None:
     def new() -> set[str]:
         """Sessions that were not there before: those of other tests may still be leaving."""
         return {each["session_id"] for each in peer.ask("endpoints", kind="SS")} - before

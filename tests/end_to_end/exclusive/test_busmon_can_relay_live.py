@@ -38,7 +38,7 @@ def said(relay: Relayed, *texts: bytes) -> None:
     os.close(fd)
 
 
-def test_who_only_asks_is_passed_on_answered_and_accused_of_nothing(tmp_path: Path, virtual: Virtual) -> None:
+def test_a_read_only_client_is_relayed_and_causes_no_violation(tmp_path: Path, virtual: Virtual) -> None:
     port = virtual.folder / "ports" / "l_leg"
     with relayed(tmp_path, port, load_robot(ROBOT).path, virtual.calibration, bus="l_leg") as relay:
         said(relay, b"\r\rC\rS8\rO\r", *[QUESTION] * 5)

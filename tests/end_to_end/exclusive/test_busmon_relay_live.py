@@ -68,7 +68,7 @@ def stop_and_reset(running: Daemon, level: str, relay: Relayed) -> None:
     until(reset, 15.0, "reset")
 
 
-def test_the_daemon_arms_moves_stops_rearms_disarms_and_dies_without_breaking_a_rule() -> None:
+def test_the_daemon_arms_moves_stops_disarms_and_dies_without_a_bus_violation() -> None:
     with watched() as (virtual, folder, relay):
         with daemon(virtual, folder, relay) as running:
             relay.tell(pid=running.process.pid)

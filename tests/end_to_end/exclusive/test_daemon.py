@@ -106,7 +106,7 @@ def test_sigterm_lowers_the_robot_before_torque_goes_off() -> None:
         assert moved(virtual, rest) < 60
 
 
-def test_a_second_daemon_on_the_same_port_is_refused_and_told_who_has_it() -> None:
+def test_a_second_daemon_on_the_same_port_is_refused_with_the_pid_of_the_first() -> None:
     with robot() as (virtual, folder), daemon(virtual, folder) as first:
         first.reach(state="connected")
         second = Daemon(folder / "other", "--mode", "mirror", "--port", f"main={folder / 'ports' / 'main'}")
@@ -133,7 +133,7 @@ def test_an_unplugged_bus_is_found_again_under_its_stable_name_and_stays_disarme
         assert moved(virtual, rest) <= COUNTS
 
 
-def test_a_daemon_without_its_robot_stays_up_and_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_daemon_without_its_robot_keeps_running_and_logs_the_missing_port(tmp_path: Path) -> None:
     running = Daemon(tmp_path / "run", "--mode", "mirror", "--port", f"main={tmp_path / 'ttyUSB0'}")
     try:
         status = running.reach(state="disconnected")
@@ -151,7 +151,7 @@ def test_live_without_port_or_calibration_is_a_usage_error(tmp_path: Path) -> No
     assert "calibration" in running.log.read_text()
 
 
-def test_a_wrong_baud_rate_finds_nobody_and_says_so() -> None:
+def test_a_wrong_baud_rate_reports_every_device_as_missing() -> None:
     with robot("h24", "--baud", "1000000") as (virtual, folder), daemon(virtual, folder) as running:
         status = running.reach(state="identifying")
         faults = until(lambda: running.status()["faults"], 5.0, "missing devices are named")

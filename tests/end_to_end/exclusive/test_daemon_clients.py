@@ -107,7 +107,7 @@ def time_until(what: Callable[[], bool], seconds: float, said: str) -> float:
         (FOLLOW, "copy", signal.SIGKILL, 1.0),  # a copy of its descriptor lives on: the lease must lapse
     ],
 )
-def test_a_client_that_dies_or_hangs_in_a_motion_leaves_a_robot_that_holds(
+def test_a_client_that_dies_or_hangs_in_a_motion_leaves_the_robot_holding(
     code: str, kind: str, number: int, bound: float
 ) -> None:
     with robot() as (virtual, folder), daemon(virtual, folder) as running:
@@ -190,7 +190,7 @@ def test_a_daemon_without_descriptors_goes_on_moving_and_can_be_stopped() -> Non
             end(process)
 
 
-def test_a_log_that_nobody_reads_costs_no_tick() -> None:
+def test_an_unread_log_pipe_delays_no_tick() -> None:
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
     with robot() as (virtual, folder):

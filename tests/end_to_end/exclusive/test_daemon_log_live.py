@@ -77,7 +77,7 @@ def _answers(folder: Path) -> bool:
 
 
 @pytest.mark.parametrize("how", ["full", "unread", "gone", "closed"])
-def test_a_log_that_nobody_takes_costs_no_tick_and_no_answer(tmp_path: Path, how: str) -> None:
+def test_a_full_or_closed_standard_error_delays_no_tick_and_no_reply(tmp_path: Path, how: str) -> None:
     stderr, others = {"full": full, "unread": unread, "gone": gone, "closed": lambda: (None, [])}[how]()
     try:
         with daemon(tmp_path, stderr) as (process, client):

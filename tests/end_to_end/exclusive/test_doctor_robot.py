@@ -108,13 +108,13 @@ def mended(
     return {each.found.code: each for each in done}
 
 
-def test_a_healthy_robot_has_no_complaint(ground: Ground) -> None:
+def test_a_healthy_robot_has_no_finding(ground: Ground) -> None:
     outcome = look(ground.virtual)
     assert not told(outcome)
     assert outcome.looked == ["serial buses", "servos"]
 
 
-def test_what_is_planted_in_servos_is_found_on_the_port_and_by_the_daemon_and_mended(
+def test_planted_servo_faults_are_found_on_the_port_and_by_the_daemon_and_fixed(
     ground: Ground, tmp_path: Path
 ) -> None:
     with planted(ground, LIMP):
@@ -146,7 +146,7 @@ def test_what_is_planted_in_servos_is_found_on_the_port_and_by_the_daemon_and_me
     assert not told(look(ground.virtual))
 
 
-def test_torque_that_nobody_answers_for_is_told_and_nothing_is_written_to_that_servo(ground: Ground) -> None:
+def test_torque_without_a_daemon_is_reported_and_nothing_is_written_to_that_servo(ground: Ground) -> None:
     with planted(ground, (*MENDABLE, *TIGHT)):
         outcome = look(ground.virtual)
         require((*MENDABLE, *TIGHT), outcome)
@@ -155,7 +155,9 @@ def test_torque_that_nobody_answers_for_is_told_and_nothing_is_written_to_that_s
 
 
 @pytest.mark.slow
-def test_the_daemon_too_tells_of_torque_and_of_who_is_missing(ground: Ground, tmp_path: Path) -> None:
+def test_the_doctor_reports_torque_and_missing_servos_through_the_daemon(
+    ground: Ground, tmp_path: Path
+) -> None:
     with planted(ground, (*MENDABLE, *TIGHT)):
         with daemon(ground.virtual, tmp_path) as running:
             ready(running)
@@ -190,7 +192,7 @@ def test_torque_that_came_on_meanwhile_stops_a_mending(ground: Ground) -> None:
             assert vendor.read(1, 9) == 20
 
 
-def test_a_servo_that_turns_the_other_way_round_is_told_also_without_a_calibration(ground: Ground) -> None:
+def test_a_reversed_servo_is_reported_even_without_a_calibration(ground: Ground) -> None:
     with planted(ground, UNCALIBRATED):
         seen = examined(ground.virtual)
         assert "CALIBRATION_CHANGED" in {each.code for each in runner.run(seen, MINE, ROWS).found}
@@ -201,7 +203,7 @@ def test_a_servo_that_turns_the_other_way_round_is_told_also_without_a_calibrati
         assert {each.code for each in found} == {"OPERATING_MODE"}
 
 
-def test_another_firmware_than_when_it_was_calibrated_is_told(ground: Ground) -> None:
+def test_a_firmware_changed_since_the_calibration_is_reported(ground: Ground) -> None:
     seen = examined(ground.virtual)
     old = {case.id for case in OLDER}
     assert seen.calibration is not None
@@ -215,7 +217,7 @@ def test_another_firmware_than_when_it_was_calibrated_is_told(ground: Ground) ->
 
 
 @pytest.mark.parametrize("case", LINE, ids=[case.code for case in LINE])
-def test_what_is_wrong_with_a_line_is_found(ground: Ground, case: Case) -> None:
+def test_each_planted_line_fault_is_found(ground: Ground, case: Case) -> None:
     ground.virtual.order(**dict(case.order))
     try:
         outcome = look(ground.virtual)
@@ -224,7 +226,7 @@ def test_what_is_wrong_with_a_line_is_found(ground: Ground, case: Case) -> None:
     assert hit(case, outcome.found), told(outcome)
 
 
-def test_strangers_twins_old_firmware_and_other_models_are_found_and_who_is_missing_where_it_is(
+def test_foreign_duplicate_outdated_and_missing_servos_are_all_found(
     tmp_path: Path,
 ) -> None:
     """Of the robot's twelve ids five are there, some not as they should be; others answer at other rates."""
@@ -246,7 +248,7 @@ def test_strangers_twins_old_firmware_and_other_models_are_found_and_who_is_miss
         virtual.close()
 
 
-def test_a_servo_of_protocol_1_is_told(tmp_path: Path) -> None:
+def test_a_servo_of_protocol_1_is_reported(tmp_path: Path) -> None:
     robot = load_robot(str(upper_body(tmp_path)))
     with old_servo() as port:
         line = SerialBusInspector(port, BAUD, HostInspector(), MonotonicClock())
@@ -266,20 +268,20 @@ def walker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Virtual]:
         yield virtual
 
 
-def test_a_healthy_robot_with_can_has_no_complaint_on_its_ports(walker: Virtual) -> None:
+def test_a_healthy_robot_with_can_has_no_finding_on_its_ports(walker: Virtual) -> None:
     outcome = look(walker)
     assert {each.code for each in outcome.found} == {"WATCHDOG_UNKNOWN"}, told(outcome)
     assert outcome.looked == ["serial buses", "servos", "CAN actuators"]
 
 
-def test_what_is_planted_in_can_actuators_is_found_on_the_port(walker: Virtual) -> None:
+def test_planted_can_actuator_faults_are_found_on_the_port(walker: Virtual) -> None:
     with wrong_legs(walker):
         require(LEGS, look(walker))
     assert {each.code for each in look(walker).found} == {"WATCHDOG_UNKNOWN"}
 
 
 @pytest.mark.slow
-def test_what_is_planted_in_can_actuators_is_found_by_the_daemon(walker: Virtual, tmp_path: Path) -> None:
+def test_planted_can_actuator_faults_are_found_through_the_daemon(walker: Virtual, tmp_path: Path) -> None:
     with wrong_legs(walker), daemon(walker, tmp_path, mode="mirror") as running:
         ready(running, "heard", but="l_ankle_pitch")
         require(LEGS, look(walker, running=running))
@@ -287,7 +289,7 @@ def test_what_is_planted_in_can_actuators_is_found_by_the_daemon(walker: Virtual
 
 
 @pytest.mark.parametrize("case", WIRES, ids=[case.code for case in WIRES])
-def test_what_is_wrong_with_a_can_line_is_found(walker: Virtual, case: Case) -> None:
+def test_each_planted_can_line_fault_is_found(walker: Virtual, case: Case) -> None:
     on_can = [check for check in MINE if check.what == can_bus.ACTUATORS]
     walker.order(bus="l_leg", **dict(case.order))
     seen = examined(walker, serial=False)
@@ -301,7 +303,9 @@ def test_what_is_wrong_with_a_can_line_is_found(walker: Virtual, case: Case) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["h24", "h24-mixed"])
-def test_the_built_in_robots_have_no_complaint_on_ports_and_by_the_daemon(name: str, tmp_path: Path) -> None:
+def test_the_built_in_robots_have_no_finding_on_ports_and_through_the_daemon(
+    name: str, tmp_path: Path
+) -> None:
     with robot(name) as (virtual, _):
         assert not told(look(virtual))
         with daemon(virtual, tmp_path) as running:

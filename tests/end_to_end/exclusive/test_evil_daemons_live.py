@@ -76,7 +76,7 @@ class BesideAnother(Mirror):
 
 
 @pytest.mark.slow
-def test_who_opens_the_port_of_another_is_found_before_it_says_a_word() -> None:
+def test_a_process_that_opens_a_used_port_is_detected_before_it_sends() -> None:
     code, said = lived(BesideAnother)
     assert code == 1, said[-500:]
     assert "W9: a second talker" in said

@@ -170,7 +170,9 @@ def arm_and_move(client: Client, running: Daemon) -> None:
     patiently(move)
 
 
-def test_what_monitor_shows_is_right_or_marked_whatever_goes_wrong(world: tuple[Virtual, Daemon]) -> None:
+def test_every_monitored_reading_is_correct_or_marked_stale_under_faults(
+    world: tuple[Virtual, Daemon],
+) -> None:
     virtual, running = world
     watch = Watch(running)
     judge = LiveJudge(virtual, watch)

@@ -7,13 +7,13 @@ from tests.proof.faults.matrix import MATRIX
 
 
 @pytest.mark.parametrize("number", [10, 26])
-def test_a_fault_is_told_and_answered_in_real_time(number: int) -> None:
+def test_a_fault_is_reported_and_handled_in_real_time(number: int) -> None:
     found = once_real(MATRIX[number], 0)
     assert not found.wrong, "\n".join(found.wrong)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [8, 18])
-def test_more_faults_are_told_and_answered_in_real_time(number: int) -> None:
+def test_more_faults_are_reported_and_handled_in_real_time(number: int) -> None:
     found = once_real(MATRIX[number], 1)
     assert not found.wrong, "\n".join(found.wrong)

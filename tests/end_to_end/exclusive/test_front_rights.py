@@ -74,7 +74,7 @@ def stopped(loop: StandIn, name: str = "observe") -> float:
 
 
 @pytest.mark.parametrize("method", sorted(METHODS.keys() - OBSERVER))
-def test_an_observer_may_not_and_the_loop_never_hears_of_it(unheard: StandIn, method: str) -> None:
+def test_an_observer_command_is_refused_and_never_reaches_the_loop(unheard: StandIn, method: str) -> None:
     with Raw(unheard, "observe") as client:
         answer = client.call(method, **ARGUMENTS.get(method, {}))
     assert answer["error"] == f"{CONTROL}.NotAllowed"
@@ -82,7 +82,7 @@ def test_an_observer_may_not_and_the_loop_never_hears_of_it(unheard: StandIn, me
     assert not unheard.commands
 
 
-def test_a_wrong_role_is_told_once_with_its_code_who_it_was_and_to_those_who_watch(own: StandIn) -> None:
+def test_a_wrong_role_is_logged_once_with_code_and_peer_and_published(own: StandIn) -> None:
     with Raw(own, "observe") as watcher, Raw(own, "observe") as client:
         watcher.send("Monitor", parameters={"topics": ["verdicts"]}, more=True)
         assert "error" not in client.call("GetStatus")
@@ -101,7 +101,7 @@ def test_a_wrong_role_is_told_once_with_its_code_who_it_was_and_to_those_who_wat
     assert f"uid {os.getuid()}, pid {os.getpid()}" in text
 
 
-def test_who_asks_is_known_from_the_kernel_and_not_from_what_it_says(own: StandIn) -> None:
+def test_the_caller_is_identified_by_the_kernel(own: StandIn) -> None:
     with Raw(own) as client:
         assert "error" not in client.call("AcquireLease")
         command = own.await_command(link.AcquireLease)
@@ -124,7 +124,7 @@ def test_two_connections_of_one_process_are_two_and_a_copy_of_a_descriptor_is_th
     assert first.client == renewal.client == gone.client != second.client  # type: ignore[union-attr]
 
 
-def test_the_loop_hears_of_the_end_of_those_only_who_asked_something_of_it(own: StandIn) -> None:
+def test_the_loop_is_notified_of_a_closed_connection_only_after_a_command(own: StandIn) -> None:
     for _ in range(100):
         with Raw(own, "observe") as client:
             assert "error" not in client.call("GetStatus")
@@ -137,7 +137,7 @@ def test_the_loop_hears_of_the_end_of_those_only_who_asked_something_of_it(own: 
 # --------------------------------------------------------------------------- rates
 
 
-def test_who_never_waits_between_trajectories_is_hung_up_on_and_others_are_not(own: StandIn) -> None:
+def test_a_client_that_floods_trajectories_is_disconnected_and_others_are_not(own: StandIn) -> None:
     with Raw(own) as hasty, Raw(own) as other:
         assert "error" not in other.call("GetStatus")
         for _ in range(60):
@@ -155,7 +155,7 @@ def test_who_never_waits_between_trajectories_is_hung_up_on_and_others_are_not(o
         assert "error" not in other.call("Check", trajectory=PATH)
 
 
-def test_who_is_a_little_too_fast_is_refused_and_kept(own: StandIn) -> None:
+def test_a_client_slightly_above_the_rate_limit_is_refused_and_stays_connected(own: StandIn) -> None:
     with Raw(own) as client:
         refused = 0
         for _ in range(60):  # some 29 a second
@@ -338,7 +338,7 @@ def test_connections_leave_no_descriptor_behind(own: StandIn) -> None:
     assert descriptors(own.front.pid) <= before
 
 
-def test_a_log_that_nobody_reads_holds_nobody_up_and_what_was_lost_is_counted(tmp_path: Path) -> None:
+def test_an_unread_log_delays_no_client_and_lost_lines_are_counted(tmp_path: Path) -> None:
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
     own = StandIn(tmp_path, stderr=writer)
@@ -372,7 +372,7 @@ def test_a_log_that_nobody_reads_holds_nobody_up_and_what_was_lost_is_counted(tm
         own.close()
 
 
-def test_a_peer_that_says_nothing_is_hung_up_on_after_five_seconds(own: StandIn) -> None:
+def test_an_idle_peer_without_a_first_call_is_disconnected_after_five_seconds(own: StandIn) -> None:
     with Raw(own) as silent, Raw(own) as speaking:
         assert "error" not in speaking.call("GetStatus")
         began = time.monotonic()

@@ -45,7 +45,7 @@ def submits(loop: StandIn) -> list[link.Submit]:
     return [command for command in loop.commands if isinstance(command, link.Submit)]
 
 
-def test_a_path_into_the_robot_itself_is_told_to_the_loop_with_its_findings(own: StandIn) -> None:
+def test_a_self_colliding_path_reaches_the_loop_with_its_findings(own: StandIn) -> None:
     with Raw(own) as client:
         client.call("SubmitTrajectory", trajectory=INTO_ITSELF)
         client.call("Check", trajectory=INTO_ITSELF)
@@ -65,7 +65,7 @@ def test_a_verdict_is_as_old_as_the_robot_has_stood_where_it_begins(own: StandIn
         assert 0.0 <= time.monotonic() - submits(own)[0].front_checked < 0.2
 
 
-def test_others_are_answered_while_a_long_path_is_swept(own: StandIn) -> None:
+def test_other_clients_are_answered_during_the_check_of_a_long_path(own: StandIn) -> None:
     own.await_lookahead()
     with Raw(own) as busy, Raw(own, "observe") as other:
         other.call("GetStatus")

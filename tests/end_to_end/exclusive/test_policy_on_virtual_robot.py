@@ -26,7 +26,7 @@ def stands(virtual: Virtual) -> bool:
     return not body["held"] and body["position"][2] > STANDING
 
 
-def test_it_stands_for_30_s_and_a_robot_whose_policy_is_killed_goes_on_standing(learnt: Path) -> None:
+def test_a_policy_stands_for_30_s_and_the_robot_stands_on_after_it_is_killed(learnt: Path) -> None:
     with robot("h24-standing") as (virtual, folder), daemon(virtual, folder) as running:
         running.reach(state="connected")
         with running.client() as client:

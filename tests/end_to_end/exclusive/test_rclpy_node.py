@@ -88,7 +88,7 @@ def test_an_e_stop_does_not_wait_for_a_mode_that_does_not_come(host: Host) -> No
     assert quick < slow - 1.0
 
 
-def test_a_callback_that_fails_is_told_and_answered_and_ends_nothing(host: Host) -> None:
+def test_a_callback_that_raises_is_reported_answered_and_ends_nothing(host: Host) -> None:
     answer = host.peer.ask(service="/bridge/set_mode_mirror", kind="Trigger")
     assert answer == [False, "ValueError: a fault of ours"]
     assert host.peer.ask(service="/bridge/stop", kind="Trigger") == [True, "/bridge/stop"]
@@ -107,7 +107,7 @@ def test_bytes_arrive_as_they_were_sent_malformed_ones_too(host: Host) -> None:
     assert '["/cmd/joint_trajectory", "00010000ffffffff"]' in heard
 
 
-def test_a_stop_is_heard_while_a_trajectory_is_still_looked_at(host: Host) -> None:
+def test_a_stop_is_received_during_the_handling_of_a_trajectory(host: Host) -> None:
     host.peer.say_bytes(topic="/bridge/stop_cmd", kind="String", data="00010000" + "01000000" + "00")
     host.peer.say_bytes(topic="/cmd/joint_trajectory", data="0001000005")
     until(lambda: "0001000005" in host.say("go"), PATIENCE, "the trajectory is looked at")
@@ -154,7 +154,7 @@ def test_feedback_has_the_time_of_its_reading_and_goals_are_asked_for_one_after_
     assert told["alone"]
 
 
-def test_a_node_that_left_says_so_and_comes_again(host: Host) -> None:
+def test_a_node_that_left_the_graph_reports_it_and_rejoins(host: Host) -> None:
     assert "has left the graph" in host.say("again")
     host.peer.hear(topic="/bridge/status", kind="String", latched=True)
     assert host.peer.next(topic="/bridge/status") == '{"mode": "sim"}'

@@ -76,7 +76,7 @@ def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     assert changed(before, picture(shown.page)).sum() < NOISE
 
 
-def test_a_joint_that_is_not_heard_is_drawn_in_red(shown: Shown) -> None:
+def test_a_stale_joint_is_drawn_in_red(shown: Shown) -> None:
     told = h24()
     shown.known.take(RobotAnnounced(told))
     shown.known.take(state(told, 3.0))
@@ -88,7 +88,7 @@ def test_a_joint_that_is_not_heard_is_drawn_in_red(shown: Shown) -> None:
     assert shown.page.get_by_text("head_pitch").count() > 0
 
 
-def test_a_goal_elsewhere_is_a_translucent_figure(shown: Shown) -> None:
+def test_a_goal_away_from_the_position_is_drawn_as_a_translucent_figure(shown: Shown) -> None:
     told = h24()
     shown.known.take(RobotAnnounced(told))
     shown.known.take(state(told, 5.0))

@@ -67,7 +67,9 @@ def move(peer: Peer, joint: str, place: float, **more: float) -> None:
 
 
 @pytest.mark.parametrize("version", [OLDEST, "3.12", "3.13"])
-def test_it_runs_under_the_python_of_each_distribution(version: str, daemon: Daemon, tmp_path: Path) -> None:
+def test_the_bridge_runs_under_the_python_of_each_distribution(
+    version: str, daemon: Daemon, tmp_path: Path
+) -> None:
     graph = Graph(version, tmp_path)
     try:
         bridge = graph.bridge(daemon.sockets)
@@ -95,18 +97,18 @@ def test_a_node_finds_it_as_it_finds_any_other(peer: Peer) -> None:
     assert peer.writers_of(topic="/bridge/status") == [status]
 
 
-def test_joint_states_tell_of_now_by_the_wall_clock(peer: Peer) -> None:
+def test_joint_states_carry_the_current_wall_clock_time(peer: Peer) -> None:
     state = peer.newest(topic="/joint_states")
     assert len(state["name"]) == len(state["position"]) == 24
     assert abs(time.time() - state["time"]) < 30.0
 
 
-def test_whoever_comes_late_has_the_status_all_the_same(peer: Peer) -> None:
+def test_a_late_subscriber_receives_the_status(peer: Peer) -> None:
     peer.hear(topic="/bridge/status", kind="String", latched=True)
     assert json.loads(peer.next(topic="/bridge/status"))["mode"] == "sim"
 
 
-def test_a_trajectory_moves_the_robot_and_what_passed_is_told(peer: Peer) -> None:
+def test_a_trajectory_moves_the_robot_and_the_accepted_trajectory_is_published(peer: Peer) -> None:
     peer.hear(topic="/hw/joint_trajectory", kind="JointTrajectory")
     begun = at(peer, "head_yaw")
     move(peer, "head_yaw", begun + 0.1)
@@ -116,7 +118,7 @@ def test_a_trajectory_moves_the_robot_and_what_passed_is_told(peer: Peer) -> Non
     assert at(peer, "head_yaw") == pytest.approx(begun + 0.1, abs=0.02)
 
 
-def test_what_the_gate_refuses_moves_nothing_and_is_told(peer: Peer) -> None:
+def test_a_trajectory_refused_by_the_gate_moves_nothing_and_is_reported(peer: Peer) -> None:
     begun = at(peer, "head_yaw")
     move(peer, "head_yaw", 9.0)
     assert "POS_LIMIT" in results(peer, "refused")[0]["message"]
@@ -176,7 +178,7 @@ def test_a_goal_of_the_action_has_feedback_and_a_result(peer: Peer, graph: Graph
         ({"cancel_after": 0.5, "seconds": 5.0}, CANCELED, 0, ""),
     ],
 )
-def test_a_goal_that_comes_to_nothing_says_why(
+def test_a_failed_goal_reports_its_status_and_cause(
     peer: Peer, graph: Graph, more: dict[str, float], status: int, code: int, words: str
 ) -> None:
     if graph.whose == REAL:
@@ -200,7 +202,7 @@ def test_a_flood_of_goals_holds_up_no_stop(peer: Peer, graph: Graph) -> None:
     assert codes == [-1] * sum(accepted)  # replaced, or stopped by somebody else
 
 
-def test_who_only_looks_takes_no_command_but_an_e_stop(daemon: Daemon, tmp_path: Path) -> None:
+def test_a_bridge_without_commands_executes_only_e_stops(daemon: Daemon, tmp_path: Path) -> None:
     graph = Graph(here(), tmp_path)
     try:
         graph.bridge(daemon.sockets, "--no-commands")
@@ -215,7 +217,7 @@ def test_who_only_looks_takes_no_command_but_an_e_stop(daemon: Daemon, tmp_path:
         graph.close()
 
 
-def test_it_ends_when_it_is_told_to(bridge: Bridge, peer: Peer) -> None:
+def test_the_bridge_ends_in_time_on_sigterm(bridge: Bridge, peer: Peer) -> None:
     code, seconds = bridge.end()
     assert code == 0
     assert seconds < 10.0  # 2 are meant, of a machine that has the time

@@ -39,9 +39,7 @@ def test_another_process_that_holds_the_port_is_named(terminal: Terminal) -> Non
 
 
 @pytest.mark.parametrize("act", ["read", "write", "drain", "backlog", "flush", "baud"])
-def test_whatever_is_done_first_after_an_unplug_says_that_the_port_is_lost(
-    terminal: Terminal, act: str
-) -> None:
+def test_the_first_call_after_an_unplug_raises_a_lost_port_error(terminal: Terminal, act: str) -> None:
     """Measured on a pty whose master closed: read and write EIO, poll IN|ERR|HUP (facts 13)."""
     port = SerialTransport(terminal.path, 1_000_000)
     actions = {

@@ -115,7 +115,7 @@ def test_stop_stops_estop_stops_and_a_killed_viewer_changes_nothing(chromium: An
             page.close()
 
 
-def test_who_took_the_lease_on_purpose_moves_the_robot_until_the_tab_is_closed(
+def test_the_tab_that_took_the_lease_moves_the_robot_until_it_is_closed(
     chromium: Any, tmp_path: Path
 ) -> None:
     with simulated(tmp_path) as running, viewing(running.sockets, "--operate") as view:

@@ -70,7 +70,7 @@ def test_a_servo_as_delivered_answers_at_its_place_afterwards(
     assert "wrist is not calibrated: live refuses to arm (CALIB_MISSING)" in said.out
 
 
-def test_what_it_says_to_type_is_for_the_same_robot(
+def test_the_suggested_adopt_command_names_the_same_robot(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with servo(tmp_path) as port:
@@ -101,7 +101,7 @@ def test_without_a_yes_nothing_is_written(
     assert {"register": "return_delay_time", "address": 9, "now": 250, "then": 10} in told["registers"]
 
 
-def test_a_port_that_somebody_holds_is_refused_and_the_holder_named(
+def test_a_port_in_use_is_refused_and_its_holder_named(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with servo(tmp_path) as port:
@@ -199,7 +199,7 @@ def test_an_instance_is_found_by_its_settings_and_by_its_name(
         (None, "/run/user/1000/twind", "/run/user/1000/twind"),
     ],
 )
-def test_where_a_daemon_listens_is_told_by_its_settings(
+def test_the_socket_folder_of_a_daemon_follows_from_its_settings(
     config: str | None, socket_dir: str, listens: str
 ) -> None:
     assert sockets_of(config, socket_dir, Path("/etc/twind")) == listens
@@ -231,7 +231,7 @@ def test_a_service_is_stopped_with_the_sockets_that_would_start_it(place: str | 
         (["--yes", "--robot", "nobody"], 1, "no robot of that name"),
     ],
 )
-def test_what_makes_no_sense_is_said_before_a_port_is_opened(
+def test_an_invalid_adopt_option_is_refused_before_a_port_is_opened(
     words: list[str], capsys: pytest.CaptureFixture[str], more: list[str], code: int, said: str
 ) -> None:
     assert main([*words, *more]) == code
@@ -239,7 +239,7 @@ def test_what_makes_no_sense_is_said_before_a_port_is_opened(
     assert said in shown.err + shown.out
 
 
-def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_describes_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["adopt", "--help"])
     assert "Configure a new serial servo as the missing one" in capsys.readouterr().out

@@ -26,7 +26,7 @@ def bench() -> Iterator[Bench]:
         yield made
 
 
-def test_what_makes_no_sense_is_said_before_anybody_moves(bench: Bench, capsys: Captured) -> None:
+def test_an_unknown_joint_is_refused_before_any_calibration_step(bench: Bench, capsys: Captured) -> None:
     for step in ("zero", "limits", "endstop --side lower", "prove --base back"):  # and nobody to ask
         assert bench.verb(*step.split(), "l_kne") == 1
         assert "h24 has no joint 'l_kne'; nearest: l_knee" in capsys.readouterr().err
@@ -41,7 +41,9 @@ def test_what_makes_no_sense_is_said_before_anybody_moves(bench: Bench, capsys: 
     assert not list(bench.state.glob("**/*.yaml"))
 
 
-def test_who_moves_instead_of_whom_is_said_and_nothing_is_kept(bench: Bench, capsys: Captured) -> None:
+def test_a_joint_moved_in_place_of_the_requested_one_is_reported_and_not_kept(
+    bench: Bench, capsys: Captured
+) -> None:
     refused: list[str] = []
 
     def move() -> None:
@@ -61,7 +63,9 @@ def test_who_moves_instead_of_whom_is_said_and_nothing_is_kept(bench: Bench, cap
     assert "not done: l_knee: it was not moved" in said and "0 of 1 swept" in said
 
 
-def test_a_robot_is_swept_zeroed_fenced_and_moves(bench: Bench, capsys: Captured) -> None:
+def test_a_robot_is_calibrated_by_sweep_zero_and_limits_and_then_moves(
+    bench: Bench, capsys: Captured
+) -> None:
     before = {entry.name: entry for entry in load_calibration(bench.virtual.calibration, ROBOT).joints}
 
     # Some first, then the rest: what is done stays done.
@@ -122,7 +126,7 @@ class Slow:
         return self._answers.pop(0)
 
 
-def test_a_person_may_take_their_time(
+def test_a_slow_operator_does_not_break_a_calibration(
     bench: Bench, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert bench.daemon.status()["mode"] == "live", "after the calibration above"
@@ -141,7 +145,9 @@ def test_a_person_may_take_their_time(
     bench.restart("live")
 
 
-def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Bench, capsys: Captured) -> None:
+def test_calibration_in_live_prevents_arming_and_ctrl_c_keeps_completed_joints(
+    bench: Bench, capsys: Captured
+) -> None:
     mode = bench.daemon.status()["mode"]
     assert mode == "live", "after the calibration above"
     bench.hands(None, ["head_yaw", "l_knee"])

@@ -52,7 +52,7 @@ def at(known: Calibration) -> list[str]:
     return [f"--zero-at={each.name}={each.zero_ticks + moved.get(each.name, 0)}" for each in known.joints]
 
 
-def test_a_lerobot_file_is_folded_in_to_the_count_and_the_robot_goes(
+def test_a_lerobot_file_is_converted_to_the_count_and_the_robot_moves(
     bench: Bench, capsys: Captured, tmp_path: Path
 ) -> None:
     known = load_calibration(bench.virtual.calibration, ROBOT)
@@ -80,7 +80,9 @@ def test_a_lerobot_file_is_folded_in_to_the_count_and_the_robot_goes(
         client.call("Disarm")
 
 
-def test_a_servo_s_own_registers_are_taken_where_somebody_set_them(bench: Bench, capsys: Captured) -> None:
+def test_a_servos_own_limits_are_imported_where_they_differ_from_the_default(
+    bench: Bench, capsys: Captured
+) -> None:
     assert bench.verb("import", "--from", "servo", "--zero-at", "2050", "--yes", "head_yaw") == 0
     assert "ok   head_yaw zero at   2050, travel 1000..3100" in capsys.readouterr().out
     assert load_calibration(bench.file, ROBOT).by_name["head_yaw"].sweep_ticks == (1000, 3100)
@@ -123,7 +125,7 @@ def test_a_map_names_motors_and_leaves_some_out(bench: Bench, capsys: Captured, 
         (["--from", "servo", "--zero-at", "l_knee=1", "--yes", "l_hip_yaw"], 1, "nothing was written"),
     ],
 )
-def test_what_makes_no_sense_is_said(
+def test_an_invalid_argument_is_reported(
     bench: Bench, capsys: Captured, words: list[str], code: int, why: str
 ) -> None:
     before = bench.file.read_bytes() if bench.file.exists() else b""

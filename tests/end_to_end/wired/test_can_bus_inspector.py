@@ -54,7 +54,7 @@ def why(place: object) -> NoDaemon:
     return caught.value
 
 
-def test_where_nobody_runs_the_bus_is_opened_and_asked(
+def test_a_can_bus_without_a_user_is_opened_and_queried(
     lonely: HostInspector, wire: CanChannel, tmp_path: Path
 ) -> None:
     one = line(lonely, f"can:virtual:doctor{os.getpid()}", why(tmp_path))
@@ -83,9 +83,7 @@ def test_a_daemon_that_may_not_be_asked_may_drive_the_bus(lonely: HostInspector,
 
 
 @pytest.mark.parametrize("name", ["can7", "any"])
-def test_an_interface_that_somebody_listens_on_is_not_opened(
-    lonely: HostInspector, tmp_path: Path, name: str
-) -> None:
+def test_an_interface_with_a_listener_is_not_opened(lonely: HostInspector, tmp_path: Path, name: str) -> None:
     one = line(lonely, "can:socketcan:can7", why(tmp_path))
     plant(lonely.proc / "net/can/rcvlist_all", NOBODY_HEARS)
     plant(lonely.proc / "net/can/rcvlist_fil", HEARD.format("can8"))
@@ -97,7 +95,9 @@ def test_an_interface_that_somebody_listens_on_is_not_opened(
         survey_can_line(one)
 
 
-def test_a_serial_adapter_that_somebody_has_open_is_not_opened(lonely: HostInspector, tmp_path: Path) -> None:
+def test_a_serial_adapter_opened_by_another_process_is_not_opened(
+    lonely: HostInspector, tmp_path: Path
+) -> None:
     master, slave = os.openpty()
     try:
         port = os.ttyname(slave)

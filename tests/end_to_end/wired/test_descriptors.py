@@ -38,7 +38,7 @@ class Limits:
     ("before", "after"),
     [((70, 70), (70, 70)), ((1024, 4096), (1024, 4096)), ((69, 4096), (4096, 4096)), ((-1, -1), (-1, -1))],
 )
-def test_a_soft_limit_that_is_too_low_is_raised_to_the_hard_one_and_said(
+def test_a_soft_limit_that_is_too_low_is_raised_to_the_hard_limit_and_reported(
     monkeypatch: pytest.MonkeyPatch, before: tuple[int, int], after: tuple[int, int]
 ) -> None:
     limits = Limits(*before)

@@ -86,7 +86,7 @@ def beyond() -> list[str]:
     return [line for block in fenced(section, "sh") for line in block.splitlines()]
 
 
-def test_who_looks_on_sees_what_the_readme_says(tmp_path: Path) -> None:
+def test_the_read_only_commands_of_the_readme_work(tmp_path: Path) -> None:
     lines = {line.split()[1]: line for line in looking_on()}
     assert list(lines) == ["monitor", "view", "record", "mark", "metrics", "dump", "replay", "plot"]
     state = {"STATE_DIRECTORY": str(tmp_path / "state"), "XDG_STATE_HOME": str(tmp_path)}
@@ -130,7 +130,7 @@ def ended(process: "subprocess.Popen[str]") -> str:
     return process.communicate(timeout=20.0)[0]
 
 
-def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp_path: Path) -> None:
+def test_the_ros_and_remote_commands_of_the_readme_work(tmp_path: Path) -> None:
     ros, uplink, fleet, move = [line for line in beyond() if line.startswith("twindctl ")]
     assert {line.split()[0] for line in beyond()} == {"export", "twindctl"}
     pytest.importorskip("zenoh", reason="the extra `ros` is not installed")
@@ -155,7 +155,7 @@ def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp
     assert "domain" in said[0] and "h24 is up" in said[1], said
 
 
-def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
+def test_the_readme_commands_work_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
     apart = ("check", "scan", "calibrate", "wiggle")  # need no daemon, or ask a person
     verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]

@@ -76,7 +76,7 @@ def speed_after_a_second(xml: str) -> tuple[float, bool]:
     return fastest, data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number > 0
 
 
-def test_a_model_without_armature_and_damping_oscillates_as_the_page_says(
+def test_a_model_without_armature_and_damping_oscillates_as_documented(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log here

@@ -67,7 +67,7 @@ def test_a_healthy_robot_without_a_daemon_gives_no_alarm(
     assert said["not_looked"] == []
 
 
-def test_a_latency_timer_that_no_file_tells_is_measured(healthy: tuple[Virtual, Path]) -> None:
+def test_a_latency_timer_without_a_file_is_measured(healthy: tuple[Virtual, Path]) -> None:
     virtual, folder = healthy
     words = port(virtual)
     assert found(*words, code="LATENCY_FLOOR", socket=folder) == []
@@ -104,7 +104,7 @@ def test_a_healthy_robot_with_its_daemon_gives_no_alarm_and_is_left_alone(
 
 
 @pytest.mark.slow
-def test_a_daemon_that_a_latency_timer_makes_deaf_is_no_proof_that_all_is_well(
+def test_a_daemon_without_readings_because_of_a_latency_timer_is_reported_as_unchecked(
     healthy: tuple[Virtual, Path],
 ) -> None:
     """What waits in the adapter past the reader's deadline is lost: the doctor says so, and what to do."""
@@ -163,7 +163,7 @@ def test_a_daemon_of_another_version_is_found(troubled: Daemon) -> None:
     assert (finding.measured, finding.expected) == ("version 0.0.1", f"{__version__}, as twindctl")
 
 
-def test_a_socket_for_everybody_is_found_and_closed(troubled: Daemon) -> None:
+def test_a_socket_with_permissions_for_all_users_is_found_and_restricted(troubled: Daemon) -> None:
     control = troubled.sockets / "control.sock"
     assert found(code="SOCKET_OPEN", socket=troubled.sockets) == []
     control.chmod(0o666)
@@ -174,7 +174,7 @@ def test_a_socket_for_everybody_is_found_and_closed(troubled: Daemon) -> None:
 
 
 @pytest.mark.parametrize(("answer", "mode"), [("n\n", 0o666), ("\n", 0o666), ("\x04", 0o666), ("y\n", 0o660)])
-def test_fix_says_what_it_would_do_and_waits_for_a_yes(
+def test_fix_prints_its_change_and_waits_for_confirmation(
     troubled: Daemon,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -196,7 +196,7 @@ def test_fix_says_what_it_would_do_and_waits_for_a_yes(
     control.chmod(0o660)
 
 
-def test_a_folder_in_which_everybody_may_replace_the_socket_is_found_and_closed(troubled: Daemon) -> None:
+def test_a_socket_folder_writable_by_all_users_is_found_and_restricted(troubled: Daemon) -> None:
     troubled.sockets.chmod(0o777)
     (finding,) = found(code="SOCKET_OPEN", socket=troubled.sockets)
     assert finding.thing == str(troubled.sockets)
@@ -270,7 +270,7 @@ def test_no_daemon_is_a_note_whether_its_socket_is_left_or_not(tmp_path: Path) -
     ) == set()
 
 
-def test_a_daemon_that_says_nothing_is_found_and_waited_for_once(tmp_path: Path) -> None:
+def test_a_daemon_without_replies_is_found_after_one_timeout(tmp_path: Path) -> None:
     with listening(tmp_path):
         begun = time.monotonic()
         outcome = look(
@@ -282,7 +282,7 @@ def test_a_daemon_that_says_nothing_is_found_and_waited_for_once(tmp_path: Path)
 
 
 @needs_root
-def test_a_user_who_may_not_use_the_socket_is_told_the_group(tmp_path: Path) -> None:
+def test_a_user_without_socket_permission_receives_the_name_of_the_group(tmp_path: Path) -> None:
     for folder in way_to(tmp_path):
         folder.chmod(0o755)
     with listening(tmp_path) as path:

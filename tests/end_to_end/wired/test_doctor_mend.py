@@ -70,7 +70,7 @@ def test_another_servo_at_that_id_by_now_is_left_alone(ground: Ground, fix: Any,
     assert mask(ground) == MASK[1]
 
 
-def test_one_that_is_gone_by_now_is_said_to_be_gone(ground: Ground, fix: Any) -> None:
+def test_a_servo_gone_before_its_fix_is_reported_and_not_written(ground: Ground, fix: Any) -> None:
     ground.virtual.order(fault="silence", id=1)
     try:
         with pytest.raises(Rejected, match="does not answer any more: nothing was written"):
@@ -80,7 +80,7 @@ def test_one_that_is_gone_by_now_is_said_to_be_gone(ground: Ground, fix: Any) ->
     assert mask(ground) == MASK[1]
 
 
-def test_a_port_that_somebody_has_by_now_is_not_written_to(ground: Ground, fix: Any) -> None:
+def test_a_port_taken_before_the_fix_is_not_written(ground: Ground, fix: Any) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, ground.port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as holder:

@@ -93,7 +93,7 @@ def torque(virtual: Virtual) -> set[bool]:
     return {bool(servo["torque"]) for servo in virtual.servos()}
 
 
-def test_a_killed_robot_is_left_alone_by_whoever_may_not_lower_it_and_then_lowered(tmp_path: Path) -> None:
+def test_a_killed_daemon_leaves_a_robot_that_only_a_permitted_fail_safe_lowers(tmp_path: Path) -> None:
     with robot() as (virtual, folder):
         rest = places(virtual)
         observe = folder / "run" / "observe.sock"
@@ -188,7 +188,7 @@ def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
         ([], 0, "no robot to lower"),
     ],
 )
-def test_what_the_files_say_decides_before_anything_is_opened(
+def test_the_fail_safe_decides_by_the_files_before_it_opens_a_port(
     tmp_path: Path, given: list[str], code: int, why: str
 ) -> None:
     environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}

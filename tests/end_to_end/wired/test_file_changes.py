@@ -27,7 +27,7 @@ def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:
     assert edited(before) == [str(one)]
 
 
-def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Path) -> None:
+def test_an_unreadable_file_counts_as_edited_without_waiting(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     folder = tmp_path / "folder"
     long = tmp_path / "long"
@@ -40,7 +40,7 @@ def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Pa
     assert edited(fingerprints(everything)) == [str(path) for path in everything]
 
 
-def test_what_files_said_is_kept_as_it_was_when_they_were_read(tmp_path: Path) -> None:
+def test_file_texts_are_kept_as_of_the_time_they_were_read(tmp_path: Path) -> None:
     same = tmp_path / "same"
     changed = tmp_path / "changed"
     binary = tmp_path / "binary"

@@ -85,7 +85,7 @@ def lost(world: World) -> set[str]:
     return {name for name, each in robots(world.list("--json").stdout).items() if each["lost"]}
 
 
-def test_robots_here_and_elsewhere_are_in_one_list_for_people_and_for_programs(world: World) -> None:
+def test_local_and_remote_robots_are_in_one_list_as_text_and_as_json(world: World) -> None:
     told = robots(world.list("--json").stdout)
     assert [told[HERE]["where"], told[FAR]["where"]] == [str(world.here.sockets), "uplink"]
     for each in told.values():
@@ -97,7 +97,7 @@ def test_robots_here_and_elsewhere_are_in_one_list_for_people_and_for_programs(w
     assert far.split()[:3] == [FAR, "uplink", "sim"] and here.split()[:3] == [HERE, "here", "sim"]
 
 
-def test_a_robot_that_was_named_and_is_not_there_is_lost_and_no_network_is_told(world: World) -> None:
+def test_a_named_absent_robot_is_lost_and_an_absent_network_is_reported(world: World) -> None:
     done = world.list("nobody")
     assert done.returncode == 3 and "nobody: nobody of this name is there" in done.stdout
     elsewhere = ctl("fleet", HERE, "--connect", "tcp/127.0.0.1:1")
@@ -105,7 +105,7 @@ def test_a_robot_that_was_named_and_is_not_there_is_lost_and_no_network_is_told(
     assert done.returncode == 3 and HERE in done.stdout and "tcp/127.0.0.1:1" in done.stderr
 
 
-def test_who_goes_away_stays_in_the_list_as_lost_and_comes_back(world: World) -> None:
+def test_a_robot_that_disappears_stays_listed_as_lost_and_returns(world: World) -> None:
     watch = Process(*world.words("--watch"))
 
     def told(name: str) -> dict[str, Any]:
@@ -127,7 +127,7 @@ def test_who_goes_away_stays_in_the_list_as_lost_and_comes_back(world: World) ->
     assert watch.end()[0] == 0
 
 
-def test_one_that_hangs_holds_up_no_list_and_gets_old_in_it(world: World) -> None:
+def test_a_hanging_robot_delays_no_list_and_its_age_grows(world: World) -> None:
     """Neither the one here nor another that is asked by the same question over the network."""
     words = ("uplink", "--name", OTHER, "--connect", world.router.endpoint)
     other = Process("--socket", str(world.here.sockets), *words)
@@ -185,6 +185,6 @@ def test_on_a_terminal_it_is_drawn_over_and_a_key_ends_it(world: World) -> None:
 
 
 @pytest.mark.parametrize("words", [("--count", "3"), ("--watch", "--count", "0"), ("--port", "80")])
-def test_words_that_do_not_go_together_are_told(words: tuple[str, ...]) -> None:
+def test_incompatible_options_are_a_usage_error(words: tuple[str, ...]) -> None:
     done = subprocess.run(ctl("fleet", *words), capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 2 and words[-2] in done.stderr

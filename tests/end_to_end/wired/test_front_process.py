@@ -200,7 +200,7 @@ def test_fronts_that_die_young_are_started_ever_later_until_one_lived() -> None:
     assert front.due(200.1 + AGAIN * 2 + 1e-9)
 
 
-def test_what_a_daemon_before_left_is_for_a_second_front_if_the_first_dies_of_it_and_for_no_third() -> None:
+def test_a_crash_recording_is_handed_to_at_most_two_front_processes() -> None:
     told = list[str]()
     wreck = CrashRecording(os.memfd_create("wreck"))
     wreck.then = lambda: told.append("done")

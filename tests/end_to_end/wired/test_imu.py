@@ -42,7 +42,7 @@ def complaints(virtual: Virtual, running: Daemon | None = None) -> dict[str, str
     return {each.code: f"{each.thing}: {each.measured}" for each in found}
 
 
-def test_nobody_takes_it_for_a_servo_and_the_doctor_names_what_is_wrong_with_it(
+def test_the_imu_is_not_taken_for_a_servo_and_the_doctor_names_its_faults(
     standing: tuple[Virtual, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     virtual, _ = standing
@@ -59,7 +59,9 @@ def test_nobody_takes_it_for_a_servo_and_the_doctor_names_what_is_wrong_with_it(
     virtual.order(fault="imu")
 
 
-def test_a_daemon_tells_it_with_the_state_and_goes_on_without_it(standing: tuple[Virtual, Path]) -> None:
+def test_a_daemon_publishes_the_imu_with_the_state_and_continues_without_it(
+    standing: tuple[Virtual, Path],
+) -> None:
     virtual, folder = standing
     with daemon(virtual, folder, mode="mirror") as running:
         running.reach(state="connected")

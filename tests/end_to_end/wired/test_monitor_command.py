@@ -70,7 +70,7 @@ def stopped(pid: int) -> bool:
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
-def test_it_follows_the_window_at_once_and_leaves_no_garbage(run: Callable[..., Run]) -> None:
+def test_the_monitor_follows_the_window_size_at_once_without_residue(run: Callable[..., Run]) -> None:
     one = run("--rate", "0.5", columns=80, rows=24)  # the next picture in its own time would be 2 s later
     for columns, rows in ((120, 40), (60, 20), (200, 60), (81, 25)):
         begun = time.monotonic()
@@ -104,7 +104,7 @@ def test_space_freezes_tab_turns_the_page_and_q_ends(run: Callable[..., Run]) ->
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
-def test_whatever_ends_it_the_terminal_is_given_back(
+def test_the_terminal_is_restored_after_any_end_of_the_monitor(
     run: Callable[..., Run], number: int, status: int
 ) -> None:
     one = run()
@@ -130,7 +130,7 @@ def test_news_that_come_faster_than_pictures_are_drawn_make_no_more_of_them(run:
     assert one.raw.count(FRAME) - before <= 17 * (time.monotonic() - begun)
 
 
-def test_who_wants_no_colours_gets_none(run: Callable[..., Run]) -> None:
+def test_the_colour_setting_of_the_environment_is_honoured(run: Callable[..., Run]) -> None:
     assert re.search(rb"\x1b\[[\d;]*3[1-7]m", run("--count", "2").raw)
     assert not re.search(rb"\x1b\[[\d;]*[34][0-7]m", run("--count", "2", NO_COLOR="1").raw)
 
@@ -194,7 +194,7 @@ class Lines:
             time.sleep(0.02)
 
 
-def test_what_makes_no_sense_is_said_and_ends_with_two(loop: StandIn) -> None:
+def test_an_invalid_monitor_option_exits_with_two(loop: StandIn) -> None:
     for arguments in (["--rate", "0"], ["--rate", "nan"], ["--count", "0"]):
         done = subprocess.run(
             command(loop.directory, *arguments), capture_output=True, text=True, timeout=20.0
@@ -203,7 +203,7 @@ def test_what_makes_no_sense_is_said_and_ends_with_two(loop: StandIn) -> None:
         assert "must be positive" in done.stderr
 
 
-def test_without_a_daemon_it_says_so_and_ends_with_three(tmp_path: Path) -> None:
+def test_a_monitor_without_a_daemon_exits_with_three(tmp_path: Path) -> None:
     done = subprocess.run(command(tmp_path), capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3
     assert "no daemon" in done.stderr
@@ -223,7 +223,7 @@ def test_while_the_terminal_stands_still_no_news_are_lost(run: Callable[..., Run
     assert not any("news lost" in line for line in one.screen.lines)
 
 
-def test_news_are_taken_as_they_come_while_nobody_draws(loop: StandIn) -> None:
+def test_messages_are_collected_while_nothing_is_drawn(loop: StandIn) -> None:
     feed = MonitorFeed(lambda: Client(loop.directory, name="observe"), rate=100.0)
     try:
         end = time.monotonic() + 10.0

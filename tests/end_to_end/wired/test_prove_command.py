@@ -59,7 +59,7 @@ def proved(
         on_its_back(virtual, one)
 
 
-def test_who_is_proved_is_written_down_and_who_is_contradicted_is_not(
+def test_a_proved_joint_is_recorded_and_a_contradicted_one_is_not(
     running: tuple[Virtual, Daemon], capsys: Captured
 ) -> None:
     virtual, one = running

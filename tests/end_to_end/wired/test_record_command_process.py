@@ -226,7 +226,7 @@ def test_the_columns_are_what_the_daemon_sent(story: Story) -> None:
     assert found.latency["total"].time.size > 10 and not found.live.any()
 
 
-def test_what_was_said_stands_in_the_file(story: Story) -> None:
+def test_published_trajectories_and_events_are_in_the_recording(story: Story) -> None:
     found = open_recording(story.files("whole")[0])
     (path,) = found.trajectories
     (heard,) = [each for each in story.witness.others if each["topic"] == "trajectories"]
@@ -287,13 +287,13 @@ def test_a_full_disk_stops_it_with_a_reason_and_leaves_a_readable_file(story: St
     assert recover(path).messages >= len(rows)
 
 
-def test_it_stops_by_itself_after_the_seconds_it_was_given(story: Story) -> None:
+def test_a_recording_ends_after_the_requested_seconds(story: Story) -> None:
     code, said = story.ends["timed"]
     found = open_recording(story.folder / "timed" / "one.mcap")
     assert code == 0 and 1.5 <= said["seconds"] < 3.5 and 0.8 < found.duration < 3.5
 
 
-def test_without_a_daemon_it_says_so(tmp_path: Path) -> None:
+def test_record_without_a_daemon_exits_with_three(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "twind.ctl.ctl_main", "--socket", str(tmp_path), "record"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
     assert done.returncode == 3 and "no daemon" in done.stderr and not done.stdout

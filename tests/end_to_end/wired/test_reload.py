@@ -93,7 +93,7 @@ def _other_front(running: Daemon, old: int) -> bool:
     return False
 
 
-def test_a_bad_file_leaves_everything_as_it_is_and_says_where(tmp_path: Path) -> None:
+def test_a_refused_file_changes_nothing_and_reports_its_position(tmp_path: Path) -> None:
     with simulated(tmp_path) as running:
         with running.client() as client:
             before = client.call("GetRobot"), client.call("GetParameters")
@@ -161,7 +161,7 @@ def test_a_client_may_set_what_is_hot_and_only_tighter(tmp_path: Path) -> None:
         }
 
 
-def test_a_hang_up_without_a_terminal_is_a_reload_and_the_manager_hears_of_it(tmp_path: Path) -> None:
+def test_a_sighup_without_a_terminal_reloads_and_notifies_the_service_manager(tmp_path: Path) -> None:
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
     manager.settimeout(20.0)

@@ -29,7 +29,7 @@ def port(*ids: int, change: Callable[[bytes], bytes] = lambda reply: reply) -> I
         yield there
 
 
-def test_everybody_on_a_free_port_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_device_on_a_free_port_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     with port(2, 7) as there:
         there.servos.put(7, 64, 1, 1)
         there.servos.put(7, 70, 0b100100, 1)
@@ -43,7 +43,9 @@ def test_everybody_on_a_free_port_is_listed(capsys: pytest.CaptureFixture[str]) 
     assert "\x1b" not in said.err  # no progress line where there is no terminal
 
 
-def test_as_json_each_finding_is_a_line_and_nothing_else_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_json_each_finding_is_a_line_and_nothing_else_is_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with port(2) as there:
         assert main(["scan", "--json", "--port", there.path, *FEW]) == 0
     said = capsys.readouterr()
@@ -67,13 +69,13 @@ def test_several_rates_are_looked_at_one_after_the_other(capsys: pytest.CaptureF
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["57600", "4500000"]
 
 
-def test_something_wrong_with_a_device_is_told_and_is_no_success(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_device_with_a_fault_is_reported_and_the_scan_fails(capsys: pytest.CaptureFixture[str]) -> None:
     with port(3, change=lambda reply: reply * 2) as there:
         assert main(["scan", "--port", there.path, *FEW]) == 1
     assert "two devices answer as this id: disconnect one" in capsys.readouterr().out
 
 
-def test_a_port_without_anybody_is_no_success_and_says_what_to_look_at(
+def test_a_port_without_devices_fails_with_advice(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with port() as there:
@@ -83,7 +85,7 @@ def test_a_port_without_anybody_is_no_success_and_says_what_to_look_at(
     assert "Without --baud all rates are looked at" in said
 
 
-def test_a_port_that_somebody_holds_is_refused_and_the_holder_named(
+def test_a_port_in_use_is_refused_and_its_holder_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with port(2) as there:
@@ -103,7 +105,7 @@ def test_a_port_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     "words", [["main", "--port", "/dev/null"], ["--baud", "57600"], ["--ids", "1-3"], ["--thorough"]]
 )
-def test_what_makes_no_sense_together_is_a_usage_error(words: list[str]) -> None:
+def test_an_incompatible_option_is_a_usage_error(words: list[str]) -> None:
     assert main(["scan", *words]) == 2
 
 
@@ -124,7 +126,7 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
     assert said.endswith("\r\x1b[K")
 
 
-def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_describes_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
     assert re.search(r"^  scan +Scan a bus for devices", capsys.readouterr().out, re.MULTILINE)

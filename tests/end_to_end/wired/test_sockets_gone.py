@@ -112,7 +112,7 @@ def test_a_removed_folder_is_back_within_a_second_the_motion_goes_on_and_an_esto
         until(lambda: not any(servo["torque"] for servo in virtual.servos()), 15.0, "torque off")
 
 
-def test_one_removed_socket_is_bound_again_and_the_other_stays(tmp_path: Path) -> None:
+def test_a_removed_socket_is_bound_again_and_the_other_stays(tmp_path: Path) -> None:
     with serving(tmp_path, *SIM) as running:
         running.reach(mode="sim")
         observe = running.sockets / "observe.sock"
@@ -136,7 +136,7 @@ def test_a_socket_that_was_bound_again_outlives_the_front(tmp_path: Path) -> Non
         assert running.log.read_text().count("bound again") == 2
 
 
-def test_a_front_that_dies_while_its_sockets_are_gone_is_followed_by_one_that_binds_them(
+def test_a_front_that_dies_without_its_sockets_is_replaced_by_one_that_binds_them(
     tmp_path: Path,
 ) -> None:
     with serving(tmp_path, *SIM) as running:
@@ -173,7 +173,7 @@ class _Lines(list[str]):
         return self
 
 
-def test_where_it_cannot_bind_again_it_holds_refuses_reports_and_recovers_by_itself(tmp_path: Path) -> None:
+def test_a_daemon_that_cannot_bind_its_sockets_holds_refuses_reports_and_recovers(tmp_path: Path) -> None:
     with (
         manager(tmp_path) as (address, lines),
         armed(NOTIFY_SOCKET=address) as (running, virtual, client),
@@ -303,7 +303,7 @@ def test_estop_without_a_socket_lowers_this_robot_and_leaves_another_daemon_alon
 
 
 @pytest.mark.parametrize("words", [("--cut",), ("--cut", "--json")])
-def test_a_cut_that_cannot_be_is_said_and_the_daemon_ends(tmp_path: Path, words: tuple[str, ...]) -> None:
+def test_an_impossible_cut_is_reported_and_the_daemon_ends(tmp_path: Path, words: tuple[str, ...]) -> None:
     with serving(tmp_path, *SIM) as running:
         running.reach(mode="sim")
         lose(running, for_good=True)
@@ -333,7 +333,7 @@ def test_status_of_a_daemon_without_sockets_names_it_and_the_estop_that_ends_it(
         assert running.process.poll() is None
 
 
-def test_estop_where_no_daemon_is_says_so_at_once(tmp_path: Path) -> None:
+def test_an_e_stop_without_a_daemon_fails_at_once(tmp_path: Path) -> None:
     with serving(tmp_path / "other", *SIM) as other:
         other.reach(mode="sim")
         begun = time.monotonic()

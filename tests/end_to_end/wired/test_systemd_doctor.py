@@ -48,13 +48,13 @@ def test_a_service_that_is_well_gives_no_alarm_to_root(served: Service) -> None:
     )
 
 
-def test_it_finds_its_files_and_rights_whoever_asks(served: Service) -> None:
+def test_the_doctor_reads_the_files_and_rights_of_the_service_as_any_user(served: Service) -> None:
     said = ask(served.machine, "--only", "FILE_REFUSED", "PORT_DENIED", "CALIBRATION_MISSING", user="pilot")
     assert (said["found"], said["not_looked"]) == ([], [])
     assert set(said["looked"]) == {"files", "rights", "calibration"}
 
 
-def test_a_stranger_is_told_which_group_he_needs(served: Service) -> None:
+def test_a_user_outside_the_groups_receives_the_name_of_the_group(served: Service) -> None:
     said = ask(served.machine, "--only", "DAEMON_DENIED", user="stranger")
     (finding,) = said["found"]
     assert finding["code"] == "DAEMON_DENIED" and "user stranger is not in group" in finding["measured"]
@@ -74,7 +74,7 @@ def test_a_port_that_the_services_user_may_not_open_is_found_and_so_when_it_is_g
     assert ask(served.machine, "--only", "PORT_DENIED")["found"] == []
 
 
-def test_a_service_that_was_stopped_is_well_and_one_that_failed_is_told_with_its_last_words(
+def test_a_stopped_service_is_healthy_and_a_failed_one_is_reported_with_its_last_log_lines(
     served: Service, robot: Robot
 ) -> None:
     machine = served.machine
@@ -114,7 +114,7 @@ def test_looking_does_not_start_a_service_that_a_connection_would_start(served: 
         served.start()
 
 
-def test_a_service_that_was_killed_and_came_back_is_told(served: Service) -> None:
+def test_a_killed_and_restarted_service_is_reported(served: Service) -> None:
     served.machine.kill(served.main())
     served.until(NRestarts="1", ActiveState="active")
     (finding,) = ask(served.machine, "--only", "UNIT_RESTARTED")["found"]

@@ -59,7 +59,7 @@ def test_the_first_connection_starts_the_service_and_is_answered(handed: Service
     assert [fault["code"] for fault in handed.status()["faults"]]
 
 
-def test_who_connects_while_it_restarts_is_answered_by_the_next(handed: Service) -> None:
+def test_a_client_that_connects_during_a_restart_is_answered_by_the_next_daemon(handed: Service) -> None:
     assert handed.status()["mode"] == "mirror"
     main = handed.main()
     front = handed.front()
@@ -146,7 +146,7 @@ def test_the_simulation_moves_without_devices_network_or_rights(simulated: Servi
         assert go(client, path)["phase"] == "succeeded"
 
 
-def test_a_link_in_the_sockets_folder_leads_nobody_elsewhere(machine: Machine) -> None:
+def test_a_symbolic_link_in_the_socket_folder_does_not_redirect_root(machine: Machine) -> None:
     """/run/twind is the daemon's: what root would do there, its user could lead to any folder."""
     machine.inside("/run/victim").mkdir(mode=0o700)
     machine.run("ln", "-s", "/run/victim", "/run/twind/led", user="twind")

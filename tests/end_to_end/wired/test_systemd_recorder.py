@@ -46,7 +46,7 @@ def crash(service: Service) -> float:
     return at
 
 
-def test_what_the_daemon_was_doing_is_written_down_by_the_next_one(recorded: Service) -> None:
+def test_the_recording_of_a_crash_is_written_by_the_next_daemon(recorded: Service) -> None:
     assert recorded.show("NFileDescriptorStore") == "1"
     assert crashes(recorded) == []
     at = crash(recorded)
@@ -66,7 +66,7 @@ def test_what_the_daemon_was_doing_is_written_down_by_the_next_one(recorded: Ser
     assert recorded.show("NFileDescriptorStore") == "1"  # that of the new daemon; the old one is let go
 
 
-def test_who_crashes_again_at_once_writes_no_second_file(recorded: Service) -> None:
+def test_a_repeated_crash_writes_no_second_file(recorded: Service) -> None:
     before = crashes(recorded)
     crash(recorded)
     recorded.says(5.0, "that it is left out", lambda line: line.get("TWIND_CODE") == "FLIGHT_LEFT_OUT")

@@ -71,7 +71,7 @@ def test_live_it_is_ready_connected_and_has_no_torque(live: Service, robot: Robo
     assert "24 of 24 joints" in live.show("StatusText")
 
 
-def test_unplugged_it_stays_active_and_says_so_and_replugged_it_is_connected_and_disarmed(
+def test_an_unplugged_service_stays_active_and_a_replugged_robot_is_connected_and_disarmed(
     live: Service, robot: Robot
 ) -> None:
     live.reach(state="connected")

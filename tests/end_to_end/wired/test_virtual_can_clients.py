@@ -35,7 +35,7 @@ def received(bus: can.BusABC, timeout: float, most: int = 40) -> list[can.Messag
     return heard
 
 
-def test_python_can_talks_to_them_over_its_virtual_interface() -> None:
+def test_python_can_exchanges_frames_over_its_virtual_interface() -> None:
     name = "twind-test-pump"
     with (
         can.Bus(interface="virtual", channel=name) as host,
@@ -92,7 +92,7 @@ def served(tmp_path: Path):
     made.close()
 
 
-def test_python_can_s_slcan_talks_to_them_over_a_pseudo_terminal(served: Served) -> None:
+def test_python_can_slcan_exchanges_frames_over_a_pseudo_terminal(served: Served) -> None:
     with can.Bus(
         interface="slcan", channel=served.port.path, bitrate=1_000_000, sleep_after_open=0.05
     ) as host:

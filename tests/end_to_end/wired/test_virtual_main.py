@@ -162,7 +162,7 @@ def test_unplug_hangs_up_and_replug_is_found_under_the_same_name(tmp_path: Path)
             assert sdk.PacketHandler(2.0).ping(again, 1) == (1020, 0, 0)
 
 
-def test_it_serves_single_servos_without_a_robot_twins_too(tmp_path: Path) -> None:
+def test_single_servos_are_served_without_a_robot_file_including_duplicate_ids(tmp_path: Path) -> None:
     twins = [
         "--servo",
         "main:5:XM430-W350",
@@ -183,7 +183,7 @@ def test_it_serves_single_servos_without_a_robot_twins_too(tmp_path: Path) -> No
         assert "ids are [5, 5, 9]" in running.order(fault="drop", count=1, id=3)["error"]
 
 
-def test_an_adapter_that_stalls_keeps_the_bytes_and_one_that_babbles_stalls_nobody(tmp_path: Path) -> None:
+def test_a_stalled_adapter_keeps_its_bytes_and_an_adapter_with_noise_stalls_no_client(tmp_path: Path) -> None:
     with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
         talk = sdk.PacketHandler(2.0)
         assert robot.order(fault="stall")["ok"]
@@ -280,14 +280,14 @@ def test_a_signal_ends_it_cleanly(tmp_path: Path, end: signal.Signals) -> None:
         (["--servo", "a:1:XM430-W350", "--bus", "a"], "--bus needs --robot"),
     ],
 )
-def test_what_it_cannot_start_as_asked_is_said_and_ends_with_2(
+def test_an_impossible_start_option_is_reported_and_exits_with_two(
     options: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(options) == 2
     assert says in capsys.readouterr().err
 
 
-def test_a_truth_is_read_or_drawn_and_a_hand_moves_what_nobody_was_told(tmp_path: Path) -> None:
+def test_ground_truth_is_read_or_drawn_and_a_hand_order_moves_uncalibrated_joints(tmp_path: Path) -> None:
     (tmp_path / "truth.json").write_text('{"joints": {"l_knee": {"zero_ticks": 4000, "turns": 1}}}')
     with bench(tmp_path, "--truth", str(tmp_path / "truth.json")) as robot:
         assert not (tmp_path / "fits.yaml").exists()
@@ -319,7 +319,7 @@ def test_a_truth_is_read_or_drawn_and_a_hand_moves_what_nobody_was_told(tmp_path
         (["--truth", "/nowhere/t.yaml"], "/nowhere/t.yaml"),
     ],
 )
-def test_a_truth_that_cannot_be_had_is_refused_before_a_port_is_there(
+def test_an_invalid_ground_truth_is_refused_before_a_port_exists(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
 ) -> None:
     assert main(["--link", str(tmp_path), "--muscles", "first-order", *options]) == 2

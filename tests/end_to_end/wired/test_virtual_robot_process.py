@@ -30,7 +30,7 @@ def children() -> set[str]:
     return set(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split())
 
 
-def test_it_is_ready_inside_and_gone_with_its_folder_outside() -> None:
+def test_the_virtual_robot_is_ready_on_entry_and_removed_with_its_folder_on_exit() -> None:
     before = children()
     with VirtualRobotProcess("h24") as child:
         (pid,) = children() - before
@@ -46,7 +46,7 @@ def test_it_is_ready_inside_and_gone_with_its_folder_outside() -> None:
     child.close()  # twice is no harm
 
 
-def test_it_runs_nothing_of_the_folder_it_is_started_in_and_does_not_know_the_service_manager(
+def test_the_virtual_robot_imports_no_local_module_and_gets_no_service_manager_variables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("yaml", "mujoco", "twind"):
@@ -63,7 +63,7 @@ def test_it_runs_nothing_of_the_folder_it_is_started_in_and_does_not_know_the_se
         assert f"PATH={os.environ['PATH']}" in given
 
 
-def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
+def test_the_virtual_robot_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, env={**os.environ, "TMPDIR": str(tmp_path)}
     )

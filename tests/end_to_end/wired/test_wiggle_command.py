@@ -66,7 +66,7 @@ def test_a_robot_that_is_not_armed_is_not_moved(running: tuple[Virtual, Daemon],
     assert not any(servo["torque"] for servo in virtual.servos())
 
 
-def test_a_joint_goes_and_comes_back_and_one_that_is_held_is_told(
+def test_a_free_joint_moves_and_returns_and_a_blocked_one_is_reported(
     running: tuple[Virtual, Daemon], capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     virtual, one = running
@@ -135,7 +135,7 @@ def simulated(running: tuple[Virtual, Daemon]) -> Daemon:
     return running[1]
 
 
-def test_who_takes_the_robot_over_keeps_it_where_they_bring_it(simulated: Daemon) -> None:
+def test_a_client_that_takes_the_lease_keeps_the_position_it_commands(simulated: Daemon) -> None:
     def wiggled(home: float) -> MoveResult:
         with simulated.client() as client:
             return go(client, MonotonicClock(), JOINT, home, WAY, take=False)
@@ -163,7 +163,7 @@ def test_who_takes_the_robot_over_keeps_it_where_they_bring_it(simulated: Daemon
         (0.3, 0.0, False),  # it never went there
     ],
 )
-def test_it_comes_home_only_while_the_move_is_its_own(
+def test_a_wiggle_returns_only_from_its_own_move(
     simulated: Daemon, away: float, rest: float, returns: bool
 ) -> None:
     with simulated.client() as client:
@@ -194,12 +194,12 @@ class Terminal(io.StringIO):
         (["l_knee", "--friction", "-1"], "--friction -1 is outside 0 to 100 N·m"),
     ],
 )
-def test_what_makes_no_sense_is_a_usage_error(
+def test_an_invalid_option_is_a_usage_error(
     words: Words, said: str, tmp_path: Path, capsys: Captured
 ) -> None:
     assert main(["--socket", str(tmp_path), "wiggle", *words]) == 2
     assert said in capsys.readouterr().err
 
 
-def test_without_a_daemon_the_exit_code_says_so(tmp_path: Path) -> None:
+def test_a_missing_daemon_gives_the_no_daemon_exit_code(tmp_path: Path) -> None:
     assert main(["--socket", str(tmp_path), "wiggle", "l_knee"]) == 3

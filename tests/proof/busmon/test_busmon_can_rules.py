@@ -63,7 +63,7 @@ def test_frames_in_memory_become_the_lines_of_the_same_frames(
     b"", b"t", b"t12", b"T1234567", b"t12G0", b"t1238AABB", b"t1239" + b"00" * 9, b"t12320AABB", b"x1230",
     b"t8000", b"T200000000", b"r0018AABBCCDDEEFF0011", b"\x80", b"t001 ", b"t0012AAB\xff", b"d0010",
 ])  # fmt: skip
-def test_what_is_no_frame_is_refused(line: bytes) -> None:
+def test_a_text_that_is_no_frame_is_refused(line: bytes) -> None:
     """Among them all that python-can takes (field manual, section 10)."""
     with pytest.raises(Malformed):
         frame(line)
@@ -81,7 +81,7 @@ def test_any_bytes_in_any_pieces_are_cut_at_the_same_places(data: bytes, size: i
 @pytest.mark.parametrize(("line", "good"), [
     (b"", True), (b"C", True), (b"O", True), (b"S8", True), (b"F", True), (b"X", False), (b"t0010", False),
 ])  # fmt: skip
-def test_what_is_said_to_the_adapter(line: bytes, good: bool) -> None:
+def test_adapter_setup_lines_are_accepted_or_rejected(line: bytes, good: bool) -> None:
     assert set_up(line, 1_000_000) is good
 
 

@@ -103,7 +103,7 @@ def test_stuffing_is_undone_for_every_short_run_of_its_own_bytes() -> None:
             assert packet.unstuff(packet.stuff(body)) == body
 
 
-def test_a_packet_of_the_vendor_is_read_back_and_its_status_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_packet_of_the_vendor_client_is_decoded_with_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
     """The vendor's client writes into our ear: one side's bytes, the other side's understanding."""
     sent: list[bytes] = []
     port = PortHandler("nowhere")
@@ -118,7 +118,7 @@ def test_a_packet_of_the_vendor_is_read_back_and_its_status_heard(monkeypatch: p
 
 
 @pytest.mark.parametrize("bit", range(0, 8 * 29, 5))
-def test_one_bit_anywhere_makes_a_packet_malformed_or_another_header(bit: int) -> None:
+def test_a_single_flipped_bit_makes_a_packet_malformed(bit: int) -> None:
     data = bytearray(packet.make(254, 0x83, bytes.fromhex("74 00 04 00 01 34 08 00 00 02 fc 08 00 00")))
     data[bit // 8 % len(data)] ^= 1 << bit % 8
     monitor = Monitor(LIMITS)
@@ -153,7 +153,7 @@ def test_a_malformed_packet_does_not_hide_the_next() -> None:
 # ------------------------------------------------------------------------------------------- answers
 
 
-def test_a_joint_answer_that_ends_early_is_believed_as_far_as_it_is_proved() -> None:
+def test_a_shortened_common_reply_is_accepted_up_to_its_last_valid_block() -> None:
     answer = bytes.fromhex(
         "FF FF FD 00 FE 19 00 55 00 03 A6 00 00 00 84 08 00 07 1F 08 00 00 16 CA 00 04 FF 03 00 00 D1 9E"
     )

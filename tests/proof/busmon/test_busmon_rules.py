@@ -158,7 +158,7 @@ def test_a_watchdog_of_20_to_100_ms_is_one(value: int, good: bool) -> None:
     assert ("W7" in {violation.rule for violation in port.monitor.violations}) is not good
 
 
-def test_words_may_come_later_than_bytes_but_not_later_than_said() -> None:
+def test_reports_may_arrive_later_than_bytes_up_to_the_bound() -> None:
     for late, wrong in ((0.09, False), (0.11, True)):
         port = world.VirtualPort(LIMITS)
         port.monitor = Monitor(LIMITS, hearsay=0.1)
@@ -174,7 +174,7 @@ def test_words_may_come_later_than_bytes_but_not_later_than_said() -> None:
         assert ("W5" in {each.rule for each in port.monitor.violations}) is wrong
 
 
-def test_what_is_told_must_be_known() -> None:
+def test_an_unknown_report_raises_an_error() -> None:
     monitor = Monitor(LIMITS)
     for what, facts in (("weather", {}), ("state", {"state": "asleep"}), ("mode", {"mode": "fast"})):
         with pytest.raises(ValueError, match="known:"):
@@ -293,7 +293,7 @@ def test_a_servo_that_dropped_its_goal_is_stopped_where_it_is_and_nowhere_else(
 
 
 @pytest.mark.parametrize("off", range(-4, 5))
-def test_of_who_dropped_its_goal_a_step_counts_from_where_it_was_read(off: int) -> None:
+def test_the_step_of_a_servo_that_dropped_its_goal_counts_from_its_reading(off: int) -> None:
     """To the count: a goal that creeps ahead of the shaft in every packet is no stop."""
     servos = Servos(LIMITS)
     servos.aim(1.0, np.array([2000, 2000, 2000]))
@@ -316,7 +316,9 @@ def test_the_rest_of_a_packet_may_take_50_ms(pause: float, wrong: bool) -> None:
 
 
 @pytest.mark.parametrize(("waited", "wrong"), [(0.0, True), (0.000224, True), (0.000226, False)])
-def test_who_talks_before_a_plain_answer_can_be_over_is_no_single_talker(waited: float, wrong: bool) -> None:
+def test_a_packet_before_a_plain_reply_can_end_breaks_the_single_talker_rule(
+    waited: float, wrong: bool
+) -> None:
     monitor = Monitor(LIMITS)  # 3 x (11 + 4) bytes at 2 Mbaud: 225 us
     monitor.sent(packet.make(254, 0x82, bytes.fromhex("84 00 04 00 01 02 05")), 1.0)
     monitor.sent(packet.make(1, 0x01), 1.0 + waited)

@@ -96,7 +96,7 @@ def test_every_rule_has_daemons_that_break_it() -> None:
     assert len({evil.name for evil in EVILS}) == len(EVILS)
 
 
-def test_a_mirror_that_is_told_nothing_of_modes_is_one_by_its_monitor() -> None:
+def test_a_mirror_without_mode_reports_is_recognised_by_its_monitor() -> None:
     port = can_world.VirtualPort(writes=False)
     good = Good(port, can_world.LIMITS)
     good.connect()

@@ -164,7 +164,7 @@ def test_the_judge_finds_the_defect_and_blames_no_sound_driver(
         (True, lambda state: {"position": state.position * state.heard}, "not heard, and yet another number"),
     ],
 )
-def test_the_judge_finds_what_is_wrong_with_a_joint_that_is_not_heard(
+def test_the_judge_finds_each_wrong_reading_of_a_stale_joint(
     seen: bool, change: Callable[[JointState], dict[str, Any]], said: str
 ) -> None:
     rig = Rig(mode=Mode.MIRROR, muscles=Moved)

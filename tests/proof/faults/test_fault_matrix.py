@@ -10,7 +10,7 @@ QUICK = (10, 26)  # a servo's and a client's; all others where time allows
 WALK = [number for number in sorted(MATRIX) if MATRIX[number].virtual is not None]
 
 
-def test_every_row_of_the_matrix_has_a_form_or_says_why_not() -> None:
+def test_every_row_of_the_matrix_has_a_form_or_a_reason_for_its_absence() -> None:
     assert sorted(MATRIX) == list(range(1, 41))
     for number, row in MATRIX.items():
         assert row.number == number
@@ -19,14 +19,14 @@ def test_every_row_of_the_matrix_has_a_form_or_says_why_not() -> None:
 
 
 @pytest.mark.parametrize("number", QUICK)
-def test_a_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
+def test_a_quick_fault_is_reported_in_time_and_handled_correctly(number: int) -> None:
     found = once(MATRIX[number], 0)
     assert not found.wrong, "\n".join(found.wrong)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", WALK)
-def test_every_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
+def test_every_fault_is_reported_in_time_and_handled_correctly(number: int) -> None:
     found = once(MATRIX[number], 1)
     assert not found.wrong, "\n".join([f"make faults ROW={number} SEED=1", *found.wrong])
 

@@ -184,7 +184,7 @@ def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "number", "down"), DOWN)
-def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
+def test_an_armed_robot_reports_each_fault_in_time_and_can_be_armed_again(
     live: Rig, name: str, number: int, down: type[link.Command]
 ) -> None:
     """Bounds: threshold, refresh period and two ticks (docs/reason-codes.md)."""
@@ -215,7 +215,7 @@ def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
 # ------------------------------------------------------------------------------------ servos that lie
 
 
-def test_a_turn_lost_at_a_restart_is_what_the_register_says_and_is_told(
+def test_a_turn_lost_at_a_restart_is_taken_from_the_register_and_reported(
     mirror: tuple[Rig, Judge, Wire],
 ) -> None:
     """e-manual, "Operating Mode" note: at power-up a position falls back to one turn (SENSE_JUMP)."""

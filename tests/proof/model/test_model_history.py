@@ -145,12 +145,12 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", SOUND)
-def test_what_can_have_happened_passes(case: str) -> None:
+def test_a_possible_history_passes(case: str) -> None:
     assert wrong(*SOUND[case]) == ""
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_what_cannot_have_happened_is_found(case: str) -> None:
+def test_an_impossible_history_is_found(case: str) -> None:
     ops, why = BROKEN[case]
     assert why in wrong(*ops)
 
@@ -169,7 +169,7 @@ def test_a_death_of_the_front_ends_every_lease() -> None:
     assert "obeyed without" in wrong(op(1, ACQUIRE, 0.0), motion(1, 0.5), deaths=(0.2,))
 
 
-def test_who_waits_too_long_is_named() -> None:
+def test_a_call_without_a_reply_in_time_is_named() -> None:
     history = History([op(1, ARM, 0.0, inf, "")])
     assert history.unanswered(10.0, 32.0) == []
     assert "not answered" in history.unanswered(33.0, 32.0)[0]

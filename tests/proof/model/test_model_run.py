@@ -16,5 +16,5 @@ SHORT = settings(
 
 
 @pytest.mark.slow
-def test_whatever_happens_in_whatever_order_every_invariant_holds() -> None:
+def test_every_invariant_holds_in_random_command_and_fault_sequences() -> None:
     run_state_machine_as_test(Daemon, settings=SHORT)

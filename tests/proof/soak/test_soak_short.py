@@ -29,7 +29,7 @@ def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None
 
 
 @pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
-def test_what_grows_is_found_and_what_only_warms_up_is_not(leak: float, files: int) -> None:
+def test_steady_growth_is_found_and_warm_up_is_not(leak: float, files: int) -> None:
     grown = Growth("loop")
     for minute in range(40):
         grown.time.append(60.0 * minute)
