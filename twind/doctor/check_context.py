@@ -280,7 +280,8 @@ def _robot(
     """Load the robot file of the daemon as it is now, else that of the settings."""
     name = None if settings is None else settings.robot
     if daemon is not None:
-        with suppress(KeyError):  # a daemon in trouble, or a newer one: the settings say it too
+        # A daemon in trouble, or a newer one: the settings name the file too.
+        with suppress(OperationFailed, KeyError):
             name = str(daemon.robot["robot"]["path"])
     if name is None:
         return None

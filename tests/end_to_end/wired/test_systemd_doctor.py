@@ -51,7 +51,7 @@ def test_a_service_that_is_well_gives_no_alarm_to_root(served: Service) -> None:
 def test_the_doctor_reads_the_files_and_rights_of_the_service_as_any_user(served: Service) -> None:
     said = ask(served.machine, "--only", "FILE_REFUSED", "PORT_DENIED", "CALIBRATION_MISSING", user="pilot")
     assert (said["found"], said["not_looked"]) == ([], [])
-    assert set(said["looked"]) == {"files", "rights", "calibration"}
+    assert set(said["looked"]) == {"files", "model", "rights", "calibration"}
 
 
 def test_a_user_outside_the_groups_receives_the_name_of_the_group(served: Service) -> None:
