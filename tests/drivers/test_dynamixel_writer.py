@@ -299,7 +299,7 @@ def test_an_order_outside_the_white_list_sends_no_byte(
 
 
 def test_a_writer_begins_no_query() -> None:
-    with pytest.raises(TypeError, match="does not ask"):
+    with pytest.raises(TypeError, match="does not read"):
         Bench().writer.begin(PingRequest(1), 0.0)  # type: ignore[arg-type]
 
 
