@@ -322,6 +322,6 @@ def test_what_is_plugged_in_is_present(terminal: Terminal) -> None:
 def test_a_serial_port_that_cannot_be_had_says_why(terminal: Terminal) -> None:
     with pytest.raises(PortError, match="no such port"):
         open_channel("can:slcan:/dev/ttyACM99", 1_000_000)
-    with pytest.raises(PortError, match="bitrate 123 is not one that slcan knows"):
+    with pytest.raises(PortError, match="bitrate 123 is not a bitrate of slcan"):
         open_channel(f"can:slcan:{terminal.path}", 123)
     SerialTransport(terminal.path, 115_200).close()  # and the port is free again

@@ -56,7 +56,7 @@ def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptie
         assert not full.value.lost
         assert channel.condition.line is (CanErrorState.OFF if tick >= 10 else CanErrorState.ACTIVE)
     assert channel.condition.refused == 2400
-    with pytest.raises(PortError, match=r"taken nothing for 1\.0 s.*powered") as lost:
+    with pytest.raises(PortError, match=r"accepted nothing for 1\.0 s.*power") as lost:
         channel.send(cycle(24), 1.001)
     assert lost.value.lost
     assert len(wire.sockets) == 2  # closed and opened again

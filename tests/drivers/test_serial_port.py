@@ -238,7 +238,7 @@ def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -
         for _ in range(100):
             port.write(bytes(4000))
 
-    with pytest.raises(OutputQueueFull, match="is the adapter stuck") as caught:
+    with pytest.raises(OutputQueueFull, match="whether the adapter is stuck") as caught:
         fill()
     assert not caught.value.lost
     assert caught.value.most == 4000
