@@ -1,6 +1,6 @@
-"""The front's share of the gate for a trajectory: CMD_EXPIRED to TIME_ORDER. Front process.
+"""Trajectory submission, the front's share of the gate: CMD_EXPIRED to TIME_ORDER. Front process.
 
-What is wrong is said all at once; what passes travels as arrays in a sealed memfd.
+All errors are reported at once; an accepted path travels as arrays in a sealed memfd.
 """
 
 import os
@@ -22,7 +22,7 @@ LONGEST_WAIT = 60.0  # s: the largest start_in
 
 
 class ToleranceTooLoose(ValueError):
-    """A request that asks for less care than the robot file demands. `field` names it."""
+    """Request with looser tolerances than the robot file permits. `field` names it."""
 
     def __init__(self, field: str, reason: str) -> None:
         super().__init__(f"{field}: {reason}")
@@ -81,28 +81,33 @@ def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
 
 
 def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
-    """What to do with too fast a path: as asked, else as the robot file says. Raises Looser."""
+    """Return the policy for a path that is too fast: the requested one, else the robot file's.
+
+    Raises ToleranceTooLoose for a looser one.
+    """
     gate = description.get("gate")
-    theirs = str(gate.get("on_velocity", POLICIES[0])) if isinstance(gate, Mapping) else POLICIES[0]
-    asked = message.get("policy")
-    if asked is None:
-        return theirs
-    if asked not in POLICIES:
-        raise ToleranceTooLoose("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
-    if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
-        reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
+    configured = str(gate.get("on_velocity", POLICIES[0])) if isinstance(gate, Mapping) else POLICIES[0]
+    requested = message.get("policy")
+    if requested is None:
+        return configured
+    if requested not in POLICIES:
+        raise ToleranceTooLoose(
+            "trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {requested!r}"
+        )
+    if configured in POLICIES and POLICIES.index(requested) > POLICIES.index(configured):
+        reason = f"the robot file sets {configured} (gate: on_velocity); a request may only be stricter"
         raise ToleranceTooLoose("trajectory.policy", reason)
-    return str(asked)
+    return str(requested)
 
 
 def fields(message: Mapping[str, Any], path: Trajectory, names: JointNames) -> dict[str, Any]:
-    """The fields of `link.Submit` that say what was asked."""
+    """Return the fields of `link.Submit` with the request."""
     tolerances = [
         (names.places[tolerance["joint"]], tolerance.get("path"), tolerance.get("goal"))
         for tolerance in message.get("tolerances") or ()
     ]
     return {
-        "id": secrets.token_hex(4),  # told apart from those of an earlier front
+        "id": secrets.token_hex(4),  # distinct from those of an earlier front
         "points": int(path.time.size),
         "commanded": np.flatnonzero(path.commanded).tolist(),
         "velocity": path.velocity is not None,
